@@ -45,7 +45,7 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
     board.knows = False
     monkeypatch.setattr(calibrate, "START_S", 0.1)
     for options, words in (
-        ([], "cannot measure by itself: export it with self-calibration"),
+        ([], "cannot measure by itself: export the Arduino sketch with self-calibration (--calibration)"),
         (["--channel", "other"], "sends no filtered column for other"),
         (["--seconds", "0"], "--seconds must be a number above 0"),
     ):

@@ -34,7 +34,7 @@ class Failed(StrEnum):
     SAVE = "Cannot save"
     EXPORT = "Cannot export"
     SEND = "Cannot send to the board"
-    MEASURE = "The board cannot measure"
+    MEASURE = "Cannot measure on the board"
     KEEP = "Cannot keep on the board"
     OTHER = "Not possible"
 

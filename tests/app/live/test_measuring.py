@@ -121,11 +121,11 @@ def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
     assert (said[:21], how["good"]) == ("The board measured r ", True)
     before = desk.state.tuning
     desk.click("Use its r and q here")
-    wait_until(lambda: desk.state.tuning.how == "measured by the board")
+    wait_until(lambda: desk.state.tuning.how == "measured by the board" and not desk.shown("Use its r and q here"))
     assert (np.float32(desk.state.tuning.q), np.float32(desk.state.tuning.r)) == (values.q, values.r)
     desk.session.request(undo)
     wait_until(lambda: desk.state.tuning == before)
-    assert desk.shown("Use its r and q here")  # what was measured stays so
+    wait_until(lambda: desk.shown("Use its r and q here"))  # what was measured stays so
     keep = desk.widgets.made[KEEP]
     for label, kept in ((FORGET, True), (KEEP, False)):
         desk.click(KEEP)
@@ -151,8 +151,8 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
     assert fails("the level moves. Keep what the sensor measures constant")["failed"] is Failed.MEASURE
     wait_until(lambda: desk.text.startswith("The board keeps its values: the level moves."))
     desk.board.knows = False
-    fails("the sketch on this board cannot measure by itself: export it with self-calibration")
-    wait_until(lambda: "kalscope export TUNING --to arduino --calibration" in desk.text)
+    fails("The sketch on this board cannot measure by itself: export the Arduino sketch with self-calibration")
+    wait_until(lambda: desk.text.startswith("The sketch on this board cannot") and desk.text.endswith("flash it."))
     desk.board.knows = True
 
     def cancel():
@@ -166,7 +166,7 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
         wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
         desk.session.request(lambda state: opened(state.recording, state))
 
-    fails("the board was disconnected while it measured", "1000", open_a_file)
+    fails("The board was disconnected while it measured", "1000", open_a_file)
     assert not desk.view._folder.visible
     desk.session.request(undo)
     wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
@@ -176,5 +176,5 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
         wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
         desk.board.unplug()
 
-    fails("the board was unplugged while it measured", "1000", unplug)
+    fails("The board was unplugged while it measured", "1000", unplug)
     fails("is not connected", "4")

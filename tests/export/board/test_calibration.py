@@ -146,7 +146,9 @@ def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(conne
 def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
     board, source = connected()
     board.knows = False
-    with pytest.raises(BadDevice, match=r"cannot measure by itself: export it with self-calibration \(Export code"):
+    with pytest.raises(
+        BadDevice, match=r"cannot measure by itself: export the Arduino sketch with self-calibration \("
+    ):
         measure(source, "raw", 2.0, Progress())
     board.knows = True
     with pytest.raises(BadSetting, match="sends no filtered column for filtered"):

@@ -253,6 +253,5 @@ def use_calibration(state: State) -> State:
     known = calibration_here(state)
     if known is None or known.values is None:
         raise BadSetting("the board must have measured this channel first (got none)")
-    q, r = (float(str(value)) for value in (known.values.q, known.values.r))  # few digits, the same float32
     state = state if state.uses_parameters else state.with_standard_filter()
-    return state.with_tuning(q=q, r=r, how="measured by the board")
+    return state.with_tuning(**known.values.parameters, how="measured by the board")

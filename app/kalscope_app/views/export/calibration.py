@@ -22,7 +22,7 @@ from kalscope_app.session.live_state import BoardCalibration
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user, put
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.text import capitalised, escape_markdown
 
 KEEP, FORGET = "Keep on the board", "Forget what the board keeps"
 MAX_SHOWN = 1000
@@ -116,8 +116,10 @@ class CalibrationView:
         else:
             texts = () if known is None else texts_of(known, state.tuning.unit)
         put(self._text, content="\n\n".join(map(_as_markdown, texts)), visible=bool(texts))
-        for shown in self._use, self._keep:
-            put(shown, visible=running is None and known is not None and known.values is not None)
+        values = None if running is not None or known is None else known.values
+        tuned = {"q": state.tuning.q, "r": state.tuning.r}
+        put(self._use, visible=values is not None and values.parameters != tuned)
+        put(self._keep, visible=values is not None)
         put(self._keep, label=FORGET if known is not None and known.kept else KEEP)
 
 
@@ -125,7 +127,7 @@ def texts_of(calibration: BoardCalibration, unit: str) -> tuple[str, ...]:
     """What came of a measurement, in a sentence or two."""
     found = calibration.found
     if found is None:
-        return (calibration.failed,)
+        return (f"{capitalised(calibration.failed)}.",)
     if isinstance(found.answer, Calibrated):
         return f"The board measured {found_text(found.answer, unit)}", compared_text(found, unit)
     return (refusal_text(found.answer),)

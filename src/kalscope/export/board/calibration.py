@@ -55,6 +55,11 @@ class Calibrated:
         return self.samples + self.spikes + self.missing
 
     @property
+    def parameters(self) -> dict[str, float]:
+        """The values of q and r, in as few digits as give the same float32."""
+        return {name: float(str(value)) for name, value in (("q", self.q), ("r", self.r))}
+
+    @property
     def is_rounding(self) -> bool:
         """Whether the readings hardly change, so that r is only the variance of rounding to a step."""
         floor = float(self.step) ** 2 / 12.0

@@ -38,8 +38,8 @@ _TICK = 0.1
 """Seconds between two reports of the progress."""
 
 CANNOT = (
-    "the sketch on this board cannot measure by itself: export it with self-calibration (Export code, Options; or"
-    " kalscope export TUNING --to arduino --calibration) and flash it"
+    "the sketch on this board cannot measure by itself: export the Arduino sketch with self-calibration"
+    " (--calibration) and flash it"
 )
 """What an older sketch, or one that was exported without it, leads to."""
 _STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
