@@ -187,8 +187,8 @@ def test_python_has_the_bits_of_the_core(tmp_path, in_double):
     assert all(one.x == x[-1] for one, x in zip(own["FILTERS"].values(), found, strict=True))
     whole: dict = {}
     exec(texts["with_kalscope.py"], whole)
-    for channel, name in zip(CHANNELS, whole["FILTERS"], strict=True):
-        assert whole["FILTERS"][name] == channel.filter or channel.chain is not None
+    for channel, (name, again) in zip(CHANNELS, whole["CHANNELS"].items(), strict=True):
+        assert again.filter == channel.filter
         np.testing.assert_array_equal(whole["denoise"](name, signal()), channel.filter.denoise(signal()))
 
 

@@ -39,8 +39,8 @@ def files(job: ExportJob) -> dict[str, str]:
     kalscope = fill_template(
         f"python/{whole}.py.txt",
         about=head,
-        filters=_entries(job, _of_kalscope if job.has_chain else _params),
-        **({"imports": _imports(job)} if job.has_chain else {}),
+        filters=_entries(job, _tuning if job.has_chain else _params),
+        **({"names": _names(job)} if job.has_chain else {}),
     )
     return {"kalscope_filter.py": own, "with_kalscope.py": kalscope}
 
@@ -79,11 +79,11 @@ def _classes(job: ExportJob) -> str:
     return "".join(classes[name] for name in used).lstrip("\n")
 
 
-def _imports(job: ExportJob) -> str:
-    """The classic filters of the export, from Kalscope."""
+def _names(job: ExportJob) -> str:
+    """What the export takes from Kalscope."""
     chains = (channel.chain for channel in job.channels if channel.chain is not None)
-    names = sorted({type(chain.then).__name__ for chain in chains if chain.then is not None})
-    return f"from kalscope.filtering.classic.stages import {', '.join(names)}\n" if names else ""
+    names = {type(chain.then).__name__ for chain in chains if chain.then is not None}
+    return ", ".join(sorted(names | {"Chain", "ChannelTuning"}))
 
 
 def _entries(job: ExportJob, made: Callable[[ChannelTuning], str]) -> str:
@@ -106,16 +106,17 @@ def _own(channel: ChannelTuning) -> str:
 
 def _params(channel: ChannelTuning) -> str:
     """The parameters of its Kalman filter, for Kalscope."""
-    return (
-        f"kalscope.FilterParams({_arguments(channel, {'momentum': channel.momentum} if channel.momentum else {})})"
-    )
+    return f"kalscope.FilterParams({_of_kalscope(channel)})"
+
+
+def _tuning(channel: ChannelTuning) -> str:
+    """The tuning of a channel with its chain, for Kalscope; its name stands before it."""
+    chain = "" if channel.chain is None else f", chain={channel.chain!r}"
+    return f'ChannelTuning("", "", {_of_kalscope(channel)}{chain})'
 
 
 def _of_kalscope(channel: ChannelTuning) -> str:
-    """The filter of a channel, by Kalscope."""
-    if channel.chain is None:
-        return f"StandardFilter({_params(channel)})"
-    return f"ChainFilter({channel.chain!r}, {_params(channel)})"
+    return _arguments(channel, {"momentum": channel.momentum} if channel.momentum > 0.0 else {})
 
 
 def _arguments(channel: ChannelTuning, momentum: dict[str, float]) -> str:
