@@ -10,7 +10,7 @@ import pytest
 from each import each
 from scipy.signal import freqz
 
-from kalscope import BadSetting, FilterParams, steady_state
+from kalscope import BadSetting, FilterParams, ratio_for, steady_state
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.classic.stages import (
@@ -116,6 +116,18 @@ def test_a_median_or_a_one_euro_filter_is_measured_on_the_noise_and_speed_of_the
     slow, quick = (settled(Chain(3, OneEuro(0.01, beta, 0.01)), z) for beta in (0.0, 3.0))
     assert quick.lag_samples < 0.5 * slow.lag_samples
     assert slow.noise_reduction_db > quick.noise_reduction_db + 3
+
+
+def test_a_slow_filter_behind_a_median_is_not_taken_for_one_that_has_settled():
+    """No ramp is long enough for a lag of 10,000 samples, or without end: a quicker filter is measured instead."""
+    z = noise()
+    slow, quick = (FilterParams(ratio_for(lag_samples=lag), 1.0, p0=1.0, x0=1e9) for lag in (10_000.0, 90.0))
+    found, own = settled(Chain(5), z, slow), steady_state(slow)
+    assert found.lag_samples == pytest.approx(10_002.0)
+    lost = settled(Chain(5), z, quick).noise_reduction_db - steady_state(quick).noise_reduction_db
+    assert found.noise_reduction_db - own.noise_reduction_db == pytest.approx(lost, abs=0.15)
+    never = settled(Chain(5), z, FilterParams(0.0, 1.0))
+    assert (never.lag_samples, never.noise_reduction_db, never.settle_samples) == (math.inf, math.inf, math.inf)
 
 
 def test_momentum_behind_a_median_keeps_its_own_answer():

@@ -27,7 +27,7 @@ from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel, scalar
 from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.classic.bench import Bench, bench_of
+from kalscope.filtering.classic.bench import bench_of
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
@@ -101,14 +101,14 @@ def compare_alternatives(
         present = present_row(result, steady, Errors(piece, true, _begun(piece, [])), moves)
         note = _note(first, last, len(samples), 0, true)
         return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note=note)
-    bench, chosen = _candidates(piece, result, steady, match, moves)
+    chosen = _candidates(piece, result, steady, match, moves)
     errors = Errors(piece, true, _begun(piece, [one for one in chosen if one.causal]))
     present = present_row(result, steady, errors, moves)
     # Errors with momentum follow each other for longer than the lag: for as long as the filter takes to settle.
     memory = max(lag, float(steady.settle_samples) / math.log(100.0)) if moves else lag
     stretch = Stretch(params, steps, errors, present, memory)
     others = candidate_rows(chosen, stretch, match)
-    medians = helpful_medians(others, stretch, bench)
+    medians = helpful_medians(others, stretch)
     return Comparison(
         match=match,
         first=first,
@@ -124,13 +124,13 @@ def compare_alternatives(
 
 def _candidates(
     z: Array, result: FilterResult, steady: SteadyState, match: Match, moves: bool
-) -> tuple[Bench, tuple[Candidate, ...]]:
-    """The candidates at the lag or the noise of the present filter, and the bench that measured them."""
+) -> tuple[Candidate, ...]:
+    """The candidates, as tuned to the lag or the noise of the present filter."""
     lag, gain = float(steady.lag_samples), float(steady.gain)
     share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
     # What has the noise of a filter with momentum lags more than that does.
     bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
-    return bench, at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
+    return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
 
 
 def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from kalscope.analysis.alternatives.rows import Alternative, Stretch, decibels_of
+from kalscope.analysis.alternatives.rows import Alternative, Stretch
 from kalscope.analysis.alternatives.verdict import Difference, difference, interval_words, percent_of
 from kalscope.common.array import Array
 from kalscope.common.text import plural
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import kalman_filter
-from kalscope.filtering.classic.bench import Bench
 from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
+from kalscope.filtering.classic.response import chain_response
 from kalscope.filtering.classic.stages import Median
-from kalscope.filtering.steady_state import ratio_for
+from kalscope.filtering.steady_state import SteadyState, ratio_for
 
 WINDOWS = (3, 5)
 """Windows of the median that are tried, samples."""
@@ -40,22 +39,21 @@ class HelpfulMedian:
     """What the verdict says of it, with a blank before it."""
 
 
-def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch, bench: Bench) -> tuple[HelpfulMedian, ...]:
+def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[HelpfulMedian, ...]:
     """The medians that help: before the present filter, and before the best of the others if that does better.
 
     Args:
         others: The candidates.
         stretch: What is compared.
-        bench: Noise and speed of the recording.
     """
     better = [one for one in others if one.matched and one.chain and one.against and one.against.better]
     best = min(better, key=lambda one: one.against.ratio if one.against else 1.0, default=None)
     bases = [(BEFORE_PRESENT, stretch.present)] + ([] if best is None else [(BEFORE_BEST, best)])
-    tried = (_median_before(name, one, stretch, bench) for name, one in bases)
+    tried = (_median_before(name, one, stretch) for name, one in bases)
     return tuple(one for one in tried if one is not None)
 
 
-def _median_before(name: str, base: Alternative, stretch: Stretch, bench: Bench) -> HelpfulMedian | None:
+def _median_before(name: str, base: Alternative, stretch: Stretch) -> HelpfulMedian | None:
     """The better of the medians before `base`, or None where none helps it."""
     then = base.chain.then if base.chain else None
     errors, best = stretch.errors, None
@@ -65,16 +63,14 @@ def _median_before(name: str, base: Alternative, stretch: Stretch, bench: Bench)
         found = _better(errors.squared(curve), own, stretch)
         if found is None or (best and best[0].ratio < found.ratio):
             continue
-        lag = bench.lag(ChainFilter(chain, stretch.params).denoise)
-        if _better(errors.squared(curve), errors.squared(_as_slow(lag, stretch)), stretch):
-            best = found, chain, curve, lag
+        steady = chain_response(chain, stretch.params, (errors.z, base.curve))
+        if _better(errors.squared(curve), errors.squared(_as_slow(scalar(steady.lag_samples), stretch)), stretch):
+            best = found, chain, curve, steady
     if best is None:
         return None
-    found, chain, curve, lag = best
-    later = plural(float(f"{lag - base.lag_samples:.2g}"), "sample")
-    row = replace(
-        _row(base, chain, curve, stretch, bench), name=name, lag_samples=lag, sentence=_sentence(chain, later)
-    )
+    found, chain, curve, steady = best
+    later = plural(float(f"{scalar(steady.lag_samples) - base.lag_samples:.2g}"), "sample")
+    row = replace(_row(base, chain, curve, steady, stretch), name=name, sentence=_sentence(chain, later))
     less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
     said = (
         f" With a median of {chain.median} before your filter its {errors.words} is {less}, for {later} more lag."
@@ -100,7 +96,7 @@ def _sentence(chain: Chain, later: str) -> str:
     return f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag."
 
 
-def _row(base: Alternative, chain: Chain, curve: Array, stretch: Stretch, bench: Bench) -> Alternative:
+def _row(base: Alternative, chain: Chain, curve: Array, steady: SteadyState, stretch: Stretch) -> Alternative:
     """What the median changes of the row of `base`."""
     errors, window, then = stretch.errors, chain.median, chain.then
     return replace(
@@ -109,7 +105,8 @@ def _row(base: Alternative, chain: Chain, curve: Array, stretch: Stretch, bench:
         + (f", {then.name[:1].lower()}{then.name[1:]}: {then.words}" if then else ""),
         chain=chain,
         curve=curve,
-        noise_reduction_db=decibels_of(bench.noise_gain(ChainFilter(chain, stretch.params).denoise)),
+        lag_samples=scalar(steady.lag_samples),
+        noise_reduction_db=scalar(steady.noise_reduction_db),
         rmse=errors.rmse(curve),
         prediction=errors.prediction(curve),
         roughness=errors.roughness(curve),

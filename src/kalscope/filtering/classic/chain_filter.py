@@ -83,8 +83,7 @@ class ChainFilter:
         """
         period = None if sample_period is None else above_zero("sample_period", sample_period)
         record = result.innovation + self._predicted(result), result.x
-        found = chain_response(self.chain.median, self.chain.then, self.params, record, self.denoise)
-        return at_period(found, period)
+        return at_period(chain_response(self.chain, self.params, record), period)
 
     def _predicted(self, result: FilterResult) -> Array:
         """What the innovations of a run are counted from, shape (n,); NaN at its first sample."""

@@ -6,8 +6,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from kalscope.filtering.arrays import scalar
+from kalscope.filtering.batch import denoise
 from kalscope.filtering.classic.bench import Run, bench_of
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.running import RunningStages
 from kalscope.filtering.classic.stages import (
     Butterworth,
     Exponential,
@@ -25,6 +30,10 @@ if TYPE_CHECKING:
 
 MAX_SAMPLES = 200_000
 """Samples of a record, its last ones, that lag and noise are measured on at most."""
+
+MIN_SLOW, WINDOWS_OF_SLOW = 100.0, 10.0
+"""A lag of so many samples, and of so many windows of the median before it, is slow: a median does the same to the
+noise that any of them passes."""
 
 BUTTERWORTH_SETTLED, BUTTERWORTH_TURN = 4.6573, 1.2396
 """Where its answer to a step, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and where it passes 63 %, in lags."""
@@ -58,33 +67,53 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return _state(math.nan, then, math.nan, half, half)
 
 
-def chain_response(
-    median: int, then: Stage | None, params: FilterParams, record: tuple[Array, Array], run: Run
-) -> SteadyState:
+def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Array]) -> SteadyState:
     """A chain, in samples.
 
     A median passes a step (window − 1)/2 samples later and otherwise unchanged; its lag on a ramp under noise, and
     the noise that it leaves, are measured together with the filter behind it.
 
     Args:
-        median: Window in front; 1 = none.
-        then: The classic filter; None = the Kalman filter.
-        params: Parameters of that, scalars.
+        chain: The filters.
+        params: Parameters of the Kalman filter, scalars.
         record: (z, x): the samples and the output, shape (n,) each; their noise and speed are those of the bench.
-        run: The whole chain from z to its output.
     """
+    then, late = chain.then, 0.5 * (chain.median - 1)
     last = last_response(then, params)
-    if median == 1 and not isinstance(then, Median | OneEuro):
+    if chain.median == 1 and not isinstance(then, Median | OneEuro):
         return last
-    late = 0.5 * (median - 1)
     settle, turn = scalar(last.settle_samples) + late, scalar(last.time_constant_s) + late
+    lag, noise = _measured(chain, params, record, last, turn)
+    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
+    return replace(found, settle_samples=settle, time_constant_s=turn)
+
+
+def _measured(
+    chain: Chain, params: FilterParams, record: tuple[Array, Array], last: SteadyState, turn: float
+) -> tuple[float, float]:
+    """Lag in samples and noise reduction in dB of a chain that no formula describes."""
     z, x = (values[-MAX_SAMPLES:] for values in record)
-    guess = late + (0.5 * then.window if isinstance(then, Median) else turn)
-    bench = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES))
+    lag, slow = scalar(last.lag_samples), max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
+    if lag > slow:  # no ramp would be long enough
+        probe = Exponential(1.0 / (1.0 + slow))
+        gain = bench_of(z, x, slow).noise_gain(_run(Chain(chain.median, probe), params))
+        noise = scalar(last.noise_reduction_db) - 10.0 * math.log10(gain / probe.noise_gain)
+        return lag + 0.5 * (chain.median - 1), noise
+    guess = turn + 0.5 * chain.then.window if isinstance(chain.then, Median) else turn
+    bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
     gain = bench.noise_gain(run)
-    noise = math.inf if gain == 0.0 else -10.0 * math.log10(gain)
-    measured = replace(last, lag_samples=bench.lag(run), noise_reduction_db=noise, cutoff_hz=math.nan)
-    return replace(measured, settle_samples=settle, time_constant_s=turn)
+    return bench.lag(run), math.inf if gain == 0.0 else -10.0 * math.log10(gain)
+
+
+def _run(chain: Chain, params: FilterParams) -> Run:
+    """The chain from z to its output, evenly sampled, from the automatic start and without a gate."""
+    plain = FilterParams(params.q, params.r, momentum=params.momentum)
+
+    def run(z: Array) -> Array:
+        out = RunningStages(chain.stages).take(z, np.empty(0))
+        return denoise(out, plain) if chain.then is None else out
+
+    return run
 
 
 def at_period(found: SteadyState, sample_period: float | None) -> SteadyState:
