@@ -25,6 +25,7 @@ from kalscope.cli.offers import OFFERS
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.protocol import StandardFilter
 from kalscope.filtering.streaming import KalmanFilter
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -414,7 +415,7 @@ def test_one_channel_of_a_tuning_filters_a_single_column(
 
 def test_lines_before_the_first_readable_one_count_as_missing() -> None:
     params = FilterParams(1.0, 1.0, p0=1.0, x0=0.0)
-    lines = LineFilter(params)
+    lines = LineFilter(StandardFilter(params))
     answers = [lines.answer(line)[0] for line in ("volts,amperes", "", "4,-8")]
     x = kalman_filter([NAN, NAN, 4.0], params).x[2].item()
     assert answers == ["", "", f"{x!r},{-2 * x!r}"]

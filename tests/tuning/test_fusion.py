@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
 from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, params_for_stdin
+from kalscope.tuning.choose import adapt_tuning, tunings_for_stdin
 from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.toml_text import FORMATS, updated
@@ -142,7 +142,7 @@ def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -
     assert found["sonar"].q == 0.125
     assert "momentum" not in " ".join(notes)
     save_tuning(long, tmp_path / "t.toml")
-    params, _ = params_for_stdin(tmp_path / "t.toml", {}, None, 0.005)
+    params, _ = tunings_for_stdin(tmp_path / "t.toml", {}, None, 0.005)
     assert [one.q for one in params] == [0.125, 0.1]
 
 

@@ -19,15 +19,18 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.text import one_line, unused_name
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.params import FilterParams
+from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.recording import Recording
 from kalscope.sources.grammar.cells import MISSING, is_number
 from kalscope.sources.layout.columns import ROW_NUMBER_NAME
 from kalscope.sources.times.seconds import unit_by_magnitude
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import Tuning
+
+Filters = Mapping[str, Filter | FilterParams]
+"""Filters, or parameters of the Kalman filter, by the names of their channels."""
 
 ROWS_PER_CHUNK = 20_000
 """Rows turned into text at a time, so that a long recording is never held as text as a whole."""
@@ -36,37 +39,39 @@ _FORMULA = ("=", "+", "-", "@")
 """A cell that begins so is run as a formula by a spreadsheet."""
 
 
-def filtered_csv(recording: Recording, params: Tuning | Mapping[str, FilterParams]) -> str:
+def filtered_csv(recording: Recording, params: Tuning | Filters) -> str:
     """The whole CSV as one text; arguments and errors as `filtered_csv_chunks`."""
     return "".join(filtered_csv_chunks(recording, params))
 
 
-def filtered_csv_chunks(recording: Recording, params: Tuning | Mapping[str, FilterParams]) -> Iterator[str]:
+def filtered_csv_chunks(recording: Recording, params: Tuning | Filters) -> Iterator[str]:
     """Filter a recording and give the CSV in pieces.
 
     One sample is one step, dt = 1; where the recording's `gaps` is "dt" the true time between samples counts.
 
     Args:
         recording: n samples of its channels.
-        params: The filter of each channel, by its name: scalar parameters. Channels without one are left out.
+        params: The filter of each channel, or its scalar parameters, by its name. Channels without are left out.
 
     Returns:
         Texts to be written one after the other: the header `time,<ch>,<ch>_filtered,<ch>_variance,…` (time in
         s, variance in unit²; `<ch>_velocity_per_s` or `_per_sample` after the variance of a channel with momentum;
         channels in the order of the recording; `sample` instead of `time` where the recording has no time), then
-        the n rows. The filter has run when this returns, so an error comes before any text.
+        the n rows. Cells of a variance that the filter does not know are
+        empty. The filter has run when this returns, so an error comes before any text.
 
     Raises:
         BadSetting: A name in `params` is no channel of the recording; "dt" was asked for without time.
     """
-    chosen = params if isinstance(params, Mapping) else {c.name: c.params for c in params.channels}
+    chosen = params if isinstance(params, Mapping) else {c.name: c.filter for c in params.channels}
     order = sorted(chosen, key=recording.index)
     dt = recording.steps() if recording.gaps == "dt" else None
     columns: list[Array] = []
     velocities: dict[str, str] = {}
     for name in order:
         z = recording.channel(name)
-        result = kalman_filter(z, chosen[name], dt)
+        one = chosen[name]
+        result = (StandardFilter(one) if isinstance(one, FilterParams) else one).run(z, dt)
         columns += [z, result.x, result.p]
         if result.velocity is not None:
             columns.append(result.velocity / (recording.sample_period or 1.0))

@@ -10,19 +10,20 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.protocol import Filter
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope.tuning.tuning_file import load_tuning
 
-Given = dict[str, float | None]
-"""Parameters by name, those that were given; None is an automatic start."""
+Given = dict[str, Any]
+"""Fields of ChannelTuning by name, those that were given: floats, None for an automatic start, a Chain."""
 
 
-def params_for(
+def filters_for(
     recording: Recording, config: Path | None, given: Given, channel: str | None
-) -> tuple[dict[str, FilterParams], list[str]]:
+) -> tuple[dict[str, Filter], list[str]]:
     """Choose the filter of each channel of a recording.
 
     Args:
@@ -32,7 +33,7 @@ def params_for(
         channel: The only channel to filter, or None for all.
 
     Returns:
-        (params, notes): scalar parameters by channel, and notes on the choice for the user.
+        (filters, notes): filters by channel, and notes on the choice for the user.
 
     Raises:
         BadFile: `config` is not a tuning file.
@@ -41,14 +42,22 @@ def params_for(
     if channel is not None:
         recording.index(channel)
     if config is not None:
-        return _tuned_params(recording, config, given, channel)
+        pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
+        return {name: _with(entry, given).filter for name, entry in pairs.items()}, notes
     names = recording.names if channel is None else (channel,)
-    chosen = [_untuned_params(recording, name, given) for name in names]
+    chosen = [_untuned_filter(recording, name, given) for name in names]
     notes = [note for _, note in chosen if note]
-    return {name: params for name, (params, _) in zip(names, chosen, strict=True)}, notes
+    return {name: used for name, (used, _) in zip(names, chosen, strict=True)}, notes
 
 
-def _untuned_params(recording: Recording, name: str, given: Given) -> tuple[FilterParams, str]:
+def _with(entry: ChannelTuning, given: Given) -> ChannelTuning:
+    values: dict[str, Any] = dict(given)
+    return replace(entry, **values)
+
+
+def _untuned_filter(recording: Recording, name: str, given: Given) -> tuple[Filter, str]:
+    if _ends_with_a_classic_filter(given):
+        return _untuned(given).filter, ""
     values: dict[str, Any] = dict(given)
     note = ""
     if "q" not in given or "r" not in given:
@@ -58,14 +67,18 @@ def _untuned_params(recording: Recording, name: str, given: Given) -> tuple[Filt
             f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; values not given are the starting values"
             " r = var(Δz)/2, q = r/100"
         )
-    return FilterParams(**values), note
+    return _untuned(values).filter, note
 
 
-def _tuned_params(
-    recording: Recording, config: Path, given: Given, channel: str | None
-) -> tuple[dict[str, FilterParams], list[str]]:
-    pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
-    return {name: replace(entry.params, **given) for name, entry in pairs.items()}, notes
+def _untuned(given: Given) -> ChannelTuning:
+    """What was given, without a tuning file; q and r may be missing where they have no effect."""
+    return _with(ChannelTuning("stdin", "", 1.0, 1.0), given)
+
+
+def _ends_with_a_classic_filter(given: Given) -> bool:
+    """Whether a chain is given on which q and r have no effect."""
+    chain = given.get("chain")
+    return isinstance(chain, Chain) and chain.then is not None
 
 
 def adapt_tuning(
@@ -173,20 +186,19 @@ def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning
     return moved, [note]
 
 
-def params_for_stdin(
+def tunings_for_stdin(
     config: Path | None, given: Given, channel: str | None, period: float | None
-) -> tuple[FilterParams | list[FilterParams], list[str]]:
-    """Choose the filters of a stream without names; arguments and errors as `params_for`.
+) -> tuple[ChannelTuning | list[ChannelTuning], list[str]]:
+    """Choose the filters of a stream without names; arguments and errors as `filters_for`.
 
     Returns:
-        (params, notes): one filter for all columns, or with `config` one a column, in the order of the file.
+        (tunings, notes): one for all columns, or with `config` one a column, in the order of the file.
     """
     if config is None:
         if channel is not None:
             raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
-        values: dict[str, Any] = dict(given)
-        if "q" not in values or "r" not in values:
+        if not ({"q", "r"} <= set(given) or _ends_with_a_classic_filter(given)):
             raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
-        return FilterParams(**values), []
+        return _untuned(given), []
     tuning, notes = rescaled(replace(load_tuning(config).only(channel), fusion=None), period, given)
-    return [replace(entry.params, **given) for entry in tuning.channels], notes
+    return [_with(entry, given) for entry in tuning.channels], notes

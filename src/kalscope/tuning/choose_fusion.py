@@ -31,7 +31,7 @@ class FusionGiven:
     """The channels, as `channels_to_fuse` takes them; None = those of the tuning file."""
     r: Mapping[str, float] | float | None = None
     """Noise variance of every sensor, or of some of them, unit²; None = as found."""
-    others: Given = field(default_factory=dict[str, float | None])
+    others: Given = field(default_factory=dict[str, Any])
     """q, p0, x0, gate and momentum, those that were given."""
 
 

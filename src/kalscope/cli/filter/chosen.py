@@ -10,7 +10,7 @@ from kalscope.cli.filter.options import GivenParams
 from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import filtered_csv_chunks, fused_csv_chunks
 from kalscope.recording import Recording
-from kalscope.tuning.choose import params_for, params_for_stdin
+from kalscope.tuning.choose import filters_for, tunings_for_stdin
 from kalscope.tuning.choose_fusion import FusionGiven, fusion_for, fusion_for_stdin
 from kalscope.tuning.tuning_file import load_tuning
 
@@ -31,6 +31,8 @@ def fusion_given(
         if given.r_of_each:
             raise BadSetting(f"--r must be one number without --fuse (got one for {', '.join(given.r_of_each)})")
         return None
+    if given.values.get("chain") is not None:
+        raise BadSetting("--chain must stand without fused channels: a chain filters one (got both)")
     others = {name: value for name, value in given.values.items() if name != "r"}
     return FusionGiven(fuse, given.r_of_each or given.values.get("r"), others)
 
@@ -42,8 +44,8 @@ def filtered(
     if fusion is not None:
         chosen, notes = fusion_for(recording, config, fusion)
         return fused_csv_chunks(recording, chosen), notes
-    params, notes = params_for(recording, config, given.values, channel)
-    return filtered_csv_chunks(recording, params), notes
+    filters, notes = filters_for(recording, config, given.values, channel)
+    return filtered_csv_chunks(recording, filters), notes
 
 
 def filters_of_lines(
@@ -57,4 +59,5 @@ def filters_of_lines(
     if fusion is not None:
         chosen, notes = fusion_for_stdin(config, fusion, period)
         return chosen.params, notes
-    return params_for_stdin(config, given.values, channel, period)
+    tunings, notes = tunings_for_stdin(config, given.values, channel, period)
+    return [one.filter for one in tunings] if isinstance(tunings, list) else tunings.filter, notes

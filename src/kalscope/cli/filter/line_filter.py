@@ -8,11 +8,10 @@ from collections.abc import Callable, Sequence
 from kalscope.common.text import plural
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.fusion.streaming import FusionFilter
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.streaming import KalmanFilter
+from kalscope.filtering.protocol import Filter, StreamingFilter
 from kalscope.sources.grammar.cells import is_comment, parse_number
 
-Filters = FilterParams | Sequence[FilterParams] | FusionParams
+Filters = Filter | Sequence[Filter] | FusionParams
 """One for as many channels as there are, one a channel, or one that fuses all of them."""
 
 Update = Callable[[Sequence[float]], str]
@@ -31,8 +30,8 @@ class LineFilter:
         """Start the filters.
 
         Args:
-            params: One filter for as many channels as the first readable line has; or one a channel, scalars; or
-                one that fuses all channels.
+            params: One filter for as many channels as the first readable line has; or one a channel; or one that
+                fuses all channels.
         """
         self._params = params
         self._channels = _known_channels(params)
@@ -82,20 +81,20 @@ def _known_channels(params: Filters) -> int:
     """How many channels the filters are for; 0 = any number."""
     if isinstance(params, FusionParams):
         return params.sensors
-    return 0 if isinstance(params, FilterParams) else len(params)
+    return len(params) if isinstance(params, Sequence) else 0
 
 
 def _start(params: Filters, channels: int) -> Update:
     if isinstance(params, FusionParams):
         return _fused(params)
-    return _each([params] * channels if isinstance(params, FilterParams) else params)
+    return _each(params if isinstance(params, Sequence) else [params] * channels)
 
 
-def _each(params: Sequence[FilterParams]) -> Update:
+def _each(chosen: Sequence[Filter]) -> Update:
     """A filter a channel."""
-    filters = [KalmanFilter(one) for one in params]
+    filters = [one.stream() for one in chosen]
 
-    def answer(channel: KalmanFilter, sample: float) -> str:
+    def answer(channel: StreamingFilter, sample: float) -> str:
         x = channel.update(sample)
         return "" if math.isnan(sample) else repr(float(x))
 

@@ -138,7 +138,7 @@ def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
 
 def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str]:
     """Save the tuning of the channels that have a pair; returns notes about it for the user."""
-    from kalscope.cli.tune.saved import kept_channels, saved_before
+    from kalscope.cli.tune.saved import kept_channels, replaced_chains, saved_before
     from kalscope.cli.tune.words import VERDICT_WORDS
     from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
@@ -165,6 +165,7 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
         raise BadSetting(f"{lost}{none}: {_instead(answers[0])}")
     notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
     before = saved_before(recording, output)
+    notes += replaced_chains({one.name for one in found}, before)
     kept = kept_channels(recording, {one.channel for one in answers}, before)
     if kept:
         notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")

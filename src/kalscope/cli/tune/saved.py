@@ -26,3 +26,13 @@ def kept_channels(recording: Recording, tuned: Set[str], before: Tuning | None) 
     """The other channels that it holds: they were tuned before."""
     channels = () if before is None else before.channels
     return [one for one in channels if one.name in recording.names and one.name not in tuned]
+
+
+def replaced_chains(tuned: Set[str], before: Tuning | None) -> list[str]:
+    """A sentence for each chain of filters that it held for a channel whose q and r were found now."""
+    channels = () if before is None else before.channels
+    return [
+        f"{one.name}: {one.chain.words} is replaced by the Kalman filter of q and r"
+        for one in channels
+        if one.chain is not None and one.name in tuned
+    ]

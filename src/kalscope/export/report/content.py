@@ -36,14 +36,16 @@ from kalscope.export.report.tables import (
     rmse,
     simpler_filters,
 )
-from kalscope.filtering.batch import FilterResult, kalman_filter
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.batch import FilterResult
 from kalscope.recording import Recording
 from kalscope.sources.readers.account import summary, warnings
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 MAX_DRAWN_POINTS = 1500
 """Points of a curve, approximately."""
+
+UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is no model of the signal."
+"""What stands in place of the verdict on a chain."""
 
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of fewer has none."""
@@ -108,10 +110,9 @@ def make_report(
     z = recording.channel(name)
     truth = None if recording.truth is None else recording.truth[:, column]
     dt = recording.steps() if recording.gaps == "dt" else None
-    checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))  # before the run is kept: memory
-    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
-    result = kalman_filter(z, own.params, dt)
-    steady = steady_state(own.params, recording.sample_period)
+    judged, texts = _judged(recording, own, z, dt, truth)  # before the run is kept: memory
+    result = own.filter.run(z, dt)
+    steady = own.filter.settled(result, recording.sample_period)
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {name}",
@@ -120,17 +121,28 @@ def make_report(
         tables=(
             ReportTable("Parameters", parameters(own, recording.sample_period)),
             ReportTable("Resulting filter", meaning(steady, result, recording.sample_period, error)),
-            ReportTable("Residuals", residual_tests(checks)),
-            simpler_filters(found),
+            *judged,
             pinned_settings(own, pins, z, dt, truth, recording.sample_period),
         ),
-        texts=(
-            ("Does the filter fit?", _fits(own, checks, recording.sample_period)),
-            ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
-        ),
+        texts=texts,
         command=command or command_of(recording, config, options),
         origin=origin_of(recording, tuning, now),
     )
+
+
+def _judged(
+    recording: Recording, own: ChannelTuning, z: Array, dt: Array | None, truth: Array | None
+) -> tuple[tuple[ReportTable, ...], tuple[tuple[str, str], ...]]:
+    """The tables and the texts on how well the filter fits, and on simpler ones; of a chain there are none."""
+    if own.chain is not None:
+        return (), (("Does the filter fit?", UNJUDGED),)
+    checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
+    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
+    texts = (
+        ("Does the filter fit?", _fits(own, checks, recording.sample_period)),
+        ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
+    )
+    return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
 
 
 def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:

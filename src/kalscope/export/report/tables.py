@@ -24,9 +24,9 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.fusion.batch import FusionResult
-from kalscope.filtering.steady_state import SteadyState, steady_state
+from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.tuning import ChannelTuning
 
 Rows = tuple[tuple[str, ...], ...]
@@ -47,14 +47,17 @@ class ReportTable:
 def parameters(own: ChannelTuning, period: float | None) -> Rows:
     """The numbers of the filter and how they were found."""
     unit = squared(own.unit)
+    if own.chain is not None and own.chain.then is not None:
+        return ("filter", own.chain.words), ("found", own.how)
     rows = [
+        *(() if own.chain is None else (("filter", own.chain.words),)),
         ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
         ("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),
         ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
         ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
     ]
     if own.momentum > 0.0:
-        rows.insert(2, ("momentum τ", lag_in_full(own.momentum, period)))
+        rows.insert(-2, ("momentum τ", lag_in_full(own.momentum, period)))
     if own.gate is not None:
         rows.append(("outlier gate on v²/s", trimmed(own.gate)))
     return (*rows, ("found", own.how))
@@ -66,11 +69,13 @@ def meaning(steady: SteadyState, result: FilterResult | FusionResult, period: fl
     rows = [
         ("lag", lag_in_full(lag, period)),
         ("noise reduction", decibels(float(steady.noise_reduction_db))),
-        ("gain K", number(float(steady.gain))),
+        *([] if math.isnan(float(steady.p)) else [("gain K", number(float(steady.gain)))]),
         ("settling time (to 1 %)", lag_in_full(settle, period)),
-        ("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"),
-        *([("RMSE to the truth", error)] if error else []),
     ]
+    if result.m:
+        rows.append(("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"))
+    if error:
+        rows.append(("RMSE to the truth", error))
     if steady.velocity_gain:
         rows.insert(2, ("overshoot on a step", percent(float(steady.overshoot))))
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
@@ -119,11 +124,15 @@ def pinned_settings(
     """The present setting and the pinned ones of the channel, by name."""
     rows: list[tuple[str, ...]] = []
     for name, one in (("current", own), *pins):
-        steady, result = steady_state(one.params, period), kalman_filter(z, one.params, dt)
+        result = one.filter.run(z, dt)
+        steady, chain = one.filter.settled(result, period), one.chain
         label = f"{name}, τ {number(one.momentum)}" if one.momentum > 0.0 else name
-        last = number(float(result.loglik), 6) if truth is None else number(rmse(result.x, truth))
+        label = label if chain is None else f"{name}: {chain.words}"
+        used = (number(one.q), number(one.r)) if chain is None or chain.then is None else ("–", "–")
+        likely = "–" if chain else number(float(result.loglik), 6)
+        last = likely if truth is None else number(rmse(result.x, truth))
         lag, reduction = lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))
-        rows.append((label, number(one.q), number(one.r), lag, reduction, last))
+        rows.append((label, *used, lag, reduction, last))
     last = "log-likelihood" if truth is None else "RMSE"
     return ReportTable("Pinned settings", tuple(rows) if pins else (), ("", "q", "r", "lag", "noise", last))
 
