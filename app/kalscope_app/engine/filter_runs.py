@@ -10,11 +10,13 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.fusion.growing import FusedSignal, GrowingFusion, fused_at
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.pieces.chosen import filter_at, picked
 from kalscope.filtering.pieces.running import RunningFilter
 from kalscope.filtering.protocol import Filter, StandardFilter
+from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples
 from kalscope_app.session.fusion import Fusion
@@ -53,6 +55,7 @@ class FilterRuns:
     def __init__(self) -> None:
         self._whole = Cache[FilterResult]()
         self._drawn = Cache[DrawnRun]()
+        self._settled = Cache[SteadyState]()
         self._live = Cache[_LiveRun[RunningFilter]]()
         self._fused = Cache[FusedSignal]()
         self._live_fused = Cache[_LiveRun[GrowingFusion]]()
@@ -66,7 +69,7 @@ class FilterRuns:
 
     def of(self, state: State, used: Filter) -> FilterResult:
         """The channel on screen, filtered."""
-        if state.live is not None and isinstance(used, StandardFilter):
+        if state.live is not None and isinstance(used, StandardFilter | ChainFilter):
             return self._continued(state, used)
         if state.live is not None or len(state.z) > MAX_KEPT:
             return used.run(state.z, state.dt)
@@ -83,9 +86,24 @@ class FilterRuns:
         whole = self.of(state, used)
         return DrawnRun(picked(whole, drawn.indices), lambda size: whole.k[:size], whole)
 
-    def _continued(self, state: State, used: StandardFilter) -> FilterResult:
-        run = self._live.get(used, lambda: _LiveRun(RunningFilter(used.params), _first_of(state)))
-        return _grown(run, state, lambda: RunningFilter(used.params), lambda first: state.z[first:]).result
+    def settled(self, state: State, run: FilterResult) -> SteadyState:
+        """What the filter of the State settles to, by its run; that of a chain is measured, which takes longer.
+
+        Of a record that grows it is measured again only once that is twice as long.
+        """
+        used, period = state.filter, state.recording.sample_period
+        if not isinstance(used, ChainFilter):
+            return used.settled(run, period)
+        size = 0 if state.live is None else len(state.recording).bit_length()
+        self._settled.begin(state.record_key, state.measured, state.recording.gaps, size)
+        return self._settled.get(used, lambda: used.settled(run, period))
+
+    def _continued(self, state: State, used: StandardFilter | ChainFilter) -> FilterResult:
+        def start() -> RunningFilter:
+            return RunningFilter(used.params if isinstance(used, StandardFilter) else used.start())
+
+        run = self._live.get(used, lambda: _LiveRun(start(), _first_of(state)))
+        return _grown(run, state, start, lambda first: state.z[first:]).result
 
     def _fused_at(self, state: State, fusion: Fusion, drawn: DrawnSamples) -> FusedSignal:
         """The fused value at the samples drawn."""

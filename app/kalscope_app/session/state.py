@@ -196,10 +196,14 @@ class State:
         return self.fusion is None and self.filter.is_standard
 
     @property
+    def has_gain(self) -> bool:
+        """Whether what is on screen has a Kalman gain: not a chain that ends with another filter."""
+        return self.tuning.chain is None or self.tuning.chain.then is None
+
+    @property
     def uses_parameters(self) -> bool:
-        """Whether q and r act on what is on screen: not in a chain that ends with another filter than Kalman's."""
-        chain = self.tuning.chain
-        return self.filter.is_standard or (chain is not None and chain.then is None)
+        """Whether q and r act on what is on screen."""
+        return self.has_gain and not isinstance(self.tuning, PaperTuning)
 
     @property
     def dt(self) -> NDArray[np.float64] | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from kalscope.analysis.alternatives.comparison import Alternative, Comparison, compare_alternatives, stretch_of
 from kalscope.common.array import Array
+from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples, choose_samples
 from kalscope_app.session.state import State
@@ -35,6 +36,12 @@ class Compared:
         return one.curve[self.drawn.indices[self.inside] - self.found.first]
 
     @property
+    def to_export(self) -> Alternative | None:
+        """The one chosen filter that a device can run, if one is chosen."""
+        one, *more = self.alternatives
+        return one if not more and one.chain is not None else None
+
+    @property
     def alternatives(self) -> tuple[Alternative, ...]:
         """What is drawn beside the present filter: the chosen one, or all."""
         chosen = tuple(one for one in self.found.others if one.name == self.state.view.drawn_alternative)
@@ -48,8 +55,8 @@ class AlternativesStudy:
         self._found = Cache[Comparison]()
 
     def compute(self, state: State) -> Compared | None:
-        """Compare; None where the filter on screen cannot be compared."""
-        if not state.is_standard:
+        """Compare the Kalman filter of the q and r on screen; None where there is none of one channel."""
+        if state.fusion is not None or isinstance(state.tuning, PaperTuning):
             return None
         drawn = choose_samples(state.recording, state.channel, state.view.window)
         window = (drawn.first, drawn.last)

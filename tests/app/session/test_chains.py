@@ -25,8 +25,6 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.share import apply_options, share_line
 from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.tune.controls.chain import BEHIND_MEDIAN, CLASSIC
-from kalscope_app.views.tune.controls.chain import chain_text as said_of
 from kalscope_app.views.tune.variants import table_text
 
 EURO = OneEuro(0.02, 0.7, 0.1)
@@ -61,7 +59,6 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
         assert chain_text(chain) in share_line(tuned).line
         again = apply_options(state, None, *[None] * 6, chain=chain_text(chain))
         assert again.filter == tuned.filter
-        assert (CLASSIC if chain.then else BEHIND_MEDIAN) in said_of(chain)
 
 
 def test_going_back_to_the_kalman_filter_loses_nothing_and_undo_takes_each_step_back(state):

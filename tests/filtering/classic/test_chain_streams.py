@@ -17,6 +17,7 @@ from kalscope.filtering.classic.stages import (
     OneEuro,
     PowerOfTwo,
 )
+from kalscope.filtering.pieces.running import RunningFilter
 
 STAGES = (
     MovingAverage(1),
@@ -69,6 +70,18 @@ def test_pieces_give_the_bits_of_the_whole_in_both_types():
             found = [pieces.take(z[at], dt[at]) for at in (slice(0, 1), slice(1, 57), slice(57, None))]
             assert whole.dtype == kind
             assert np.concatenate(found).tobytes() == whole.tobytes(), chain
+
+
+def test_a_record_that_grows_has_the_run_of_the_whole():
+    z, dt = record()
+    for chain in CHAINS:
+        for steps in (None, dt):
+            used = ChainFilter(chain, PARAMS)
+            whole, grown = used.run(z, steps), RunningFilter(used.start())
+            for at in (slice(0, 1), slice(1, 1), slice(1, 57), slice(57, None)):
+                grown.extend(z[at], None if steps is None else steps[at])
+            for name in ("x", "p", "k", "innovation", "s", "velocity", "velocity_p", "rejected"):
+                np.testing.assert_array_equal(getattr(grown.result, name), getattr(whole, name), f"{chain} {name}")
 
 
 def test_channels_are_filtered_apart():

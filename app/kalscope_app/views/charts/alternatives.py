@@ -8,16 +8,18 @@ import viser
 from kalscope.analysis.alternatives.comparison import Alternative
 from kalscope.analysis.alternatives.verdict import MIN_OVERSHOOT, Difference
 from kalscope.common.text import count, decibels, lag_text, number, percent
+from kalscope_app.session.changes.chain import use_chain
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import Compared
-from kalscope_app.views.binding import bind
+from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import scale_for, time_scale_for
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.text import capitalised, escape_markdown
+from kalscope_app.views.window.page_script import EXPORT_BUTTON
 
 NAMES: tuple[str, ...] = (
     "Moving average",
@@ -43,6 +45,8 @@ COLOURS = {
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 
+EXPORT_HINT = "Runs the drawn filter in place of yours, and opens the Export tab. Undo takes it back."
+
 NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
@@ -59,19 +63,30 @@ class AlternativesView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
+        self._to_export: Alternative | None = None
         gui.add_markdown("### Is there a simpler filter?")
         self._match = gui.add_dropdown(
             "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
         )
         self._alternative = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
+        self._export = gui.add_button(EXPORT_BUTTON, visible=False, hint=EXPORT_HINT)
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
         bind(self._match, session, lambda words: set_match_by(MATCHES.get(words, "lag")))
         bind(self._alternative, session, set_drawn_alternative)
+        on_user(self._export.on_click, lambda _client: self._use())
+
+    def _use(self) -> None:
+        """The drawn filter becomes that of the channel; the page opens the Export tab."""
+        one = self._to_export
+        if one is not None and one.chain is not None:
+            self._session.request(use_chain(one.chain))
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
+        self._to_export = None if compared is None else compared.to_export
+        self._export.visible = self._to_export is not None
         if compared is None:
             self._verdict.content, self._table.content = NOTHING, ""
             self._chart.hide()
@@ -82,9 +97,9 @@ class AlternativesView:
         for handle, value in ((self._match, match), (self._alternative, drawn)):
             if handle.value != value:
                 handle.value = value
-        first, dot, rest = compared.found.verdict.partition(". ")
-        self._verdict.content = f"**{first}{dot.strip()}** {rest}"
-        self._table.content = text_of(compared)
+        self._verdict.content = verdict_of(compared)
+        text = text_of(compared)
+        self._table.content = text if compared.state.tuning.chain is None else about_kalman(text)
         self._draw(compared)
 
     def _draw(self, compared: Compared) -> None:
@@ -94,12 +109,13 @@ class AlternativesView:
         span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
         clock = time_scale_for(span, state.recording.sample_period)
         scale = scale_for(raw, state.tuning.unit)
+        yours = "yours" if state.tuning.chain is None else "Kalman"
         lines = [*gappy("raw", raw, palette.raw)]
         if compared.drawn.truth is not None:
             truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
             lines.append(ChartLine(compared.drawn.truth[inside], truth))
         lines.append(
-            ChartLine(compared.curve(compared.found.present), line("yours", palette.filtered, 2.5, scaled=False))
+            ChartLine(compared.curve(compared.found.present), line(yours, palette.filtered, 2.5, scaled=False))
         )
         colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
         for one in compared.alternatives:
@@ -112,6 +128,26 @@ class AlternativesView:
         gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
         layout = ChartLayout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
         self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
+
+
+def verdict_of(compared: Compared) -> str:
+    """The verdict, and what it is about where another filter runs; markdown."""
+    first, dot, rest = compared.found.verdict.partition(". ")
+    verdict = f"**{first}{dot.strip()}** {rest}"
+    if (chain := compared.state.tuning.chain) is None:
+        return verdict
+    runs = f"{capitalised(chain.words)} runs now. The comparison is with the Kalman filter of q and r."
+    return f"{runs}\n\n{about_kalman(verdict)}"
+
+
+def about_kalman(text: str) -> str:
+    """The comparison with the filter on screen, while that is no longer the one that runs."""
+    return (
+        text.replace("your filter", "the Kalman filter")
+        .replace("Your", "Its")
+        .replace("with yours", "with Kalman")
+        .replace(" (present)", "")
+    )
 
 
 def text_of(compared: Compared) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from typing import TYPE_CHECKING
 
@@ -115,7 +114,7 @@ def _write_numbers(pen: Pen, frame: Frame, ink: str, corner: tuple[int, int]) ->
         ("lag", lag_text(float(steady.lag_samples), period)),
         ("noise", decibels(-float(steady.noise_reduction_db))),
     ]
-    if math.isfinite(steady.gain):
+    if frame.state.has_gain:
         rows.append(("gain K", number(float(steady.gain))))
     if frame.state.uses_parameters and frame.state.tuning.momentum:
         rows.append(("overshoot", percent(float(steady.overshoot))))

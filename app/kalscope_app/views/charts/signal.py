@@ -60,7 +60,8 @@ class SignalView:
     def show(self, frame: Frame, *, thinned: bool = False) -> None:
         """Draw the signal; `thinned`: with fewer points, while a control moves."""
         live, with_velocity = frame.state.live is not None, frame.velocity is not None
-        self._share_height(3 if with_velocity or frame.state.view.gain_shown else 2, live=live)
+        with_gain = frame.state.view.gain_shown and frame.state.has_gain
+        self._share_height(3 if with_velocity or with_gain else 2, live=live)
         palette = DARK if frame.state.view.dark else LIGHT
         self._show_signal(frame, palette, time_axis(frame), self._thinning.of(frame) if thinned else None)
 
@@ -73,7 +74,7 @@ class SignalView:
             self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
         else:
             self.velocity.hide()
-        if frame.state.view.gain_shown and frame.velocity is None:
+        if frame.state.view.gain_shown and frame.velocity is None and frame.state.has_gain:
             self._show_gain(frame, palette)
         else:
             self.gain.hide()

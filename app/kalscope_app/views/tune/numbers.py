@@ -7,6 +7,7 @@ import math
 import viser
 
 from kalscope.common.text import count, decibels, frequency, lag_in_full, lag_text, number, percent
+from kalscope.filtering.classic.stages import OneEuro
 from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.momentum import momentum_words
@@ -42,13 +43,15 @@ def table(frame: Frame) -> str:
             ("overshoot (step)", f"**{percent(float(steady.overshoot))}**"),
             ("keeps direction", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
         ]
-    if steady.cutoff_hz is not None:
+    if steady.cutoff_hz is not None and (frame.state.filter.is_standard or math.isfinite(steady.cutoff_hz)):
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz))}**"))
-    if math.isfinite(steady.gain):
+    if frame.state.has_gain:
         rows.append(("gain K", f"**{number(float(steady.gain))}**"))
     if frame.state.uses_parameters:
         rows.append(("q / r", f"**{number(float(params.ratio))}**"))
-    rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))
+    chain = frame.state.tuning.chain
+    if chain is None or not isinstance(chain.then, OneEuro):  # which settles the faster the larger a step is
+        rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))
     if params.gate is not None and frame.state.uses_parameters:
         rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import viser
 
 from kalscope.common.text import gate_digits
@@ -50,4 +48,4 @@ class StartView:
         put(self._median, visible=frame.state.fusion is None and not isinstance(tuning, PaperTuning))
         offer(self._median, dict.fromkeys((*MEDIANS, median_words(window))), median_words(window))
         self._add.visible = used and tuning.momentum == 0.0
-        put(self._gain, value=frame.state.view.gain_shown, visible=math.isfinite(frame.steady.gain))
+        put(self._gain, value=frame.state.view.gain_shown, visible=frame.state.has_gain)

@@ -61,5 +61,5 @@ def numbers_line(frame: Frame, jitter: float) -> str:
     ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
     if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
         said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
-    name = "" if chain is None else f"**{capitalised(chain.words)}** · "
+    name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
     return f"{name}{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"

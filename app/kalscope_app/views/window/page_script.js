@@ -97,6 +97,13 @@ window.Worker = class extends Worker {
   }
 };
 
+const leadToExport = ({ target }) => {
+  if (target.closest("button")?.textContent !== sizes.exportButton) return;
+  const tab = [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === sizes.exportTab);
+  tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // tabs know no click
+};
+
 addEventListener("resize", fitAgain);
+addEventListener("click", leadToExport);
 addEventListener("dblclick", ({ target }) => windows.has(target) && askForWindow([-1, 2]), true);
 phone.addEventListener("change", () => phoneCheckboxes.forEach(tellPhone));

@@ -47,6 +47,9 @@ MAP_POINTED = "map pointed"
 """Label of the hidden vector with which a page says where the user points, in shares of the picture, and in which
 gesture: a number of its own, negative where it is a click and no drag."""
 
+EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
+"""Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
+
 SIZES = {
     "phone": PHONE_CHECKBOX,
     "zoom": ZOOM_SLIDER,
@@ -66,6 +69,8 @@ SIZES = {
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
     "mapGrip": 0.04,  # of the picture's width: so far from the mark a drag takes hold of it instead of calling it
+    "exportButton": EXPORT_BUTTON,
+    "exportTab": EXPORT_TAB,
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 

@@ -15,7 +15,7 @@ from kalscope.filtering.arrays import columns_of, refuse_infinite, samples_of, s
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.response import at_period, chain_response
-from kalscope.filtering.classic.running import RunningStages
+from kalscope.filtering.classic.running import RunningChain, RunningStages
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.filtering.streaming import KalmanFilter
@@ -61,6 +61,10 @@ class ChainFilter:
         """The filtered signal only; arguments and errors as `denoise`."""
         staged = self._staged(z, dt)
         return denoise(staged, self.params, dt) if self.chain.then is None else staged
+
+    def start(self) -> RunningChain:
+        """The chain at its start, over a record that grows."""
+        return RunningChain(self.chain.stages, self.params if self.chain.then is None else None)
 
     def stream(self) -> ChainStream:
         """A `ChainStream`."""

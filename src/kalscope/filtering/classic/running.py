@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.array import Array
+from kalscope.filtering.channels import FiveLines, Rows, Sums, channel_filters
 from kalscope.filtering.classic import kernels
 from kalscope.filtering.classic.stages import (
     Butterworth,
@@ -19,6 +21,7 @@ from kalscope.filtering.classic.stages import (
     PowerOfTwo,
     Stage,
 )
+from kalscope.filtering.params import FilterParams
 
 Floats = NDArray[Any]
 """float64, or float32 as a board computes."""
@@ -105,3 +108,29 @@ class RunningStages:
         for number, one in enumerate(self._each):
             out = one.take(np.where(missing, np.nan, out) if number else out, dt)
         return out
+
+
+class RunningChain:
+    """A chain over one channel, from its start on; pieces give the numbers of the whole, bit for bit."""
+
+    def __init__(self, stages: tuple[Stage, ...], kalman: FilterParams | None) -> None:
+        """Args: the classic filters; the parameters of the Kalman filter behind them, scalars, or None."""
+        self._stages = RunningStages(stages)
+        self._kalman = None if kalman is None else channel_filters(kalman, 1)[0]
+        self._before = math.nan
+        self.rows = FiveLines.rows if self._kalman is None else self._kalman.rows
+
+    def filter(self, z: Array, dt: Array, out: Rows) -> Sums:
+        """Take the samples z into the rows of `out`; dt may be empty."""
+        staged = self._stages.take(z, dt)
+        if self._kalman is not None:
+            staged[np.isnan(z)] = np.nan
+            _, _, refused = self._kalman.filter(staged, dt, out)
+            out[3][:] = z - (staged - out[3])
+            return math.nan, 0, refused
+        for row in out:
+            row[:] = np.nan
+        out[0][:] = staged
+        out[3][:] = z - np.concatenate([[self._before], staged[:-1]])
+        self._before = float(staged[-1])
+        return math.nan, 0, 0

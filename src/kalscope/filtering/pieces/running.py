@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,25 +11,39 @@ from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import refuse_infinite, steps_of
 from kalscope.filtering.batch import FilterResult
-from kalscope.filtering.channels import channel_filters
+from kalscope.filtering.channels import Rows, Sums, channel_filters
 from kalscope.filtering.params import FilterParams
 
 FIRST_CAPACITY = 4096
 """Samples allocated at first; the capacity doubles."""
 
 
+class Continued(Protocol):
+    """A filter of one channel with its state."""
+
+    @property
+    def rows(self) -> int:
+        """Arrays that `filter` writes: x, p, k, innovation, s, and with momentum the velocity and its variance."""
+        ...
+
+    def filter(self, z: Array, dt: Array, out: Rows) -> Sums:
+        """Take the samples z, which follow those before, into the rows of `out`; dt may be empty."""
+        ...
+
+
 class RunningFilter:
-    """The result of `kalman_filter` for a record that arrives in pieces, equal to it bit for bit.
+    """The result of `kalman_filter` for a record that arrives in pieces, or of another filter; equal bit for bit.
 
     Earlier results do not change: they are views of rows that are written only once.
     """
 
-    def __init__(self, params: FilterParams) -> None:
-        """Args: the parameters of one channel, scalars."""
-        if params.channels is not None:
-            raise BadSetting(f"params must be of one channel (got {params.channels} channels)")
-        self.params = params
-        (self._filter,) = channel_filters(params, 1)
+    def __init__(self, made_of: FilterParams | Continued) -> None:
+        """Args: the parameters of one channel, scalars; or another filter at its start."""
+        if isinstance(made_of, FilterParams):
+            if made_of.channels is not None:
+                raise BadSetting(f"params must be of one channel (got {made_of.channels} channels)")
+            (made_of,) = channel_filters(made_of, 1)
+        self._filter: Continued = made_of
         self._rows = np.empty((self._filter.rows, FIRST_CAPACITY))
         self._first = self._last = 0
         self._loglik, self._m, self._rejected = 0.0, 0, 0

@@ -1,20 +1,18 @@
-"""What stands in place of the goal while a chain of filters runs: what it is, and the way back."""
+"""What stands in place of the goal while a chain of filters runs: what q and r do then, and the way back."""
 
 from __future__ import annotations
 
 import viser
 
-from kalscope.filtering.classic.chain import Chain
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.chain import use_kalman_filter
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import capitalised
 
-CLASSIC = "q and r do not act on it; they stay as they are."
+CLASSIC = "This filter has no q and r; those of the Kalman filter are kept."
 BEHIND_MEDIAN = (
-    "q and r act on what the median leaves. A search for them and the tests are for the Kalman filter alone: "
-    "a median makes the noise of neighbours alike."
+    "q and r act on what the median leaves. The search for them and the tests are for the Kalman filter alone: "
+    "a median makes neighbouring errors alike."
 )
 
 
@@ -32,9 +30,4 @@ class ChainView:
         chain = frame.state.tuning.chain
         self._folder.visible = chain is not None
         if chain is not None:
-            self._said.content = chain_text(chain)
-
-
-def chain_text(chain: Chain) -> str:
-    """What runs, and what q and r do to it; markdown of our own words and numbers."""
-    return f"**{capitalised(chain.words)}**\n\n{BEHIND_MEDIAN if chain.then is None else CLASSIC}"
+            self._said.content = BEHIND_MEDIAN if chain.then is None else CLASSIC
