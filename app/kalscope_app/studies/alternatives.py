@@ -38,8 +38,8 @@ class Compared:
     @property
     def to_export(self) -> Alternative | None:
         """The one chosen filter that a device can run, if one is chosen."""
-        one, *more = self.alternatives
-        return one if not more and one.chain is not None else None
+        drawn = self.alternatives
+        return drawn[0] if len(drawn) == 1 and drawn[0].chain is not None else None
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:

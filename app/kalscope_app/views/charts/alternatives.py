@@ -13,7 +13,7 @@ from kalscope_app.session.changes.view import set_drawn_alternative, set_match_b
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import Compared
-from kalscope_app.views.binding import bind, on_user
+from kalscope_app.views.binding import bind, offer, on_user, put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
@@ -32,7 +32,7 @@ NAMES: tuple[str, ...] = (
     "One-euro",
     "Smoother (offline bound)",
 )
-"""Simpler filters as the comparison names them."""
+"""Simpler filters as the comparison names them; where a median before one helps, there are rows for that too."""
 
 ALL = "all of them"
 
@@ -68,7 +68,7 @@ class AlternativesView:
         self._match = gui.add_dropdown(
             "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
         )
-        self._alternative = gui.add_dropdown("draw", (*NAMES, ALL), hint="Which filter is plotted beside yours.")
+        self._alternative = gui.add_dropdown("draw", list[str]([ALL]), hint="Which filter is plotted beside yours.")
         self._export = gui.add_button(EXPORT_BUTTON, visible=False, hint=EXPORT_HINT)
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
@@ -93,10 +93,10 @@ class AlternativesView:
             return
         state = compared.state
         match = next(words for words, inner in MATCHES.items() if inner == state.view.match_by)
-        drawn = state.view.drawn_alternative if state.view.drawn_alternative in NAMES else ALL
-        for handle, value in ((self._match, match), (self._alternative, drawn)):
-            if handle.value != value:
-                handle.value = value
+        names = [one.name for one in compared.found.others]
+        drawn = state.view.drawn_alternative if state.view.drawn_alternative in names else ALL
+        put(self._match, value=match)
+        offer(self._alternative, (*names, ALL), drawn)
         self._verdict.content = verdict_of(compared)
         text = text_of(compared)
         self._table.content = text if compared.state.tuning.chain is None else about_kalman(text)
