@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from screen import FIND, PICTURES
 
-from kalscope import open_source, starting_params
+from kalscope import kalman_filter, open_source, starting_params
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.noise.allan import allan_deviation
 
@@ -56,6 +56,31 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
         screen.tab(name)
         screen.page.wait_for_timeout(300 if PICTURES else 0)
         screen.shot(f"{name.lower()}-dark")
+
+
+def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_back(start):
+    screen = start("demo")
+    demo = open_source("demo")
+    params = starting_params(demo.values[:, 0])
+    euro = next(one for one in compare_alternatives(demo.values[:, 0], params).others if one.name == "One-euro")
+
+    screen.tab("Compare")
+    screen.choose("draw", "One-euro")
+    screen.wait_for_line("One-euro", euro.curve)
+    screen.page.get_by_role("button", name="Export this one").click()
+    screen.page.get_by_role("tab", name="Export", selected=True).wait_for()
+    screen.page.get_by_text("One-euro (cut-off").first.wait_for()
+    screen.page.get_by_text("runs now. The comparison is with the Kalman filter of q and r.").wait_for()
+    screen.shot("compare-chain")
+    screen.tab("Signal")
+    screen.wait_for_line("filtered", euro.curve)
+    screen.tab("Tune")
+    screen.page.get_by_text("This filter has no q and r").wait_for()
+    assert screen.page.get_by_text("process noise q").count() == 0
+    screen.shot("signal-chain")
+    screen.page.get_by_role("button", name="Back to the Kalman filter").click()
+    screen.wait_for_line("filtered", kalman_filter(demo.values[:, 0], params).x)
+    screen.page.get_by_text("process noise q").first.wait_for()
 
 
 def test_the_report_is_one_sheet_of_paper_and_a_picture_of_it(start):
