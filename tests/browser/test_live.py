@@ -105,6 +105,8 @@ def test_what_is_sent_to_the_board_is_what_it_computes(open_live, start_board, w
     screen.page.get_by_role("button", name="Send q, r and p0").click()
     screen.page.get_by_text("The board now uses q = 0.037, r = 11.3, p0 = inf").wait_for()
     screen.page.get_by_text("Equal bit for bit").wait_for()
+    screen.page.get_by_role("button", name="Let the board measure r").click()
+    screen.page.locator("p", has_text="The sketch on this board cannot measure by itself").wait_for()
     screen.tab("Tune")
     screen.type("process noise q", "0.5")
     screen.tab("Export")
