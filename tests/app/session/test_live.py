@@ -13,7 +13,7 @@ import pytest
 from feed import Board
 from waiting import PATIENCE, wait_until
 
-from kalscope import BadSetting, Recording, kalman_filter
+from kalscope import BadSetting, Chain, OneEuro, Recording, kalman_filter
 from kalscope.sources.live.live_status import RecordingStatus
 from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -23,6 +23,7 @@ from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.engine.parts import Part
+from kalscope_app.session.changes.chain import use_chain
 from kalscope_app.session.changes.channels import select_channel, set_board_channel
 from kalscope_app.session.changes.live import (
     MAX_STUDIED,
@@ -145,17 +146,18 @@ def test_pause_stands_still_while_samples_come_in(board):
 
 
 def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
-    state, runs = opened_board(board.send(200), "x"), FilterRuns()
-    for count in (1, 50, 3000, 7):
-        state = grown(board, count, state)
-        frame = frame_of(set_span("all")(state), runs)
-        whole = kalman_filter(state.recording.channel("a"), state.params)
-        np.testing.assert_array_equal(frame.filtered, whole.x[frame.drawn.indices])
-    board.first = 1000  # older samples leave memory: the filter goes on from what it knew
-    state = grown(board, 10, state)
-    frame = frame_of(set_span("all")(state), runs)
-    whole = kalman_filter(board.values[:, 0], state.params)
-    np.testing.assert_array_equal(frame.filtered, whole.x[1000:][frame.drawn.indices])
+    opened = opened_board(board.send(200), "x")
+    chosen = [opened, *(use_chain(chain)(opened) for chain in (Chain(5), Chain(3, OneEuro(0.02, 0.7, 0.1))))]
+    runs = [FilterRuns() for _ in chosen]
+    for count, first in ((1, 0), (50, 0), (3000, 0), (7, 0), (10, 1000)):
+        board.first = first  # older samples leave memory: the filter goes on from what it knew
+        board.send(count)
+        for state, kept in zip(chosen, runs, strict=True):
+            now = refreshed(state, board.snapshot())
+            frame = frame_of(set_span("all")(now), kept)
+            whole = now.filter.run(board.values[:, 0])
+            np.testing.assert_array_equal(frame.filtered, whole.x[first:][frame.drawn.indices])
+            assert np.isfinite(frame.steady.lag_samples)
 
 
 def test_new_parameters_filter_all_that_is_kept(board):

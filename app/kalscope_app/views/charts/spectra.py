@@ -16,7 +16,7 @@ from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_
 
 NOTHING = "Only the Kalman filter of one channel has a frequency response here."
 
-NO_ALLAN = "Only one channel has an Allan deviation here."
+NO_ALLAN = "Only the Kalman filter of one channel has an Allan deviation here."
 
 DECADES = 9
 """Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""
