@@ -68,7 +68,9 @@ class AlternativesView:
         self._match = gui.add_dropdown(
             "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
         )
-        self._alternative = gui.add_dropdown("draw", list[str]([ALL]), hint="Which filter is plotted beside yours.")
+        self._alternative = gui.add_dropdown(
+            "draw", list[str]((*NAMES, ALL)), hint="Which filter is plotted beside yours."
+        )
         self._export = gui.add_button(EXPORT_BUTTON, visible=False, hint=EXPORT_HINT)
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
