@@ -97,7 +97,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     wait_until(lambda: page.locator(".kalscope-map img").first.get_attribute("src") != before, "the device's card")
     screen.shot("fleet-device-picked")
     assert values(screen) == pytest.approx(own, rel=1e-6)
-    page.mouse.click(*place)
+    page.mouse.click(*place)  # opens it
     header(screen, fleet.devices.ids[picked])
     shared = [float(fleet.shared.params.q), float(fleet.shared.params.r)]
     wait_until(lambda: values(screen) == pytest.approx(shared, rel=1e-6), "the device at the filter for all")

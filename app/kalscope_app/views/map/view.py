@@ -102,7 +102,8 @@ class TuningMapView:
         fleet = self._map.fleet
         if fleet is None:
             return False
-        device, picked = fleet.nearest(self._frame, at), fleet.picked and fleet.picked.device
+        asked = self._state and self._state.fleet  # the map may be drawn a little later
+        device, picked = fleet.nearest(self._frame, at), asked and asked.picked
         if device is not None and device == picked:
             self.on_device(fleet.fleet, device)
         elif device != picked:
