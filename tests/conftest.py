@@ -29,6 +29,9 @@ SHARED_DATA = ROOT.parent / "shared" / "data"
 LONG = {"browser": 30, "device": 2, "server": 1, "slow": 1}
 """Markers of tests that take long, and about how many times as long as a slow one."""
 
+STARTED = {"attack_table", "forked", "program"}
+"""Modules whose programs come from the fork server that a worker keeps to its end."""
+
 # No deadline: a busy machine is no failure. The ordinary run repeats its examples; `make soak` looks for new ones.
 settings.register_profile("kalscope", max_examples=EXAMPLES, deadline=None, derandomize=FUZZ == 1)
 settings.load_profile("kalscope")
@@ -67,8 +70,9 @@ def pytest_collection_finish() -> None:
 def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
     """The items in the equal shares that xdist gives its workers, each with as much work of long tests first.
 
-    The long tests of a file stay together, because they may share a program. The short ones, of which a worker that
-    is done takes from the others, keep all of them busy to the end.
+    The long tests of a file stay together, because they may share a program, and those with a browser or the program
+    on half of the workers, each of which starts one of its own. The short ones, of which a worker that is done takes
+    from the others, keep all of them busy to the end.
     """
     files, short = defaultdict[Path, list[pytest.Item]](list), list[pytest.Item]()
     for item in items:
@@ -77,7 +81,7 @@ def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
     for amount, file in sorted(
         ((sum(map(work_of, file)), file) for file in files.values()), key=lambda one: -one[0]
     ):
-        place = work.index(min(work))
+        place = work.index(min(work[: (workers + 1) // 2] if starts_a_program(file) else work))
         shares[place].extend(file)
         work[place] += amount
     left = iter(short)
@@ -90,6 +94,12 @@ def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
 def work_of(item: pytest.Item) -> int:
     """How long a test takes beside the others; 0 = not long."""
     return max((work for marker, work in LONG.items() if item.get_closest_marker(marker)), default=0)
+
+
+def starts_a_program(items: list[pytest.Item]) -> bool:
+    """Whether any test needs a browser, or its module the fork server."""
+    named = {getattr(value, "__module__", None) for value in vars(items[0].module).values()}
+    return bool(named & STARTED) or any(item.get_closest_marker("browser") for item in items)
 
 
 @pytest.fixture(scope="session", autouse=True)
