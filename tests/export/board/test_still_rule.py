@@ -15,6 +15,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 ROWS = rows_of(2.0, 0.005)
 COUNTS = BoardRange(1.0, 0.0, 1023.0)
+UNBOUNDED = BoardRange(1.0)
 
 
 def still(sigma=3.0, level=500.3, seed=0, rows=ROWS):
@@ -68,14 +69,14 @@ REFUSED = {
         np.full(ROWS, 3.25),
         np.where(np.arange(ROWS) == 200, 85.0, 21.0625),  # a digital sensor that was read while it started
     ],
-    "float32 cannot hold r and q": [still(1e25, 1e27)],
+    "float32 cannot hold r and q": [still(1e25, 1e27), still(8e37, 0.0)],
 }
 
 
 @pytest.mark.parametrize("reason", REFUSED)
 def test_what_shows_more_or_less_than_noise_is_refused(reason):
     for z in REFUSED[reason]:
-        known = BoardRange() if reason.startswith(("nearly", "float")) else COUNTS
+        known = BoardRange() if reason.startswith("nearly") else UNBOUNDED if reason.startswith("float") else COUNTS
         assert measure_on_board(z, known) == reason
 
 

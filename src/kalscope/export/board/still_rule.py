@@ -216,7 +216,7 @@ class _Measurement:
                 self.cut_off > self.used // MAX_AT_END,
                 f"{self.cut_off} of {self.used} readings at an end of the range",
             ),
-            (not np.isfinite(r), "float32 cannot hold r and q"),
+            (not np.isfinite(r) or np.isnan(variance), "float32 cannot hold r and q"),
             (r == 0 or (rounding and self.changes < MIN_CHANGES), "nearly all readings are equal"),
             (self._is_moving(n, r), "the level moves"),
             (variance > floor and self._is_uneven(n, variance), "the noise is uneven"),

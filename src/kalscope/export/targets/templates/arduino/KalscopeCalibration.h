@@ -167,7 +167,7 @@ class KalscopeCalibration {
     r = variance > floor ? variance : floor;
     if (used < $min_readings) state = TOO_FEW;
     else if (cut_off > used / $most_cut_off) state = CUT_OFF;
-    else if (!(r - r == 0.0f)) state = TOO_LARGE;
+    else if (!(r - r == 0.0f && variance == variance)) state = TOO_LARGE;
     else if (r == 0.0f || (variance <= floor && known_step == 0.0f && changes < $min_changes)) state = EQUAL;
     else if (isMoving(n)) state = MOVING;
     else if (variance > floor && isUneven(n)) state = UNEVEN;
