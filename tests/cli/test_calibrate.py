@@ -42,6 +42,11 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
         "light: The board keeps its values: the level moves. Keep what the sensor measures constant"
     )
     assert not board.kept
+    board.refuses, board.worn = "", True
+    assert run(["calibrate", board.port, "--seconds", "1", "--keep"]) == 2
+    said = capsys.readouterr()
+    assert re.findall(r"^(\w+): r = ", said.out, re.M) == ["light", "temp"]  # they are in use
+    assert said.err.startswith("kalscope: the board could not store its values: the EEPROM does not hold")
     board.knows = False
     monkeypatch.setattr(calibrate, "START_S", 0.1)
     for options, words in (

@@ -50,21 +50,22 @@ def calibrate_command(
     from kalscope.sources.port.port_spec import port_of
 
     live = LiveSource(port_of(port, reset=not no_reset), reconnect=False)
-    with stop_signals() as stop, closing(live), progress_line() as report:
-        progress = Progress(report, stop.is_set)
-        try:
-            live.start(require=True)
-            _wait_for_samples(live, progress, max(START_S, seconds))
-            found = measure(live, channel, seconds, progress)
-        except Cancelled as error:
-            say(f"{error}")
-            raise typer.Exit(INTERRUPTED) from None
+    with stop_signals() as stop, closing(live):
+        with progress_line() as report:
+            progress = Progress(report, stop.is_set)
+            try:
+                live.start(require=True)
+                _wait_for_samples(live, progress, max(START_S, seconds))
+                found = measure(live, channel, seconds, progress)
+            except Cancelled as error:
+                say(f"{error}")
+                raise typer.Exit(INTERRUPTED) from None
+        for one in found:  # before anything else can fail: the board uses it
+            print(*_lines(one), sep="\n", flush=True)
         refused = [one for one in found if not _is_measured(one)]
         kept = keep and not refused
         if kept:
             set_kept(live, kept=True)
-    for one in found:
-        print(*_lines(one), sep="\n")
     if len(refused) < len(found):
         print(_afterwards(kept=kept, wanted=keep))
     if refused:
