@@ -82,6 +82,7 @@ def test_what_is_no_answer_or_a_damaged_one_is_not_read():
         good.replace(hexed(12.3456), hexed(math.inf)).replace("1.234560e+01", "inf"),
         good.replace("bits=", "bits=0"),
         calibrated(r=0.0),
+        calibrated(counts="n=0 spikes=3 missing=0"),
         calibrated(q=-1.0),
         good + " " * 200,
         good + "x",
@@ -158,13 +159,27 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
     board.refuses = "the level moves"
     (refused,) = measure(source, "raw", 2.0, Progress())
     assert (refused.answer.reason, refused.here) == ("the level moves", None)
-    board.mute = True
-    with pytest.raises(BadDevice, match="answer was lost on the way"):
-        measure(source, "raw", 1.0, Progress())
-    board.mute = False
+    board.refuses = ""
+    for name, value, remark in (("excess", 10**8, ""), ("mute", ("light",), "# other calibrating rows=5")):
+        setattr(board, name, value)  # an answer of other samples; none, among remarks without end
+        begun, goes_on = _row(source), lambda *_, remark=remark: setattr(board, "remark", remark)
+        with pytest.raises(BadDevice, match="answer was lost on the way"):
+            measure(source, "raw", 1.0, Progress(goes_on, lambda begun=begun: _row(source) > begun + 9000))
+    assert len(source.send("?", 0.2)) > 1
+    board.excess, board.mute, board.remark = 0, (), ""
     with pytest.raises(Cancelled, match="the board keeps its values"):
         measure(source, "raw", 1000.0, Progress(cancelled=lambda: "c 1000" in board.asked))
     wait_until(lambda: board.asked[-1] == "c 0")
+    monkeypatch.setattr(measuring, "_CANCEL_S", 0.1)
+
+    def falls_deaf():
+        board.deaf = "c 1000" in board.asked[asked:]
+        return board.deaf
+
+    asked = len(board.asked)
+    with pytest.raises(Cancelled, match="the board did not confirm it: it may still use what it measures"):
+        measure(source, "raw", 1000.0, Progress(cancelled=falls_deaf))
+    board.deaf = False
     monkeypatch.setattr(measuring, "MAX_SILENCE_S", 0.3)
     for act, words in (
         (lambda: setattr(board, "halted", True), "the board has stopped: no sample came for 0.3 s"),
@@ -173,6 +188,17 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
     ):
         board.halted = False
         hindered(source, board, act, words)
+
+
+def test_a_cancelled_measurement_names_what_the_board_has_measured_already(connected):
+    board, source = connected(("light", "temp"))
+    board.mute = ("temp",)
+    with pytest.raises(Cancelled, match=r"but the board already uses what it measured of light$"):
+        measure(source, None, 1.0, Progress(cancelled=lambda: board.used["light"][1] != 20.0))
+
+
+def _row(source):
+    return source.snapshot().first + len(source.snapshot().recording)
 
 
 def hindered(source, board, act, words):
@@ -198,6 +224,7 @@ def test_the_words_name_both_figures_and_what_to_do():
     assert text.endswith(" °C here from the same samples: equal within 0.3 %.")
     assert "q = 1.000e-5 °C²; from 1\u202f997 samples, 1 spike left out, 2 missing." in found_text(answer, "°C")
     lost = Measurement("raw", replace(answer, r=np.float32(1.2 * here.r)), here, 40)
+    assert "same samples:" not in compared_text(lost, "")
     assert "they differ by 9.5 %. 40 samples of the board did not arrive here" in compared_text(lost, "")
     assert "did not all arrive here" in compared_text(Measurement("raw", answer, None, 2000), "")
     rounding = replace(answer, r=np.float32(1.0 / 12.0), step=np.float32(1.0))
@@ -208,6 +235,7 @@ def test_the_words_name_both_figures_and_what_to_do():
     assert text.startswith(
         "The board keeps its values: 31 of 2000 readings at an end of the range. The input is sat"
     )
+    assert text.endswith("more than 10 bits, write its range into KALSCOPE_READINGS of the sketch.")
     assert (
         refusal_text(NotCalibrated("light", "of reasons unknown"))
         == "The board keeps its values: of reasons unknown."

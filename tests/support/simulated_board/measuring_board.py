@@ -23,9 +23,12 @@ class MeasuringBoard:
 
     def __init__(self, names=("light",), *, rate=4000.0, period=0.005, knows=True, refuses="", sigma=3.0, seed=1):
         self.names, self.knows, self.refuses, self.sigma = names, knows, refuses, sigma
-        self.halted = self.mute = False
+        self.halted = self.deaf = False
+        self.mute: tuple[str, ...] = ()  # channels that never say what they measured
+        self.remark = ""  # said with every row
         self.asked: list[str] = []
-        self.kept = False
+        self.excess = 0  # samples that it claims on top
+        self.kept = self.worn = False
         self.used = {name: (np.float32(0.5), np.float32(20.0)) for name in names}
         self._rate, self._period, self._rng = rate, period, np.random.default_rng(seed)
         self._wire = PtyWire()
@@ -87,6 +90,8 @@ class MeasuringBoard:
         z = np.rint(512.0 + self.sigma * self._rng.normal(size=len(self.names)))
         self._rows += 1
         self._say(",".join(f"{one:.1f},{one:.1f}" for one in z))
+        if self.remark:
+            self._say(self.remark)
         for name, one in zip(self.names, z, strict=True):
             if name in self._size:
                 self._left[name].append(one)
@@ -95,7 +100,7 @@ class MeasuringBoard:
 
     def _measured(self, name: str) -> None:
         del self._size[name]
-        if self.mute:
+        if name in self.mute:
             return
         if self.refuses:
             self._say(f"# {name} not calibrated: {self.refuses}")
@@ -106,7 +111,7 @@ class MeasuringBoard:
         q = RATIO * r
         self.used[name] = q, r
         bits = ",".join(f"{one.view(np.uint32):08X}" for one in (r, q, np.float32(STEP)))
-        counts = f"n={found.samples} spikes={len(z) - found.samples} missing=0"
+        counts = f"n={found.samples + self.excess} spikes={len(z) - found.samples} missing=0"
         self._say(f"# {name} calibrated r={r:.6e} q={q:.6e} {counts} step={STEP:.6f} bits={bits}")
 
     def _obey(self) -> None:
@@ -114,13 +119,16 @@ class MeasuringBoard:
         while b"\n" in self._line:
             line, _, self._line = self._line.partition(b"\n")
             self.asked.append(line.decode())
-            self._do(line.decode().split())
+            if not self.deaf:
+                self._do(line.decode().split())
 
     def _do(self, words: list[str]) -> None:
         only = [self.names[int(words[0]) - 1]] if words[0].isdigit() else self.names
         what, *value = words[1:] if words[0].isdigit() else words
         if what in "ckf" and not self.knows:
             self._say("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?")
+        elif what == "k" and self.worn:
+            self._say("# not kept: the EEPROM does not hold what was written")
         elif what == "k":
             self.kept = True
             self._say(f"# kept {len(self.names)} channels")

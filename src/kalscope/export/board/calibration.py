@@ -199,7 +199,7 @@ def _calibrated(name: str, fields: list[str]) -> Calibrated | None:
     samples, spikes, missing = (_count(said.get(key, "")) for key in ("n", "spikes", "missing"))
     if r is None or q is None or step is None or samples is None or spikes is None or missing is None:
         return None
-    return Calibrated(name, r, q, step, samples, spikes, missing) if r > 0.0 else None
+    return Calibrated(name, r, q, step, samples, spikes, missing) if r > 0.0 and samples > 0 else None
 
 
 def _float32(printed: str, bits: str) -> np.float32 | None:

@@ -20,7 +20,8 @@ _ADVICE = (
     ("spikes in", "The level jumped, or the wiring picks up pulses: keep the sensor still and check its wires."),
     (
         "at an end of the range",
-        "The input is saturated: change its level or amplification until the readings lie inside.",
+        "The input is saturated: change its level or amplification until the readings lie inside. If the"
+        " converter has more than 10 bits, write its range into KALSCOPE_READINGS of the sketch.",
     ),
     (
         "nearly all readings are equal",
@@ -66,9 +67,10 @@ def compared_text(measured: Measurement, unit: str) -> str:
     ours = math.sqrt(here.r)
     share = abs(board / ours - 1.0)
     how = f"equal within {_rounded_up(share)}" if share <= EQUAL_WITHIN else f"they differ by {percent(share)}"
-    text = f"σ = {_value(board, unit)} on the board, {_value(ours, unit)} here from the same samples: {how}."
+    where = "here" if measured.lost else "here from the same samples"
+    text = f"σ = {_value(board, unit)} on the board, {_value(ours, unit)} {where}: {how}."
     if measured.lost:
-        text += f" {_samples(measured.lost)} of the board did not arrive here, so these are not quite the same."
+        text += f" {_samples(measured.lost)} of the board did not arrive here, so the two differ in their samples."
     return text
 
 

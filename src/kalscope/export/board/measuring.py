@@ -27,6 +27,7 @@ from kalscope.export.board.connected import board_filter, filtered_channels, val
 if TYPE_CHECKING:
     from kalscope.sources.live.command_channel import Remark
     from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.live.live_status import LiveStatus
 
 MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
 """Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
@@ -34,6 +35,8 @@ MAX_LATE_ROWS = 200
 """Samples after the end within which the answer must have come: those missing at the start make it later."""
 _ANSWER_S = 2.0
 """Seconds within which a board obeys."""
+_CANCEL_S = 1.0
+"""Seconds to wait for it to confirm that it has stopped: Ctrl+C ends a command within 2 s."""
 _TICK = 0.1
 """Seconds between two reports of the progress."""
 
@@ -42,6 +45,7 @@ CANNOT = (
     " (--calibration) and flash it"
 )
 """What an older sketch, or one that was exported without it, leads to."""
+_CANCELLED = "the measurement was cancelled"
 _STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
 
 
@@ -100,9 +104,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         try:
             return run.until_done(progress)
         except Cancelled:
-            with suppress(BadDevice):
-                source.send(calibration.cancel(number))
-            raise Cancelled("the measurement was cancelled: the board keeps its values") from None
+            raise Cancelled(run.cancel(number)) from None
 
 
 def set_kept(source: LiveSource, *, kept: bool) -> None:
@@ -143,11 +145,29 @@ class _Run:
         """Wait for the answers; the arguments and errors of `measure`."""
         while len(self._done) < len(self._channels):
             progress(self._fraction(), "the board measures")
-            with suppress(Empty):
-                self._take(self._heard.get(timeout=_TICK))
-                continue  # what has come already is read before anything is called too late
-            self._check()
+            status, rows = self._source.status(), self._row()
+            self._hear(_TICK)  # all that came until then is read before anything is called too late
+            if len(self._done) < len(self._channels):
+                self._check(status, rows)
         return tuple(self._done[name] for name in self._channels)
+
+    def cancel(self, number: int | None) -> str:
+        """Let the board end it; which values it uses then, in words."""
+        try:
+            self._source.send(calibration.cancel(number), _CANCEL_S)
+        except BadDevice:
+            return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
+        self._hear(0.0)
+        measured = [name for name, one in self._done.items() if isinstance(one.answer, Calibrated)]
+        if measured:
+            return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
+        return f"{_CANCELLED}: the board keeps its values"
+
+    def _hear(self, seconds: float) -> None:
+        """Take what has come, or the first that comes within some seconds; more may come for ever."""
+        with suppress(Empty):
+            for _ in range(max(self._heard.qsize(), 1)):
+                self._take(self._heard.get(timeout=seconds))
 
     def _take(self, remark: Remark) -> None:
         answer = calibration.read_answer(remark.text)
@@ -155,14 +175,16 @@ class _Run:
             raise BadDevice(CANNOT)
         if isinstance(answer, KeptAtStart) or self._is_header(remark.text):
             raise BadDevice(f"the board was reset while it measured. {_STARTS_WITH}")
-        if not isinstance(answer, Calibrating | Calibrated | NotCalibrated) or answer.name not in self._channels:
+        if not isinstance(answer, Calibrating | Calibrated | NotCalibrated):
+            return
+        if answer.name not in self._channels or answer.name in self._done:
             return
         channel = self._channels[answer.name]
         if isinstance(answer, Calibrating):
             self._begun[answer.name] = remark.row, answer
         elif isinstance(answer, NotCalibrated):
             self._done[answer.name] = Measurement(channel, answer)
-        elif answer.name in self._begun:
+        elif answer.name in self._begun and answer.rows <= self._begun[answer.name][1].rows:
             self._done[answer.name] = self._measured(channel, answer, remark)
 
     def _is_header(self, text: str) -> bool:
@@ -199,9 +221,9 @@ class _Run:
             return 0.0
         return min((self._row() - row) / max(answer.rows, 1) for row, answer in begun)
 
-    def _check(self) -> None:
-        """Refuse to wait any longer where no answer can come."""
-        status, rows, now = self._source.status(), self._row(), time.monotonic()
+    def _check(self, status: LiveStatus, rows: int) -> None:
+        """Refuse to wait any longer where no answer can come; `rows` have come."""
+        now = time.monotonic()
         if status.word == "closed":
             raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
         if status.word != "connected" or status.reconnects != self._reconnects:

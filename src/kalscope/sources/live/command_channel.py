@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -98,11 +99,12 @@ class CommandChannel:
                 self._replied.notify_all()
 
     def _reply(self, timeout: float) -> tuple[str, ...]:
+        end = time.monotonic() + timeout
         with self._replied:
             if not self._replied.wait_for(lambda: bool(self._replies), timeout):
                 raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
             known = 0
-            while len(self._replies) > known:
+            while len(self._replies) > known and time.monotonic() < end:  # a board may say more without end
                 known = len(self._replies)
                 self._replied.wait(_REPLY_PAUSE)
             return tuple(self._replies)

@@ -47,6 +47,7 @@ const uint8_t CHANNELS = sizeof(PINS);
 ${unit_check}float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
 @calibration 
 @calibration // What is known of these readings: their step (0: not known), lowest and highest (-INFINITY, INFINITY: not known).
+@calibration // The highest is 1023 on an Uno, 4095 where the converter has 12 bits.
 @calibration const KalscopeReadings KALSCOPE_READINGS = {$readings};
 
 ${print_float}${commands}${calibrate}unsigned long due_us;    // when the next sample must be taken
