@@ -70,8 +70,8 @@ def pytest_collection_finish() -> None:
 def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
     """The items in the equal shares that xdist gives its workers, each with as much work of long tests first.
 
-    The long tests of a file stay together, because they may share a program, and those with a browser or the program
-    on half of the workers, each of which starts one of its own. The short ones, of which a worker that is done takes
+    The long tests of a file stay together, because they may share a program. Those with a browser or the program
+    stay on half of the workers: each of these starts its own. The short ones, of which a worker that is done takes
     from the others, keep all of them busy to the end.
     """
     files, short = defaultdict[Path, list[pytest.Item]](list), list[pytest.Item]()
