@@ -38,9 +38,11 @@ def wait_for_samples(screen, count):
     )
 
 
-def test_the_chart_moves_and_shows_every_count_that_the_converter_had(open_live, start_board, workshop):
-    fast = (r"(?<=SAMPLES_PER_SECOND = )200", "300")
-    board = start_board(workshop.sketch(STREAM, fast), np.arange(1024))
+def test_the_chart_shows_every_count_of_the_converter_and_a_board_that_goes_and_comes_back_is_waited_for(
+    open_live, start_board, workshop
+):
+    sketch = workshop.sketch(STREAM, (r"(?<=SAMPLES_PER_SECOND = )200", "300"))
+    board = start_board(sketch, np.arange(1024))
     screen = open_live(board.port)
     screen.choose("shows the last", "5 s")
     wait_for_samples(screen, 100)
@@ -72,15 +74,10 @@ def test_the_chart_moves_and_shows_every_count_that_the_converter_had(open_live,
     screen.wait(f"(newest) => ({FIND})('raw').data[1].at(-1) !== newest", raw[-1])
     screen.shot("live")
 
-
-def test_a_board_that_goes_and_comes_back_is_waited_for(open_live, start_board, stream_sketch):
-    board = start_board(stream_sketch, np.arange(1024))
-    screen = open_live(board.port)
-    wait_for_samples(screen, 100)
     board.unplug()
     screen.page.get_by_text("disconnected, waiting").first.wait_for()
     screen.shot("live-unplugged")
-    start_board(stream_sketch, np.arange(1024))
+    start_board(sketch, np.arange(1024))
     screen.page.get_by_text("connected", exact=True).first.wait_for()
     screen.tab("Source")
     screen.page.get_by_text("reconnects: 1").wait_for()
