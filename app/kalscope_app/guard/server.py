@@ -37,9 +37,6 @@ _construction = threading.Lock()
 MAX_UPLOAD_BYTES = 64 * 2**20
 """Size of the unfinished uploads of one client, unless told otherwise. Larger files are opened by path."""
 
-MAX_CALLBACKS_S = 0.2
-"""Longest wait for the callbacks of widgets at the end, s."""
-
 MAX_FRAME_BYTES = 2**20
 """The largest message of a client. viser cuts uploads into parts of 512 KiB; all else is far smaller."""
 
@@ -216,17 +213,8 @@ def _set(event: asyncio.Event, server: viser.ViserServer) -> None:
 
 
 def _stop(server: viser.ViserServer) -> None:
-    _finish_callbacks(server)
     with _construction, _without_viser_output():
         server.stop()
-
-
-def _finish_callbacks(server: viser.ViserServer) -> None:
-    """Let the loop begin what was asked of it, callbacks of values that were just set; one that hangs is left."""
-    loop, done = server.get_event_loop(), threading.Event()
-    with contextlib.suppress(RuntimeError):  # the server has stopped
-        loop.call_soon_threadsafe(loop.call_soon, done.set)  # after what was asked before, and what that begins
-        done.wait(MAX_CALLBACKS_S)
 
 
 @contextlib.contextmanager

@@ -412,17 +412,3 @@ def test_a_viser_without_a_known_private_name_is_stopped(monkeypatch):
     monkeypatch.setattr(viser.GuiApi, "__init__", forget)
     with pytest.raises(GuardFailed, match="_current_file_upload_states"):
         guarded_server(port=0)
-
-
-def test_a_value_that_is_set_as_the_server_stops_is_handled():
-    seen = []
-
-    async def handle(event):
-        seen.append(event.target.value)
-
-    with guarded_server(port=0) as running:
-        box = running.server.gui.add_number("x", 0)
-        box.on_update(handle)
-        for value in range(1, 50):
-            box.value = value
-    assert len(seen) == 49
