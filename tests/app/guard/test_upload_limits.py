@@ -10,6 +10,7 @@ import msgspec
 import pytest
 import viser
 import wire
+from each import each
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
@@ -119,7 +120,7 @@ def test_a_value_is_taken(bench, scope):
 
 
 @SCOPES
-@pytest.mark.parametrize("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
+@each("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
 def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
     state = bench.texts[scope]._impl
     bench.update(scope, **{attribute: "hostile"})
@@ -136,7 +137,7 @@ def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
 
 
 @SCOPES
-@pytest.mark.parametrize(
+@each(
     "value",
     [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (MAX_TEXT + 1)],
     ids=lambda value: repr(value)[:12],
