@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,14 @@ import pytest
 from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import Difference
+from kalscope.filtering.classic.chain import Chain
 from kalscope.papers.generalized.filter import GeneralizedParams
 from kalscope_app.session.changes.parameters import use_paper_filter
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.spectra import compute_allan, compute_spectra, log_binned
-from kalscope_app.views.charts.alternatives import ALL, COLOURS, NAMES, against, text_of
+from kalscope_app.views.charts.alternatives import ALL, COLOURS, NAMES, about_kalman, against, text_of, verdict_of
 from kalscope_app.views.charts.spectra import cutoff_words, floored, log_axes
 from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_scale
 
@@ -108,6 +110,22 @@ def test_with_momentum_the_table_has_the_overshoot_of_each_filter():
     assert by["2nd-order Butterworth"].endswith(" %")
     assert by["Smoother (offline bound)"] == "–"
     assert "overshoot" not in text_of(AlternativesStudy().compute(state_of())).splitlines()[0]
+
+
+def test_while_a_chain_runs_every_sentence_names_the_kalman_filter():
+    chained = {"chain": Chain(3)}
+    cases = {
+        "The Kalman filter overshoots a step by": state_of().with_tuning(momentum=20.0, **chained),
+        "Its outlier gate rejected": state_of().with_tuning(gate=4.0, **chained),
+        "the errors of the Kalman filter follow each other": state_of(300).with_tuning(**chained),
+        "The Kalman filter passes the signal unchanged": state_of(300).with_tuning(r=1e-30, **chained),
+        "The lag of the Kalman filter, ": state_of(100).with_tuning(q=1e-9, **chained),
+    }
+    for words, state in cases.items():
+        compared = AlternativesStudy().compute(state)
+        text = f"{verdict_of(compared)} {about_kalman(text_of(compared))}"
+        assert words in text
+        assert not re.search(r"\b(yours?|this filter|current filter)\b", text, re.IGNORECASE)
 
 
 @pytest.mark.parametrize(

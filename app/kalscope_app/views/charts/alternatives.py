@@ -146,7 +146,8 @@ def about_kalman(text: str) -> str:
     """The comparison with the filter on screen, while that is no longer the one that runs."""
     return (
         text.replace("your filter", "the Kalman filter")
-        .replace("Your", "Its")
+        .replace("Your filter", "The Kalman filter")
+        .replace("Your outlier gate", "Its outlier gate")
         .replace("with yours", "with Kalman")
         .replace(" (present)", "")
     )

@@ -148,7 +148,7 @@ def _no_verdict(lag: float, samples: int) -> str:
     needed = MIN_BLOCKS * block_of(lag)
     if samples < needed:
         return (
-            "The stretch is too short for a verdict: the errors of this filter follow each other for about "
+            "The stretch is too short for a verdict: the errors of your filter follow each other for about "
             f"{number(lag)} samples, so {count(needed)} are needed, {MIN_BLOCKS} blocks of {count(block_of(lag))}, "
             f"and {count(samples)} were judged. Record longer, or compare a faster filter."
         )
@@ -207,10 +207,10 @@ def refusal(z: Array, lag: float, gain: float) -> str | None:
     if math.isinf(lag):
         return "With q = 0 the filter never settles, so it has no lag to match. Set q above 0."
     if gain >= 1.0 - 1e-9:
-        return "The current filter passes the signal unchanged (gain 1), so nothing can be simpler."
+        return "Your filter passes the signal unchanged (gain 1), so nothing can be simpler."
     if lag > 0.25 * len(z):
         return (
-            f"The lag of the current filter, {number(lag)} samples, is more than a quarter of the {len(z)} samples"
+            f"The lag of your filter, {number(lag)} samples, is more than a quarter of the {len(z)} samples"
             ": too long to compare. Record longer, or set q higher."
         )
     return None
