@@ -104,6 +104,7 @@ def test_a_sketch_that_measures_is_for_filters_with_an_r_on_an_arduino():
     assert measuring["KalscopeFilter.h"] == plain["KalscopeFilter.h"]
     assert "calibrat" not in "".join(plain.values()).lower()
     assert "const float KALSCOPE_RATIO_LIGHT = 0.00249999994f;" in measuring["KalscopeCalibration.h"]
+    assert "p VALUE (or inf), c SECONDS, k, f, or ?" in measuring["kalscope_filter.ino"]
     exact = Tuning((ChannelTuning("light", "", 0.01, 0.0, 1.0),))
     six = Tuning(tuple(ChannelTuning(f"c{i}", "", 0.1, 1.0, momentum=5.0) for i in range(6)))
     behind = Tuning((ChannelTuning("light", "", 0.01, 4.0, chain=Chain(5)),))

@@ -165,6 +165,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     pins = [f"A{i}" for i in range(n)]
     period_us, said = _period(job)
     letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
+    more = "c SECONDS, k, f, " if calibration else ""
     ratio_names = ", ".join(map(_ratio_name, names))
     commands = "commands" if job.has_kalman else "no_commands"
     return fill_template(
@@ -177,7 +178,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         period_words=said,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
-        commands=fill_template(f"arduino/{commands}.ino", marks, letters=letters),
+        commands=fill_template(f"arduino/{commands}.ino", marks, letters=letters, more=more),
         calibrate=fill_template("arduino/calibrate.ino", marks, ratio_names=ratio_names) if calibration else "",
         readings="0, -INFINITY, INFINITY" if not_in_counts(job.channels) else "1, 0, 1023",
         names=", ".join(f'"{name}"' for name in names),

@@ -104,10 +104,10 @@ void obey(char *line) {
     done = change(filters[i], what, value);
     if (done) answer(i);
   }
-@plain   if (!done) Serial.println(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?"));
+@plain   if (!done) Serial.println(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), ${more}or ?"));
 @momentum   if (!done) {
 @momentum     Serial.print(F("# not understood; q VALUE, r VALUE (0 or more, not both 0), t VALUE (0, or 0.001 to 100000), "));
-@momentum     Serial.println(F("p VALUE (or inf), or ?"));
+@momentum     Serial.println(F("p VALUE (or inf), ${more}or ?"));
 @momentum   }
 }
 
