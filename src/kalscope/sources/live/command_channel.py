@@ -16,7 +16,8 @@ MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
 _REPLY_PAUSE = 0.05
 """Seconds without another line with # after which a reply is complete."""
-
+_MAX_REPLY_S = 0.5
+"""Seconds after which it is taken as complete anyway: a board may say something without end."""
 _MAX_REMARKS = 1000
 """Remarks that wait for a listener; what comes on top is left out."""
 
@@ -99,12 +100,11 @@ class CommandChannel:
                 self._replied.notify_all()
 
     def _reply(self, timeout: float) -> tuple[str, ...]:
-        end = time.monotonic() + timeout
         with self._replied:
             if not self._replied.wait_for(lambda: bool(self._replies), timeout):
                 raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
-            known = 0
-            while len(self._replies) > known and time.monotonic() < end:  # a board may say more without end
+            known, end = 0, time.monotonic() + _MAX_REPLY_S
+            while len(self._replies) > known and time.monotonic() < end:
                 known = len(self._replies)
                 self._replied.wait(_REPLY_PAUSE)
             return tuple(self._replies)
