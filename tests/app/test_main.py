@@ -88,7 +88,7 @@ def test_a_busy_port_is_refused_in_one_line(capsys):
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
     (tmp_path / "one.csv").write_text("z\n5\n")
-    with running(tmp_path, source="one.csv", fresh=True) as (program, url):
+    with running(tmp_path, source="one.csv", fresh=stop == "SIGINT") as (program, url):
         port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", url)[1])
         with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
             pass
@@ -100,7 +100,7 @@ def test_without_a_command_the_demo_opens(tmp_path):
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", 8080)) == 0:
             pytest.skip("another program listens on port 8080")
-    with start(tmp_path, source=None, env={"BROWSER": "true"}, fresh=True) as program:
+    with start(tmp_path, source=None, env={"BROWSER": "true"}) as program:
         assert link_of(program).startswith("http://127.0.0.1:8080/?token=")
         assert end(program)[0] == 0
 

@@ -198,7 +198,7 @@ open_command.first_state = lambda *_: (print("reading", flush=True), time.sleep(
 @posix
 @pytest.mark.parametrize(("by", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
 def test_a_file_that_takes_long_to_open_can_be_given_up(tmp_path, by, expected):
-    with start(tmp_path, "--no-browser", change=READING, fresh=True) as program:
+    with start(tmp_path, "--no-browser", change=READING, fresh=by == signal.SIGINT) as program:
         assert next_line(program) == "reading\n"
         assert end(program, by)[0] == expected
 
