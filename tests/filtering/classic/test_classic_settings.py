@@ -50,7 +50,7 @@ def noise(n=20_000):
         (lambda: OneEuro(1.0, 1.0, 0.0), "speed_cutoff must be a number from 1e-12 to 1e+09 cycles per sample"),
         (lambda: OneEuro(1.0, 10**400, 1.0), "beta must be a number from 0 to 1e+300 (got 1000"),
         (lambda: Chain(2), "median must be an odd number of samples, such as 3 (got 2)"),
-        (Chain, "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
+        (Chain, "a chain must have a median of at least 3 samples, or a filter in place of Kalman's (got neither)"),
         (lambda: Chain(3, "one-euro"), "then must be a classic filter, or None for the Kalman filter (got"),
     ],
 )  # fmt: skip
