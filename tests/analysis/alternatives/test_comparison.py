@@ -11,6 +11,7 @@ from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_
 from kalscope.analysis.alternatives import filters
 from kalscope.analysis.alternatives.candidates import at_lag, at_noise
 from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, stretch_of
+from kalscope.analysis.alternatives.error_measures import spikes_in
 from kalscope.analysis.alternatives.rows import is_matched
 from kalscope.analysis.alternatives.verdict import difference, verdict
 from kalscope.filtering.classic.bench import Bench, bench_of
@@ -174,6 +175,48 @@ def test_on_rare_spikes_the_median_wins_and_the_verdict_says_so():
     assert one.rmse < 0.7 * found.present.rmse
     assert " With a median of 5 before your filter its error against the truth is 9" in found.verdict
     assert found.verdict.endswith("for 2 samples more lag.")
+
+
+def test_spikes_that_none_can_predict_do_not_hide_what_a_median_does():
+    n = 3000
+    truth = 100.0 + 20.0 * np.sin(np.arange(n) / 150)
+    z = truth + RNG.normal(size=n)
+    z[np.arange(7, n, 33)] = 400.0
+    params = FilterParams(q=ratio_for(lag_samples=4.0), r=1.0)
+    blind, known = compare_alternatives(z, params), compare_alternatives(z, params, truth=truth)
+    assert "spikes that none could predict" in blind.note
+    assert "spike" not in known.note
+    medians = [next(one for one in found.others if one.name == "Median, then Kalman") for found in (blind, known)]
+    assert medians[0].prediction == pytest.approx(math.hypot(1.0, medians[1].rmse), rel=0.05)
+    assert medians[0].against.high < 0.1
+    for one, same in zip(blind.others, known.others, strict=True):  # both judge every filter alike
+        if one.against is not None and one.against.real:
+            assert one.against.better == same.against.better, one.name
+
+
+def test_steps_ramps_and_plain_noise_are_no_spikes():
+    noise = RNG.normal(size=5000)
+    steps = 50.0 * (np.arange(5000) // 100 % 2)
+    assert not spikes_in(noise).any()
+    assert not spikes_in(noise + steps).any()
+    assert not spikes_in(noise + 3.0 * np.arange(5000)).any()
+    coarse = np.round(0.3 * noise)
+    assert not spikes_in(coarse).any()
+    coarse[20] = 9.0
+    assert np.flatnonzero(spikes_in(coarse)).tolist() == [20]
+    assert spikes_in(np.full(4, np.nan)).tolist() == [False] * 4
+
+
+def test_a_row_keeps_its_lag_and_noise_once_it_is_the_channels_filter():
+    z = np.cumsum(0.3 * RNG.normal(size=4000)) + RNG.normal(size=4000)
+    z[RNG.random(4000) < 0.02] += 60.0
+    params = FilterParams(q=0.02, r=1.0)
+    for row in compare_alternatives(z, params).others:
+        if row.chain is not None:
+            own = ChainFilter(row.chain, params)
+            settled = own.settled(own.run(z))
+            assert settled.lag_samples == pytest.approx(row.lag_samples, rel=0.03, abs=0.02), row.name
+            assert settled.noise_reduction_db == pytest.approx(row.noise_reduction_db, abs=0.2), row.name
 
 
 def test_a_median_that_only_slows_a_filter_that_is_too_quick_has_no_row():

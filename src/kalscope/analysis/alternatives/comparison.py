@@ -118,7 +118,7 @@ def compare_alternatives(
         others=(*others, *(one.row for one in medians), smoother_row(stretch)),
         verdict=_verdict(others, stretch, match) + "".join(one.words for one in medians),
         identity=identity_words(piece, result, params, settled(piece, params)),
-        note=_note(first, last, len(samples), errors.judged, true),
+        note=_note(first, last, len(samples), errors.judged, true, errors.spikes),
     )
 
 
@@ -174,12 +174,13 @@ def _begun(z: Array, causal: list[Candidate]) -> int:
     return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
 
 
-def _note(first: int, last: int, n: int, judged: int, truth: Array | None) -> str:
+def _note(first: int, last: int, n: int, judged: int, truth: Array | None, spikes: int = 0) -> str:
     stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
     by = (
         "how well each predicts the next sample, which none has used"
         if truth is None
         else "the difference from the known truth"
     )
-    later = f" Errors: {by}, over the last {judged} samples, once all have started." if judged else ""
+    without = f", without {plural(spikes, 'spike')} that none could predict" if spikes else ""
+    later = f" Errors: {by}, over the last {judged} samples, once all have started{without}." if judged else ""
     return f"Compared on {stretch}.{later}"

@@ -74,9 +74,9 @@ class ChainFilter:
         """Lag, noise reduction and settling once the start is forgotten.
 
         By formula for a linear filter alone. Lag and noise of a chain with a median or a one-euro filter are
-        measured with the noise and the speed of this run; a one-euro filter settles as it does at speed 0. The gain
-        and the overshoot are those of the last filter; NaN stands for what a filter has not: a gain, a cut-off, a
-        variance.
+        measured with the noise of this run, and with the speed of what the Kalman filter of `params` makes of it,
+        whatever the chain; a one-euro filter settles as it does at speed 0. The gain and the overshoot are those of
+        the last filter; NaN stands for what a filter has not: a gain, a cut-off, a variance.
 
         Args:
             result: a run of this chain over one channel.
@@ -86,8 +86,8 @@ class ChainFilter:
             BadSetting: the sample period is not a positive finite number.
         """
         period = None if sample_period is None else above_zero("sample_period", sample_period)
-        record = result.innovation + self._predicted(result), result.x
-        return at_period(chain_response(self.chain, self.params, record), period)
+        z = result.innovation + self._predicted(result)
+        return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)
 
     def _predicted(self, result: FilterResult) -> Array:
         """What the innovations of a run are counted from, shape (n,); NaN at its first sample."""

@@ -76,7 +76,8 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
     Args:
         chain: The filters.
         params: Parameters of the Kalman filter, scalars.
-        record: (z, x): the samples and the output, shape (n,) each; their noise and speed are those of the bench.
+        record: (z, x): the samples, whose noise the bench has, and a filtered curve of them, whose speed it has,
+            shape (n,) each.
     """
     then, late = chain.then, 0.5 * (chain.median - 1)
     last = last_response(then, params)
