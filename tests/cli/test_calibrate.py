@@ -20,6 +20,7 @@ def board():
         yield board
 
 
+@pytest.mark.slow
 def test_it_prints_both_figures_of_each_channel_and_keeps_them_where_that_was_asked_for(board, capsys):
     assert run(["calibrate", board.port, "--seconds", "2"]) == 0
     said = capsys.readouterr().out
@@ -35,6 +36,7 @@ def test_it_prints_both_figures_of_each_channel_and_keeps_them_where_that_was_as
     assert board.kept
 
 
+@pytest.mark.slow
 def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board, capsys, monkeypatch):
     board.refuses = "the level moves"
     assert run(["calibrate", board.port, "--seconds", "1", "--keep"]) == 1

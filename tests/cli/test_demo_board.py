@@ -142,6 +142,7 @@ def test_what_is_sent_to_the_board_is_answered_with_a_hash():
     assert b"# heard q0.01\r\n# heard r2\r\n" in wire.sent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [PtyWire, lambda: SocketWire(0)], ids=["pty", "socket"])
 def test_a_live_source_reads_the_board_over_either_wire(make, tmp_path):
     wire, now = make(), [0.0]

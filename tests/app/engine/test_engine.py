@@ -142,6 +142,7 @@ def test_every_part_of_the_screen_shows_the_last_value(running):
     screen.wait(lambda: all(serials and serials[-1] == last for serials in screen.drawn.values()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
     screen, stopping = Screen(delay), threading.Event()

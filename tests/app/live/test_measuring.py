@@ -134,6 +134,7 @@ def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
     assert [line for line in desk.board.asked if line != "?"] == ["c 4", "k", "f"]
 
 
+@pytest.mark.slow
 def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
     button = "Let the board measure r"
 

@@ -291,6 +291,7 @@ def test_the_engine_draws_what_comes_without_being_asked(board):
         engine.stop()
 
 
+@pytest.mark.slow
 def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monkeypatch):
     for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("SILENT_INTERVAL", 0.01)):
         monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)

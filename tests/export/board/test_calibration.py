@@ -144,6 +144,7 @@ def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(conne
     assert told[-1] <= 1.0
 
 
+@pytest.mark.slow
 def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
     board, source = connected()
     board.knows = False
