@@ -149,6 +149,7 @@ def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, boa
     assert not session.connection().connected
 
 
+@pytest.mark.slow
 def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, board, tmp_path, monkeypatch):
     monkeypatch.setattr(board.source, "status", lambda: SimpleNamespace(recording=None))
     session = Session(opened_live(board.id, "x"), connection)

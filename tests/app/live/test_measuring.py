@@ -103,6 +103,7 @@ def desk():
         desk.close()
 
 
+@pytest.mark.slow
 def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
     desk.session.request(set_paused(True))  # the screen stands still, the samples go on
     desk.measure("4")

@@ -265,6 +265,7 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     assert frame_of(set_board_channel(None)(state)).board is None
 
 
+@pytest.mark.slow
 def test_the_engine_draws_what_comes_without_being_asked(board):
     frames, news = [], threading.Condition()
 

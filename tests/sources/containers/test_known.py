@@ -43,6 +43,7 @@ def test_a_container_is_known_by_its_content_also_when_packed(container, tmp_pat
     assert recording.report.rows == recording.report.lines - recording.report.headers == len(recording)
 
 
+@pytest.mark.slow
 def test_a_container_is_cancelled_and_reports_its_progress(container):
     with pytest.raises(Cancelled):
         read_recording(container, cancelled=lambda: True)

@@ -70,6 +70,7 @@ def test_the_seasons_of_the_uk_drivers_make_the_methods_disagree(drivers):
     assert said in comparison(drivers)
 
 
+@pytest.mark.slow
 def test_a_long_record_is_simulated_shorter_and_still_contradicts():
     z = np.sin(np.arange(50_000) / 40) * 5 + np.random.default_rng(0).normal(size=50_000)
     assert opinions(z)["allan"].agreement < 0.01
