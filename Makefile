@@ -4,12 +4,14 @@ BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 
 # Packages of the system that tests need, and how to tell that they are there.
 SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev \
-  gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf
+  gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf \
+  gcc-xtensa-lx106 picolibc-xtensa-lx106-elf
 HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v google-chrome) >/dev/null 2>&1 \
   && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1 \
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h && command -v arm-none-eabi-gcc >/dev/null 2>&1 \
-  && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1
+  && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1 \
+  && test -e /usr/lib/xtensa-lx106-elf/picolibc.specs
 
 .PHONY: run test test-fast check docs packages release format bench soak system can-test clean
 

@@ -93,6 +93,7 @@ PROCESSORS = (
     Processor(
         "RISC-V", "riscv64-unknown-elf", ("-march=rv32imc", "-mabi=ilp32", "--specs=picolibc.specs"), machine=""
     ),
+    Processor("Xtensa", "xtensa-lx106-elf", ("--specs=/usr/lib/xtensa-lx106-elf/picolibc.specs",)),
 )
-"""RP2040, STM32, ESP32-C3. What is compiled for a Cortex-M0+ runs in QEMU on a Cortex-M3, which has all its
-instructions."""
+"""RP2040, STM32, ESP32-C3, ESP8266. What is compiled for a Cortex-M0+ runs in QEMU on a Cortex-M3, which has all
+its instructions."""
