@@ -8,6 +8,7 @@ import shlex
 import numpy as np
 import pytest
 from screen import FIND
+from waiting import wait_until
 
 from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
 from kalscope_app.studies.channels_overview import HALF_LANE
@@ -89,7 +90,9 @@ def test_the_line_on_screen_reopens_what_is_on_screen_and_channels_are_tuned_tog
     expected = filtered(axes[:, 1], q=0.03, p0=2)
     screen.wait_for_line("filtered", expected)
     screen.tab("Export")
-    line = screen.page.locator("textarea").first.input_value()
+    shown = screen.page.locator("textarea").first
+    wait_until(lambda: "--p0 2" in shown.input_value(), "the line on screen")  # it follows the chart
+    line = shown.input_value()
     screen.shot("share")
     again = start(*shlex.split(line)[2:], own=True)
     again.wait_for_line("filtered", expected)
