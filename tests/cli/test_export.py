@@ -271,7 +271,7 @@ def test_a_kill_leaves_whole_files(tmp_path):
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
             assert child.stdout.readline() == "ready\n"
             if turn == 3:
-                wait_until((tmp_path / "2.txt").exists, "all three files")
+                wait_until(lambda: len([*tmp_path.glob("[012].txt")]) == 3, "all three files")
             time.sleep(0.02 + rng.random() * 0.1)
             child.send_signal(signal.SIGKILL)
         for path in tmp_path.glob("*.txt"):
