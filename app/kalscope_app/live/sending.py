@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kalscope.errors import BadSetting
+from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.commands import BoardAnswer, FixedFilter, commands
 from kalscope.export.board.connected import board_filter, values_in_use
@@ -36,6 +36,8 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     names = state.recording.names
     said = values_in_use(source)
     its = board_filter(names, state.channel, len(said))
+    if (its.number or 1) > len(said):
+        raise BadDevice(f"the board answered for {len(said)} of its channels only: send once more")
     used = _used(said[(its.number or 1) - 1], wanted.median)
     *values, restart = commands(wanted, its.number, knows_momentum=used.momentum is not None)
     for line in values:

@@ -14,9 +14,9 @@ from kalscope.sources.lines.line_reader import LineEvent
 
 MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
-_REPLY_PAUSE = 0.05
+_REPLY_PAUSE = 0.25
 """Seconds without another line with # after which a reply is complete."""
-_MAX_REPLY_S = 0.5
+_MAX_REPLY_S = 1.0
 """Seconds after which it is taken as complete anyway: a board may say something without end."""
 _MAX_REMARKS = 1000
 """Remarks that wait for a listener; what comes on top is left out."""
