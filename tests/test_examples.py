@@ -36,7 +36,7 @@ def test_the_momentum_page_shows_what_its_example_prints(tmp_path):
     with Forked(script, tmp_path, os.environ) as program:
         printed, complaint = program.communicate(PATIENCE)
     assert program.returncode == 0, complaint
-    page = (ROOT / "docs" / "momentum.md").read_text("utf-8").splitlines()
+    page = (ROOT / "docs" / "theory" / "momentum.md").read_text("utf-8").splitlines()
     shown = [re.findall(r"\d+(?:\.\d+)?", line) for line in page if line[:1] == "|"]
     rows = [line.split() for line in printed.splitlines() if " ms" in line]
     assert len(rows) == 11

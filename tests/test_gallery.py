@@ -31,6 +31,17 @@ def test_the_page_of_a_sensor_shows_a_filter_that_helps(page, with_answers):
     assert filtered < 0.7 * raw
 
 
+@pytest.mark.slow
+def test_the_formulas_of_the_theory_are_those_of_the_code(with_answers):
+    """Its programs compare each with the code."""
+    page = (DOCS / "theory" / "index.md").read_text(encoding="utf-8")
+    assert page.count("```python run") >= 6
+    shown = with_answers(page)
+    assert "λ = 0.0973 (0.0137 to 0.557)  ℓ = -632.5456" in shown
+    with pytest.raises(AssertionError):
+        with_answers(page.replace("K / (2 - K)", "K / (1 - K)"))
+
+
 def test_a_command_that_fails_fails_the_page(with_answers):
     with pytest.raises(RuntimeError, match="--lag-ms must be"):
         with_answers("```sh run\nkalscope tune demo --lag-ms -1\n```\n")

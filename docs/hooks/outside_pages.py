@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import posixpath
 import re
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mkdocs.structure.files import File, Files
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 OUTSIDE = {
-    "CHANGELOG.md": "changelog.md",
-    "CONTRIBUTING.md": "contributing.md",
-    "SECURITY.md": "security-policy.md",
+    "CHANGELOG.md": "project/changelog.md",
+    "CONTRIBUTING.md": "project/contributing.md",
+    "SECURITY.md": "project/security-policy.md",
 }
-"""Pages outside of docs, and their names on the site."""
+"""Pages outside of docs, and their places on the site."""
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 """The file that a link names, without its anchor."""
 
@@ -32,7 +32,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are kept outside of docs."""
     for source, page in OUTSIDE.items():
         text = (ROOT / source).read_text(encoding="utf-8")
-        files.append(File.generated(config, page, content=_on_site(text, PurePosixPath(), config)))
+        files.append(File.generated(config, page, content=_on_site(text, source, page, config)))
     return files
 
 
@@ -40,26 +40,23 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Lead links that leave docs to the page or the repository."""
     if page.file.generated_by:
         return markdown
-    return _on_site(markdown, PurePosixPath("docs", page.file.src_uri).parent, config)
+    return _on_site(markdown, f"docs/{page.file.src_uri}", page.file.src_uri, config)
 
 
-def _on_site(text: str, folder: PurePosixPath, config: MkDocsConfig) -> str:
-    """The text with the links of a page in `folder` of the repository as the site has them.
+def _on_site(text: str, source: str, page: str, config: MkDocsConfig) -> str:
+    """The text of a file of the repository, with the links that it needs as a page of the site.
 
     Raises:
         FileNotFoundError: A link leads to no file: a wrong link to the repository would break only there.
     """
 
     def link(found: re.Match[str]) -> str:
-        target = PurePosixPath(posixpath.normpath(folder / found[1]))
-        if target.parts[:1] == ("docs",) and folder.parts[:1] == ("docs",):
-            return found[1]
-        if target.parts[:1] == ("docs",):
-            return str(target.relative_to("docs"))
-        if str(target) in OUTSIDE:
-            return "../" * (len(folder.parts) - 1) + OUTSIDE[str(target)]
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), found[1]))
         if not (ROOT / target).exists():
-            raise FileNotFoundError(f"link to {found[1]} in {folder} leads to no file")
-        return f"{config.repo_url}/blob/main/{target}"
+            raise FileNotFoundError(f"link to {found[1]} in {source} leads to no file")
+        on_site = target.removeprefix("docs/") if target.startswith("docs/") else OUTSIDE.get(target)
+        if on_site is None:
+            return f"{config.extra['repository']}/blob/main/{target}"
+        return posixpath.relpath(on_site, posixpath.dirname(page))
 
     return LINK.sub(link, text)

@@ -1,18 +1,23 @@
 """Commands on pages of the site, run while it is built: their answers and pictures are those of this version.
 
-A block that begins with ```sh run holds commands of kalscope; the site shows what they print below it. A line
-![…](tuning.toml) draws the recording of that tuning file: raw, filtered and, where it is known, the truth. The
-commands of a page share an empty folder.
+A block that begins with ```sh run holds commands of kalscope, one that begins with ```python run a program; the
+site shows below it what it prints. A command that ends with & runs beside the others until the page is done, and
+the next one waits for its first line. A line ![…](tuning.toml) draws the recording of that tuning file: raw,
+filtered and, where it is known, the truth. The blocks of a page share an empty folder, its programs their names.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import shlex
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +27,13 @@ from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.common.text import number
 
-BLOCK = re.compile(r"^```sh run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(sh|python) run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(r"^!\[([^\]]*)\]\((\w+\.toml)\)$", re.MULTILINE)
+SPEED = re.compile(r" in [^,\n]+, [^,\n]+ rows/s[^\n]*")
+"""What depends on the machine that builds the site."""
+PROGRAM = (sys.executable, "-m", "kalscope.cli")
+APART = ("fleet",)
+"""Commands with workers of their own, which would begin as this process did, by building the site."""
 DRAWN = 500
 """Samples of a picture."""
 
@@ -39,23 +49,65 @@ def with_answers(markdown: str) -> str:
     Raises:
         RuntimeError: A command has failed.
     """
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        page = BLOCK.sub(lambda block: f"```sh\n{block[1]}```\n\n```text\n{answers(block[1])}```", markdown)
+    names: dict[str, Any] = {}
+    with contextlib.ExitStack() as beside:
+
+        def answered(block: re.Match[str]) -> str:
+            language, text = block[1], block[2]
+            printed = answers(text, beside) if language == "sh" else program(text, names)
+            return f"```{language}\n{text}```\n\n```text\n{printed}```" if printed else f"```{language}\n{text}```"
+
+        beside.enter_context(contextlib.chdir(beside.enter_context(tempfile.TemporaryDirectory())))
+        page = BLOCK.sub(answered, markdown)
         return PICTURE.sub(lambda found: picture(Path(found[2]), found[1]), page)
 
 
-def answers(block: str) -> str:
+def program(text: str, names: dict[str, Any]) -> str:
+    """What a Python program prints; `names` are those of the programs before it on the page."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(compile(text, "page", "exec"), names)
+    return out.getvalue()
+
+
+def answers(block: str, beside: contextlib.ExitStack) -> str:
     """What the commands of a block print; a backslash at its end continues a command."""
     printed = ""
     for line in block.replace("\\\n", " ").splitlines():
-        program, *arguments = shlex.split(line, comments=True)
-        out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            status = run(arguments)
-        if program != "kalscope" or status:
-            raise RuntimeError(f"{line} ended with {status}: {said(err)}")
-        printed += said(out)
+        name, *arguments = shlex.split(line, comments=True)
+        if name != "kalscope":
+            raise RuntimeError(f"a command of a page must be kalscope (got {line})")
+        if arguments[-1] == "&":
+            printed += _beside(arguments[:-1], beside)
+        else:
+            status, out, err = _in_a_process(arguments) if arguments[0] in APART else _here(arguments)
+            if status:
+                raise RuntimeError(f"{line} ended with {status}: {err}")
+            printed += SPEED.sub(" in …", out)
     return printed
+
+
+def _here(arguments: list[str]) -> tuple[int, str, str]:
+    """Status, output and errors of a command that runs in this process: to start one takes two seconds."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = run(arguments)
+    return status, said(out), said(err)
+
+
+def _in_a_process(arguments: list[str]) -> tuple[int, str, str]:
+    """Status, output and errors of a command in a process of its own."""
+    done = subprocess.run([*PROGRAM, *arguments], check=False, capture_output=True, text=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+def _beside(arguments: list[str], until: contextlib.ExitStack) -> str:
+    """Start a command that runs until the page is done; its first line."""
+    env = os.environ | {"PYTHONUNBUFFERED": "1"}
+    started = subprocess.Popen([*PROGRAM, *arguments], stdout=subprocess.PIPE, text=True, env=env)
+    until.callback(started.communicate)
+    until.callback(started.terminate)
+    assert started.stdout is not None
+    return started.stdout.readline()
 
 
 def said(stream: io.TextIOWrapper) -> str:

@@ -1,0 +1,27 @@
+"""The pictures of the documentation show the screen of today."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from effort import FUZZ
+from pictures import FOLDER, PICTURES, STAMPS, on_screen, said
+from waiting import wait_until
+
+pytestmark = pytest.mark.browser
+
+LONG = {"goal", "fleet", "live"} if FUZZ == 1 else set()
+"""Left to `make soak`: a fleet takes half a minute, a board ten seconds, the goal is nearly the first picture."""
+
+
+@pytest.mark.parametrize("name", [name for name in PICTURES if name not in LONG])
+def test_a_picture_is_as_new_as_the_screen_it_shows(name, browser, one_page, tmp_path):
+    """Where this fails, `make pictures` makes all of them again."""
+    picture, kept = PICTURES[name], json.loads(STAMPS.read_text(encoding="utf-8"))[name]
+    with on_screen(picture, browser, one_page, tmp_path) as screen:
+        try:
+            wait_until(lambda: said(screen, picture) == kept, f"the screen of {name}.png")
+        except AssertionError:
+            assert said(screen, picture) == kept
+    assert (FOLDER / f"{name}.png").stat().st_size > 20_000

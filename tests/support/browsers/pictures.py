@@ -1,0 +1,207 @@
+"""The pictures of the documentation: how each screen is reached.
+
+Run as a script (`make pictures`) it makes them, or those that are named. With each docs/pictures/stamps.json
+keeps the words that stood on the screen, and their colours. `test_pictures.py` takes the same steps and compares: a
+picture of a former screen fails there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from chromium import CHROMIUM, FLAGS
+from fleet_folder import finished_fleet
+from PIL import Image
+from program import command, next_line
+from screen import FIND, Screen, dashboard
+from shared_page import SharedPage, shared_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
+STAMPS = FOLDER / "stamps.json"
+WIDTH, HEIGHT = 1440, 900
+SETTLED_MS = 3000
+"""How long a screen stays the same before its picture is taken."""
+
+SAID = """() => { const said = new Set(), shown = (node) => { const box = node.getBoundingClientRect();
+        return node.checkVisibility() && box.width > 1 && box.bottom > 0 && box.top < innerHeight; };
+    for (const node of document.querySelectorAll('body *:not(script, style)')) {
+        const own = [...node.childNodes].filter(one => one.nodeType === Node.TEXT_NODE);
+        const text = (node.matches('input') ? node.value : own.map(one => one.textContent).join(' ')).trim();
+        if (text && shown(node)) said.add(`${text} ${getComputedStyle(node).color}`); }
+    for (const {chart} of Object.values(window.__viserTestpoints?.uplots ?? {}))
+        if (shown(chart.root)) for (const line of chart.series.slice(1)) said.add(`${line.label} ${line.stroke()}`);
+    return [...said].sort(); }"""
+"""Each text on the screen with its colour, and each line of a chart."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A screen of the dashboard."""
+
+    source: str
+    """What is open; a board where it is `BOARD`."""
+    steps: Callable[[Screen], None]
+    """From what `kalscope open SOURCE` shows to what is to be seen."""
+
+
+BOARD = "board"
+"""The board of `kalscope demo-board`. Its numbers differ each time, so they are no part of what the screen said."""
+
+
+def goal(lag_ms: str) -> Callable[[Screen], None]:
+    """The goal *maximum lag* is applied."""
+
+    def steps(screen: Screen) -> None:
+        screen.type("lag (ms)", lag_ms)
+        screen.page.get_by_text(re.compile("leaves")).first.wait_for()
+
+    return steps
+
+
+def best_fit(screen: Screen) -> None:
+    """The goal *best fit* is applied."""
+    screen.choose("goal", "best fit")
+    press(screen, "Apply")
+    screen.page.get_by_text(re.compile("Before: ")).first.wait_for()
+
+
+def overshoot(screen: Screen) -> None:
+    """The goal *lag with overshoot* is applied."""
+    screen.choose("goal", "more …")
+    screen.choose("method", "lag with overshoot")
+    screen.type("lag (ms)", "50", enter=False)
+    screen.type("overshoot (%)", "10", enter=False)
+    press(screen, "Apply")
+    screen.page.get_by_text(re.compile("Before: ")).first.wait_for()
+
+
+def fused(screen: Screen) -> None:
+    """Sonar and float are fused."""
+    screen.page.get_by_text("Fuse sensors", exact=True).click()
+    for name in ("sonar", "float"):
+        screen.pause()
+        screen.page.get_by_label(re.compile(f"^{name}(: share .*)?$")).click()
+    press(screen, "Fuse")
+    screen.wait(f"() => ({FIND})('fused')")
+
+
+def fleet(screen: Screen) -> None:
+    """A fleet is open, and the device that is most unlike the others."""
+    screen.tab("Source")
+    for folder in ("Your file", "Live board", "Samples and papers"):
+        screen.page.get_by_text(folder, exact=True).click()  # the ports of this machine are no part of the picture
+    screen.page.get_by_text("Fleet", exact=True).click()
+    screen.type("fleet folder", "result", enter=False)
+    press(screen, "Open fleet")
+    screen.page.locator(".kalscope-map > div").wait_for()
+    screen.choose("open device", "1. dev03.csv")
+    screen.wait(f"() => ({FIND})('raw')?.data[0].length === 300")
+
+
+def live(screen: Screen) -> None:
+    """Ten seconds of a board have arrived, and the chart stands still."""
+    screen.wait(f"() => ({FIND})('raw')?.data[0].length > 450")
+    goal("50")(screen)
+    press(screen, "Pause")
+    screen.page.get_by_text("live, paused").first.wait_for()
+
+
+def tuning_map(screen: Screen) -> None:
+    """The map is open."""
+    best_fit(screen)
+    press(screen, "Map")
+    screen.page.locator(".kalscope-map > div").wait_for()
+
+
+SPIKY = "synthetic:sine?n=1000&sample_period=0.02&amplitude=20&period=8&sigma=2&outliers=0.02&outlier_size=50"
+PICTURES = {
+    "screenshot": Picture("demo", goal("50")),
+    "goal": Picture("demo", goal("100")),
+    "momentum": Picture("sample:flex_sensor", overshoot),
+    "spikes": Picture(SPIKY, best_fit),
+    "map": Picture("demo", tuning_map),
+    "fusion": Picture("sample:tank_level", fused),
+    "fleet": Picture("demo", fleet),
+    "live": Picture(BOARD, live),
+}
+
+
+def press(screen: Screen, name: str) -> None:
+    """Press a button."""
+    screen.pause()
+    screen.page.get_by_role("button", name=name, exact=True).click()
+
+
+def said(screen: Screen, picture: Picture) -> list[str]:
+    """What stands on the screen, each text with its colour."""
+    screen.page.mouse.move(2, 2)
+    texts = screen.page.evaluate(SAID)
+    return sorted({re.sub(r"[\d.]+(?=.* rgb)", "0", text) for text in texts} if picture.source == BOARD else texts)
+
+
+@contextmanager
+def on_screen(picture: Picture, browser: Browser, page: SharedPage, folder: Path) -> Iterator[Screen]:
+    """The screen of a picture, on the page that serves all or, for a board, on one of its own."""
+    if picture.source != BOARD:
+        if picture.steps is fleet:
+            finished_fleet(folder)
+        page.open(picture.source, width=WIDTH, height=HEIGHT)
+        picture.steps(page)
+        yield page
+        return
+    with command("demo-board", "--socket", "0") as board, ExitStack() as until:
+        until.callback(board.kill)
+        url = until.enter_context(dashboard(next_line(board).split()[-1], cwd=folder))
+        screen = until.enter_context(Screen(browser, url, width=WIDTH, height=HEIGHT))
+        picture.steps(screen)
+        yield screen
+
+
+def wait_until_settled(screen: Screen, picture: Picture) -> list[str]:
+    """What the screen says once it has said the same for `SETTLED_MS`."""
+    before: list[str] = []
+    while (now := said(screen, picture)) != before:
+        before = now
+        screen.page.wait_for_timeout(SETTLED_MS)
+    return now
+
+
+def main() -> None:
+    """Make the pictures and their stamps."""
+    from playwright.sync_api import sync_playwright  # absent where the tests are skipped
+
+    names = sys.argv[1:] or list(PICTURES)
+    stamps = json.loads(STAMPS.read_text(encoding="utf-8")) if STAMPS.exists() else {}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tempfile.TemporaryDirectory() as own,
+        contextlib.chdir(folder),
+        sync_playwright() as playwright,
+        contextlib.closing(playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))) as browser,
+        shared_page(browser, Path(folder), Path(own)) as page,
+    ):
+        for name in names:
+            picture = PICTURES[name]
+            with on_screen(picture, browser, page, Path(folder)) as screen:
+                stamps[name] = wait_until_settled(screen, picture)
+                png = Image.open(io.BytesIO(screen.page.screenshot())).convert("RGB")
+            png.quantize(256, dither=Image.Dither.NONE).save(FOLDER / f"{name}.png", optimize=True)
+            STAMPS.write_text(json.dumps(stamps, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
+            print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main()
