@@ -3,21 +3,25 @@
 A second process sends numbered lines, paced by its clock; this one takes them in as the dashboard does and looks at
 a snapshot 20 times a second. Exit status 1 where a line is missing, doubled or changed.
 
-    python benchmarks/live.py [--json] [--quick] [--seconds 60] [--rate 10000] [--channels 3]
+    python benchmarks/live.py [--json] [--quick] [--seconds 60] [--rate 10000] [--channels 3] [--ssh]
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import multiprocessing
 import multiprocessing.connection
 import os
 import resource
 import sys
+import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -87,8 +91,8 @@ def values(number: int, stamp: int, channels: int) -> list[int]:
     return [number, stamp, *(number * j + stamp for j in range(2, channels))][:channels]
 
 
-def measure(seconds: float, rate: float, channels: int) -> Figures:
-    """One run."""
+def measure(seconds: float, rate: float, channels: int, prefix: str = "") -> Figures:
+    """One run; `prefix` is what stands before the terminal in the address."""
     import tty
 
     master, slave = os.openpty()
@@ -97,7 +101,7 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
     latencies: list[float] = []
     looks: list[float] = []
     done = threading.Event()
-    with LiveSource(os.ttyname(slave), keep=max(1_000_000, round(rate * seconds))) as live:
+    with LiveSource(prefix + os.ttyname(slave), keep=max(1_000_000, round(rate * seconds))) as live:
         while live.status().word != "connected":
             time.sleep(0.01)
         gaps = _watch_reads(live)
@@ -142,6 +146,17 @@ def measure(seconds: float, rate: float, channels: int) -> Figures:
         latency_p95_ms=1000.0 * float(np.percentile(latencies, 95)),
         snapshot_us=1e6 * float(np.median(looks)),
     )
+
+
+def measure_by_ssh(seconds: float, rate: float, channels: int) -> Figures:
+    """One run through a real sshd of this machine."""
+    support = Path(__file__).resolve().parents[1] / "tests/support"
+    sys.path[:0] = [str(support / "simulated_board"), str(support)]
+    ssh_server = importlib.import_module("ssh_server").ssh_server
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        os.environ["PATH"] = f"{stack.enter_context(ssh_server(folder)).bin}:{os.environ['PATH']}"
+        return measure(seconds, rate, channels, "ssh://pi")
 
 
 def _watch_reads(live: LiveSource) -> list[float]:
@@ -191,10 +206,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--channels", type=int, default=3)
+    parser.add_argument("--ssh", action="store_true", help="through an ssh server on this machine")
     options = parser.parse_args()
     if options.channels < 2:
         parser.error("--channels must be at least 2: number and moment of sending")
-    figures = measure(QUICK_SECONDS if options.quick else options.seconds, options.rate, options.channels)
+    run = measure_by_ssh if options.ssh else measure
+    figures = run(QUICK_SECONDS if options.quick else options.seconds, options.rate, options.channels)
     if options.json:
         print(json.dumps(asdict(figures), indent=1))
     else:

@@ -6,7 +6,7 @@ import pytest
 
 from kalscope.cli import app as cli
 from kalscope.cli.board.ports import NONE_FOUND, ports_text
-from kalscope.sources.port.port_spec import PortInfo
+from kalscope.sources.port.plugged_in import PortInfo
 
 PORTS = (
     PortInfo("/dev/ttyS0", "", ""),

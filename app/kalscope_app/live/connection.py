@@ -122,7 +122,4 @@ def port_named(spec: str, rate: str, *, reset: bool) -> PortSpec:
     """
     if not spec:
         raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
-    if "://" in spec and not spec.lower().startswith(("socket://", "rfc2217://")):
-        raise BadSetting(f"an address must begin with socket:// or rfc2217:// (got {spec!r:.100})")
-    complete = "@" in spec or spec.lower().startswith("socket://")
-    return port_of(spec if complete else f"{spec}@{rate}", reset=reset)
+    return port_of(spec, default_baud=rate, in_dashboard=True, reset=reset)

@@ -162,26 +162,24 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk, 
     wait_until(lambda: desk.text.startswith("The sketch on this board cannot") and desk.text.endswith("flash it."))
     desk.board.knows = True
 
-    def cancel():
-        wait_until(lambda: desk.shown("Cancel") and "c 1000" in desk.board.asked)
-        desk.click("Cancel")
+    def once_it_measures(act):
+        before = len(desk.board.asked)
 
+        def wait_and_act():
+            wait_until(lambda: desk.shown("Cancel") and "c 1000" in desk.board.asked[before:])
+            act()
+
+        return wait_and_act
+
+    cancel = once_it_measures(lambda: desk.click("Cancel"))
     assert fails("cancelled: the board keeps its values", "1000", cancel)["good"]
     wait_until(lambda: desk.text == "")
-
-    def open_a_file():
-        wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
-        desk.session.request(lambda state: opened(state.recording, state))
-
-    fails("The board was disconnected while it measured", "1000", open_a_file)
+    another = once_it_measures(lambda: desk.session.request(lambda state: opened(state.recording, state)))
+    fails("The board was disconnected while it measured", "1000", another)
     assert not desk.view._folder.visible
     desk.session.request(undo)
     wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
     desk.board.refuses = ""
 
-    def unplug():
-        wait_until(lambda: desk.shown("Cancel") and desk.board.asked[-1] == "c 1000")
-        desk.board.unplug()
-
-    fails("The board was unplugged while it measured", "1000", unplug)
+    fails("The board was unplugged while it measured", "1000", once_it_measures(desk.board.unplug))
     fails("is not connected", "4")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measuring_board import MeasuringBoard
-from waiting import wait_until
+from waiting import PATIENCE, wait_until
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadDevice, BadSetting, Cancelled
@@ -111,8 +111,9 @@ def test_commands_name_their_channel_and_an_impossible_time_is_refused():
 
 
 @pytest.fixture
-def connected():
+def connected(monkeypatch):
     """A board, and the source that reads it."""
+    monkeypatch.setattr(measuring, "_ANSWER_S", PATIENCE)  # a busy machine is no board that is silent
     opened = []
 
     def connect(*args, **options):
@@ -166,7 +167,7 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
         begun, goes_on = _row(source), lambda *_, remark=remark: setattr(board, "remark", remark)
         with pytest.raises(BadDevice, match="answer was lost on the way"):
             measure(source, "raw", 1.0, Progress(goes_on, lambda begun=begun: _row(source) > begun + 9000))
-    assert len(source.send("?", 0.2)) > 1
+    assert len(source.send("?", PATIENCE)) > 1
     board.excess, board.mute, board.remark = 0, (), ""
     with pytest.raises(Cancelled, match="the board keeps its values"):
         measure(source, "raw", 1000.0, Progress(cancelled=lambda: "c 1000" in board.asked))

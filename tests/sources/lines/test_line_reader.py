@@ -120,7 +120,42 @@ def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
     np.testing.assert_equal(events[3].rows, ((6.0, NAN),))
 
 
-@each("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">a", "", ">:1"])
+def names_in(parser):
+    return [column.name for column in parser.layout.columns]
+
+
+def test_each_new_variable_of_teleplot_has_its_column_at_once():
+    parser, events = events_of("".join(f">{name}:{i}\n" for i, name in enumerate("abcdeaf")).encode())
+    assert [event.kind for event in events] == ["row"] * 7
+    assert names_in(parser) == list("abcdef")
+    assert events[-1].rows[0][5] == 6.0
+
+
+def test_a_late_variable_of_teleplot_counts_from_its_second_line_on():
+    """A name that came once may be damage on the wire."""
+    parser, _ = events_of(b">a:1\n" * 20_000)
+    for line, kind in ((b">b:1\n", "rejected"), (b">b:2\n", "row"), (b">c:\n", "header"), (b">c:3\n", "row")):
+        parser.feed(line)
+        assert [event.kind for event in parser] == [kind]
+    assert names_in(parser) == ["a", "b", "c"]
+
+
+def test_variables_of_teleplot_are_no_more_than_a_table_may_have_columns():
+    _, events = events_of("".join(f">v{i}:1\n" for i in range(300)).encode())
+    assert [event.kind for event in events] == ["row"] * 255 + ["rejected"] * 45
+    assert "one of the first 255 names" in events[-1].issues[0].reason
+
+
+def test_variables_that_come_together_are_known_before_the_first_is_read():
+    parser = LineParser()
+    parser.prime([">a:1000:1", ">time:1000:2", ">b:1000:3§V"])
+    parser.feed(b">a:1000:1\n")
+    np.testing.assert_equal([event.rows for event in parser], [((1000.0, 1.0, NAN, NAN),)])
+    assert [(c.name, c.unit) for c in parser.layout.columns[1:]] == [("a", ""), ("time", ""), ("b", "V")]
+    assert parser.layout.time.index == 0
+
+
+@each("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">p:1:2|xy", ">a", "", ">:1", f">{'n' * 201}:1"])
 def test_what_is_no_sample_of_teleplot(line):
     assert split_teleplot(line) is None
 

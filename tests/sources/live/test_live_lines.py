@@ -262,3 +262,15 @@ def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
     assert counts.accepted == told.count("row")
     assert counts.rejected == told.count("rejected")
     assert counts.dropped == len(told) - told.count("row") - told.count("rejected") + stream.lines.unreported_drops
+
+
+@each("row", ["{}.5,{}.25", "{} {}", "[{}, {}]", "c:{},d:{}", ",".join(["{}.125"] * 60)])
+@each("before", ["{}.5,{}.25,1", "{}.5,{}.25", "a:{},b:{}", '{{"a": {}, "b": {}}}'])
+def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
+    """Also where its lines are longer than the 200 characters to which an event quotes them."""
+    stream = Stream().feed(b"x\n", after=3.0)
+    for form in (before, row):
+        for i in range(40):
+            stream.feed((form.format(*((7 * i + 3 * k) % 11 for k in range(60))) + "\n").encode())
+    assert stream.events[-1].kind == "row"
+    assert np.count_nonzero(np.isfinite(stream.events[-1].rows[0])) == row.count("{}")

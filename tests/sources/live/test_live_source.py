@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scripted_port import Scripted, ScriptedPort
 from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.clock import Clock
+from kalscope.sources.port.port_reader import PortReader
+from kalscope.sources.port.port_spec import PortSpec
 from kalscope.sources.recorder.counts import RecorderCounts
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -204,6 +207,47 @@ def test_no_answer_is_the_fault_of_the_device(live):
 def test_what_an_avr_would_lose_is_not_sent(live, line):
     with pytest.raises(BadSetting, match="at most 62 bytes"):
         live.send(line)
+
+
+LOST = BadDevice("lost")
+
+
+@pytest.mark.parametrize(
+    ("starts", "kept_values", "counts"),
+    [
+        ("inside a line", [2, 3, math.nan, 21], (5, 3, 0, 2)),
+        ("at a line", [2, 3, math.nan, 20, 21], (5, 4, 0, 1)),
+        ("where it stopped", [2, 3, 20, 21], (5, 4, 0, 1)),
+    ],
+)
+def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wait_for):
+    first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", LOST], "at a line")
+    second = ScriptedPort([b"20,0\n21,0\n"], starts)
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    with source as live:
+        wait_for(lambda: kept(live) >= len(kept_values))
+        np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], kept_values)
+        status = live.status()
+        assert (status.received, status.accepted, status.rejected, status.dropped) == counts
+
+
+def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_opening(wait_for):
+    first = ScriptedPort([b"heat,light\n2,0\n3,0\n", LOST], "at a line")
+    second = ScriptedPort([b"force,way\n4,0\n5,0\n"], "at a line")
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    with source as live:
+        wait_for(lambda: live.snapshot() is not None and live.snapshot().recording.names == ("force", "way"))
+
+
+def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
+    monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.port_reader._KEPT_BYTES", 5_000)
+    port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(port)))
+    with source as live:
+        wait_for(received(live, 10_000))
+        np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
+        assert live.status().overrun == 0
 
 
 class ListRecorder:

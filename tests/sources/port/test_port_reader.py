@@ -1,8 +1,5 @@
 """The thread that reads a port: every way a board goes is one calm state, and close frees the port."""
 
-import errno
-import subprocess
-import sys
 import threading
 import time
 from itertools import count, cycle, pairwise
@@ -10,20 +7,14 @@ from queue import Empty
 
 import pytest
 import serial
-from each import each
+from scripted_port import Scripted, ScriptedPort
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
-from kalscope.sources.port.open_port import (
-    READ_TIMEOUT,
-    SerialPort,
-    disconnect_reason,
-    holders,
-    open_failure_reason,
-)
 from kalscope.sources.port.port_reader import PortReader
-from kalscope.sources.port.port_spec import PortInfo, PortSpec
+from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.port.transports.transport import READ_TIMEOUT
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -47,33 +38,6 @@ def taken(reader):
 
 def bytes_of(items):
     return b"".join(item.data for item in items if isinstance(item, BytesReceived))
-
-
-class ScriptedPort:
-    """A port that gives what it was told to, then raises."""
-
-    def __init__(self, script):
-        self.script, self.closed = list(script), False
-
-    def fetch(self):
-        if not self.script:
-            time.sleep(0.005)
-            return b""
-        next_one = self.script.pop(0)
-        if isinstance(next_one, BaseException):
-            raise next_one
-        return next_one
-
-    def waiting(self):
-        if self.script and isinstance(self.script[0], tuple):
-            raise self.script.pop(0)[0]
-        return 0
-
-    def write(self, data):
-        pass
-
-    def close(self):
-        self.closed = True
 
 
 def test_what_the_board_sends_arrives_whole_and_in_order(board, reader, wait_for):
@@ -113,38 +77,16 @@ def test_a_board_pulled_out_with_bytes_pending_loses_none_that_were_read(board, 
     assert b"0123456789abc".startswith(bytes_of(items))
 
 
-def termios_error():
-    import termios
-
-    return termios.error(errno.EIO, "Input/output error")
-
-
-@each(
-    "error",
-    [
-        serial.SerialException("device reports readiness to read but returned no data"),
-        OSError(errno.EIO, "Input/output error"),
-        termios_error(),
-        TypeError("'NoneType' object cannot be interpreted as an integer"),
-    ],
-    ids=lambda error: type(error).__module__ + "." + type(error).__name__,
-)
-@each("where", ["read", "in_waiting"])
-def test_whatever_is_raised_the_state_is_the_same_calm_one(error, where, wait_for):
-    port = ScriptedPort([b"1\n", error if where == "read" else (error,)])
-    ports = [port]
-
-    def open_port(spec, device):
-        if not ports:
-            raise BadDevice("port must be plugged in (got nothing)")
-        return ports.pop()
-
-    reader = PortReader(PortSpec("x"), open_port=open_port)
+def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
+    port = ScriptedPort([b"1\n", BadDevice("the cable was pulled")], starts="at a line")
+    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
     reader.start()
     wait_for(lambda: reader.state.word == "disconnected, waiting")
-    reader.close()
-    assert [type(item) for item in taken(reader)] == [Opened, BytesReceived, Disconnected]
     assert port.closed
+    reader.close()
+    opened, *rest = taken(reader)
+    assert opened.starts == "at a line"
+    assert [type(item) for item in rest] == [BytesReceived, Disconnected]
     assert reader.state.word == "closed"
 
 
@@ -169,10 +111,7 @@ def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
             waits.append(timeout)
             return len(waits) == 6 and (self.set() or True)
 
-    def open_port(spec, device):
-        raise BadDevice("port must be plugged in (got nothing)")
-
-    reader = PortReader(PortSpec("x"), open_port=open_port)
+    reader = PortReader(PortSpec("x"), endpoint=Scripted())
     reader._run(None, Stop())
     assert waits == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
 
@@ -184,26 +123,6 @@ def test_without_reconnecting_a_lost_board_ends_the_thread(board, wait_for):
     wait_for(lambda: not reader.running)
     assert reader.state.word == "closed"
     assert "unplugged" in reader.state.reason
-    reader.close()
-
-
-def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch, wait_for):
-    listed = [PortInfo("/dev/ttyACM0", "Uno", "75"), PortInfo("/dev/ttyACM1", "other", "9")]
-    monkeypatch.setattr("kalscope.sources.port.port_reader.list_ports", lambda: tuple(listed))
-    opened = []
-
-    def open_port(spec, device):
-        opened.append(device)
-        if device != listed[0].device:
-            raise BadDevice("port must be plugged in (got nothing)")
-        return ScriptedPort([b"1\n", OSError(errno.EIO, "gone")] if len(opened) == 1 else [])
-
-    reader = PortReader(PortSpec("/dev/ttyACM0"), open_port=open_port)
-    reader.start()
-    wait_for(lambda: reader.state.opened == 1)
-    listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")
-    wait_for(lambda: reader.state.opened == 2)
-    assert reader.state.device == "/dev/ttyACM7"
     reader.close()
 
 
@@ -225,57 +144,6 @@ def test_a_port_that_another_program_holds_is_refused_with_both_named(board, rea
     assert not reader.running
 
 
-def test_a_second_reader_is_named_as_a_possible_cause(board, reader, wait_for):
-    reader.start(require=True)
-    script = (
-        "import os,sys,time; os.open(sys.argv[1], os.O_RDWR|os.O_NOCTTY); print('open', flush=True); time.sleep(9)"
-    )
-    with subprocess.Popen([sys.executable, "-c", script, board.link], stdout=subprocess.PIPE) as other:
-        assert other.stdout.readline() == b"open\n"
-        held = holders(board.link)
-        text = disconnect_reason(PortSpec(board.link), board.link, OSError(5, "x"), again=False)
-        other.kill()
-    assert held == [f"{held[0].split(' (')[0]} (process {other.pid})"]
-    assert "unplugged" in text
-    assert "another program reads this port" in text
-    assert str(other.pid) in text
-
-
-def test_the_words_of_both_causes_name_both(tmp_path):
-    (tmp_path / "port").touch()
-    device = str(tmp_path / "port")
-    error = serial.SerialException("(device disconnected or multiple access on port?)")
-    assert "another program" in disconnect_reason(PortSpec(device), device, error, again=False)
-    gone = disconnect_reason(PortSpec("/dev/gone"), "/dev/gone", error, again=False)
-    assert gone == "the board was unplugged"
-    assert "another program" in disconnect_reason(PortSpec("/dev/gone"), "/dev/gone", error, again=True)
-
-
-@each(
-    ("error", "words"),
-    [
-        (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
-        (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
-        (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
-    ],
-)
-def test_a_port_that_does_not_open_says_what_to_do(error, words):
-    assert words in open_failure_reason(PortSpec("/dev/ttyX"), "/dev/ttyX", error)
-
-
-def test_a_file_is_no_port(tmp_path):
-    (tmp_path / "log.csv").write_text("1\n")
-    with pytest.raises(BadDevice, match="cannot be opened at"):
-        SerialPort(PortSpec("x"), str(tmp_path / "log.csv"))
-
-
-def test_a_network_port_without_a_server_says_so():
-    spec = PortSpec("socket://127.0.0.1:1")
-    with pytest.raises(BadDevice, match="does not answer"):
-        SerialPort(spec, spec.url)
-
-
 def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader, wait_for):
     reader.start(require=True)
     size = [0]
@@ -289,7 +157,7 @@ def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_f
     monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 1000)
     monkeypatch.setattr("kalscope.sources.port.overload.RESUME_BYTES", 500)
     port = ScriptedPort([b"1234,6789\n" * 10] * 50)
-    reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
+    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
     reader.start()
     wait_for(lambda: reader.dropped == 400)
     items = taken(reader)
@@ -301,7 +169,7 @@ def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_f
 
 def test_what_waits_at_the_end_can_be_left_out(wait_for):
     port = ScriptedPort([b"1,2\n3"] * 5)
-    reader = PortReader(PortSpec("x"), open_port=lambda *_: port)
+    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
     reader.start()
     wait_for(lambda: reader.items.qsize() == 6)
     _, first, *_ = [reader.items.get() for _ in range(2)]
@@ -325,7 +193,7 @@ def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
     ticks, wall = count(), cycle([0.0, -3600.0, 86400.0])
     clock = Clock(lambda: float(next(ticks)), lambda: next(wall), lambda: 0.0)
     port = ScriptedPort([b"1\n"] * 20)
-    reader = PortReader(PortSpec("x"), open_port=lambda *_: port, clock=clock)
+    reader = PortReader(PortSpec("x"), endpoint=Scripted(port), clock=clock)
     reader.start()
     wait_for(lambda: not port.script)
     reader.close()
@@ -338,7 +206,7 @@ def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for)
     ticks = count()  # a second for each look at the clock: all reads are late
     port = ScriptedPort([b"1", b"2", b"", b"", b"3", b"4"])
     reader = PortReader(
-        PortSpec("x"), open_port=lambda *_: port, clock=Clock(lambda: float(next(ticks)), time.time, lambda: 0.0)
+        PortSpec("x"), endpoint=Scripted(port), clock=Clock(lambda: float(next(ticks)), time.time, lambda: 0.0)
     )
     reader.start()
     wait_for(lambda: not port.script)

@@ -8,7 +8,8 @@ import viser
 
 from kalscope.common.text import count, duration, number
 from kalscope.sources.live.live_status import LiveStatus
-from kalscope.sources.port.port_spec import PortSpec, list_ports
+from kalscope.sources.port.plugged_in import list_ports
+from kalscope.sources.port.port_spec import PortSpec
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection, port_named
@@ -20,6 +21,7 @@ from kalscope_app.views.source.recording import RecordingView
 from kalscope_app.views.text import escape_markdown
 
 TYPED = "Other address …"
+ADDRESS_HINT = "Such as ssh://host/dev/ttyACM0, tcp://host:port, udp://:47269, mqtt://broker/topic or file:log.csv."
 NO_CURVE = "–"
 BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000, 2000000)
 OTHER_RATE = "another"
@@ -65,9 +67,7 @@ class LiveView:
         self._port = gui.add_dropdown(
             "port", list[str]([TYPED]), hint="A board that is plugged in now appears here by itself."
         )
-        self._typed = gui.add_text(
-            "address", "", hint="Such as /dev/ttyACM0, COM3, socket://host:port or rfc2217://host:port."
-        )
+        self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
         self._baud = gui.add_dropdown(
             "baud rate",
             (*map(str, BAUD_RATES), OTHER_RATE),

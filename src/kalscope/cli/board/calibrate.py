@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import CHECK_FAILED, INTERRUPTED, progress_line, say, stop_signals
+from kalscope.cli.console import CHECK_FAILED, progress_line, say
 from kalscope.cli.options import number_option
 from kalscope.common.progress import Progress
+from kalscope.common.stopping import said_at_stop, stop_signals
+from kalscope.common.text import plain
 from kalscope.errors import BadDevice, Cancelled
+from kalscope.sources.port.transports.registry import address_examples
 
 if TYPE_CHECKING:
     from kalscope.export.board.measuring import Measurement
@@ -26,9 +29,7 @@ START_S = 10.0
 def calibrate_command(
     port: Annotated[
         str,
-        typer.Argument(
-            metavar="PORT", help='"/dev/ttyACM0", "COM3@9600", "socket://host:port"; default 115200 baud.'
-        ),
+        typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud."),
     ],
     seconds: Annotated[float, number_option("Measure for this many seconds.")] = 10.0,
     channel: Annotated[
@@ -45,31 +46,39 @@ def calibrate_command(
 
     The sketch on it must be exported with --calibration. Status 1 where the board refused, and keeps its values.
     """
-    from kalscope.export.board.measuring import measure, set_kept
+    from kalscope.export.board.measuring import set_kept
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import port_of
 
     live = LiveSource(port_of(port, reset=not no_reset), reconnect=False)
-    with stop_signals() as stop, closing(live):
-        with progress_line() as report:
-            progress = Progress(report, stop.is_set)
-            try:
-                live.start(require=True)
-                _wait_for_samples(live, progress, max(START_S, seconds))
-                found = measure(live, channel, seconds, progress)
-            except Cancelled as error:
-                say(f"{error}")
-                raise typer.Exit(INTERRUPTED) from None
+    with closing(live):
+        live.start(require=True)
+        found = _measured(live, channel, seconds)
         for one in found:  # before anything else can fail: the board uses it
-            print(*_lines(one), sep="\n", flush=True)
+            print(*map(plain, _lines(one)), sep="\n", flush=True)
         refused = [one for one in found if not _is_measured(one)]
         kept = keep and not refused
         if kept:
-            set_kept(live, kept=True)
+            with said_at_stop(lambda: "the board may have stored its values, or not"):
+                set_kept(live, kept=True)
     if len(refused) < len(found):
         print(_afterwards(kept=kept, wanted=keep))
     if refused:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _measured(live: LiveSource, channel: str | None, seconds: float) -> tuple[Measurement, ...]:
+    """What the board measured; ends the command where it was stopped meanwhile."""
+    from kalscope.export.board.measuring import measure
+
+    with stop_signals() as stop, progress_line() as report:
+        progress = Progress(report, stop.is_set)
+        try:
+            _wait_for_samples(live, progress, max(START_S, seconds))
+            return measure(live, channel, seconds, progress)
+        except Cancelled as error:
+            say(f"{error}")
+            raise typer.Exit(stop.status) from None
 
 
 def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> None:

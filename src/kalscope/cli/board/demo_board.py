@@ -17,8 +17,8 @@ import typer
 from numpy.typing import NDArray
 
 from kalscope.cli.board.wires import PtyWire, SocketWire, Wire
-from kalscope.cli.console import stop_signals
 from kalscope.cli.options import Source, number, number_option
+from kalscope.common.stopping import stop_signals
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from kalscope.common.text import one_line
-from kalscope.sources.port.port_spec import PortInfo, list_ports
+from kalscope.common.text import escaped, one_line
+from kalscope.sources.port.plugged_in import PortInfo, list_ports
 
 NONE_FOUND = (
     "No serial port was found. Plug the board in with a cable that carries data, and install the driver of its USB"
@@ -27,7 +27,7 @@ def ports_command(
     """List the serial ports: device, description, serial number."""
     ports = list_ports()
     if as_json:
-        print(json.dumps([asdict(port) for port in ports], indent=1, ensure_ascii=False))
+        print(escaped(json.dumps([asdict(port) for port in ports], indent=1, ensure_ascii=False)))
     else:
         print(ports_text(ports))
 
@@ -41,4 +41,4 @@ def ports_text(ports: tuple[PortInfo, ...]) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADINGS))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     first = next((port for port in ports if port.usb is not None), ports[0])  # a board is on USB
-    return "\n".join([*lines, "", f"Open one: kalscope open serial:{first.device}@115200"])
+    return "\n".join([*lines, "", f"Open one: kalscope open serial:{one_line(first.device)}@115200"])

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import CHECK_FAILED, TerminalLine, say, stop_signals
+from kalscope.cli.console import CHECK_FAILED, TerminalLine, say
 from kalscope.cli.options import number_option
-from kalscope.common.text import count, number, plain
+from kalscope.common.stopping import stop_signals
+from kalscope.common.text import count, number, one_line, plain
 from kalscope.errors import BadDevice
+from kalscope.sources.port.transports.registry import address_examples
 
 if TYPE_CHECKING:
     import threading
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from kalscope.sources.live.live_status import LiveStatus
     from kalscope.sources.recorder.recorder import Recorder
 
+MAX_CLOSE_S = 1.0
+"""Longest wait for an attempt to connect that is under way when the recording is to end, s."""
+KEPT_SAMPLES = 10_000
+"""Samples that stay in memory: the file has them all, and nothing is drawn."""
 POLL_INTERVAL_S = 0.1
 """Pause between two looks at the recording, s."""
 _COUNTS = re.compile(r"\d[\d\s,.]*")
@@ -32,9 +38,7 @@ _COUNTS = re.compile(r"\d[\d\s,.]*")
 def record_command(
     port: Annotated[
         str,
-        typer.Argument(
-            metavar="PORT", help='"/dev/ttyACM0", "COM3@9600", "socket://host:port"; default 115200 baud.'
-        ),
+        typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.csv", help="A new file to record into.")],
     seconds: Annotated[float | None, number_option("Stop after this many seconds.")] = None,
@@ -61,12 +65,20 @@ def record_command(
 
     spec = port_of(port, reset=not no_reset)
     _ = existing_parts(output) if resume else check_free(output)  # before the board is reset for nothing
-    live = LiveSource(spec, reconnect=not no_reconnect)
-    with stop_signals() as stop, closing(live):
-        recorder, view = live.start_recording(output, resume=resume), StatusLine()
-        disconnected = _wait_for_end(live, recorder, stop, view, seconds=seconds, lines=lines)
-        live.close()  # ends the recording too: the summary is that of a whole file
-        view.clear()
+    live = LiveSource(spec, reconnect=not no_reconnect, keep=KEPT_SAMPLES)
+    with closing(live):
+        live.open()
+        recorder, view = None, StatusLine()
+
+        def kept() -> str:
+            return one_line(summary(recorder)) if recorder else "nothing was recorded"
+
+        with stop_signals(kept) as stop:
+            recorder = live.record(output, resume=resume)  # before the first byte is read
+            live.start()
+            disconnected = _wait_for_end(live, recorder, stop, view, seconds=seconds, lines=lines)
+            live.close(MAX_CLOSE_S)  # ends the recording too: the summary is that of a whole file
+            view.clear()
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
         print(plain(summary(recorder)), flush=True)
     if disconnected:

@@ -77,7 +77,7 @@ class SocketWire:
         except OSError as error:
             raise BadDevice(f"--socket must be a free port (got {port}: {error.strerror})") from error
         self._server.setblocking(False)
-        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self.address = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
 
     def connected(self) -> bool:
         """Whether a client is connected; accepts the next one if not."""

@@ -68,13 +68,20 @@ def values_in_use(source: LiveSource, line: str = "?") -> list[BoardAnswer | Fix
         BadDevice: the board did not answer, or did not take the value.
     """
     replies = source.send(line)
-    for reply in replies:
-        if is_refusal(reply):
-            raise BadDevice(f"the board did not take {line!r}: it answered {reply[:100]!r}")
-    answers = [answer for answer in map(read_answer, replies) if answer is not None]
+    if not _answers(replies, line):
+        replies = source.send(line)  # a board that has just started says the names of its columns first
+    answers = _answers(replies, line)
     if not answers:
         raise BadDevice(
             f"the board did not answer {line!r} with its values, but {replies[0][:100]!r}. "
             "Flash the exported sketch first"
         )
     return answers
+
+
+def _answers(replies: tuple[str, ...], line: str) -> list[BoardAnswer | FixedFilter]:
+    """What these say of the values in use; BadDevice where one is a refusal of `line`."""
+    for reply in replies:
+        if is_refusal(reply):
+            raise BadDevice(f"the board did not take {line!r}: it answered {reply[:100]!r}")
+    return [answer for answer in map(read_answer, replies) if answer is not None]

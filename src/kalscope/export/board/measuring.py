@@ -33,7 +33,7 @@ MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
 """Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
 MAX_LATE_ROWS = 200
 """Samples after the end within which the answer must have come: those missing at the start make it later."""
-_ANSWER_S = 2.0
+_ANSWER_S = 5.0
 """Seconds within which a board obeys."""
 _CANCEL_S = 1.0
 """Seconds to wait for it to confirm that it has stopped: Ctrl+C ends a command within 2 s."""
@@ -100,7 +100,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         run = _Run(
             source, heard, len(names), {answer.name: name for answer, name in zip(said, channels, strict=True)}
         )
-        source.send(calibration.start(seconds, number))
+        source.send(calibration.start(seconds, number), _ANSWER_S)
         try:
             return run.until_done(progress)
         except Cancelled:
@@ -114,7 +114,7 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
         BadDevice: it cannot, did not answer, or its memory is worn.
     """
     with source.commands.listen() as heard:
-        source.send(calibration.KEEP if kept else calibration.FORGET)
+        source.send(calibration.KEEP if kept else calibration.FORGET, _ANSWER_S)
         end = time.monotonic() + _ANSWER_S
         while (left := end - time.monotonic()) > 0.0:
             with suppress(Empty):

@@ -22,8 +22,9 @@ from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import is_blank, is_comment
 from kalscope.sources.grammar.line_format import without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.layout.sniffer import Layout, sniff
+from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.lines.new_variables import NewVariables
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
@@ -69,7 +70,10 @@ class LineParser:
         self._misfits = 0
         self._next_look = 0
         self._before: deque[str] = deque(maxlen=TAIL_LINES)
+        self._variables = NewVariables()
         self._number = 0
+        self.line = ""
+        """The last line of `next_line`, whole; "" where it was too long."""
 
     @property
     def layout(self) -> Layout | None:
@@ -113,7 +117,7 @@ class LineParser:
         """
         if not self._has_chosen_rows(head):
             return None
-        layout, known = sniff(head, self._options), self.layout
+        layout, known = self._sniffed(head), self.layout
         if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
             return None
         if named and not layout.header_rows:
@@ -179,11 +183,14 @@ class LineParser:
 
     def _read(self, line: str) -> LineEvent:
         if self._overlong or len(line) > MAX_LINE_BYTES:
-            self._overlong = False
+            self._overlong, self.line = False, ""
             return rejected(self._number, line, f"must be at most {MAX_LINE_BYTES} bytes long")
         if self._number == 1:
             line = line.removeprefix("\ufeff")
+        self.line = line
         self._before.append(line)
+        if grown := self._variables.layout_with(line, self.layout, settled=self._settled):
+            self._reader = LineReader(grown, self._options)
         event = self._reader.read(self._number, line) if self._reader else None
         if self._settled:
             return event or _without_layout(self._number, line)
@@ -197,11 +204,17 @@ class LineParser:
             self._next_look = 0
         return event
 
+    def prime(self, lines: Sequence[str]) -> None:
+        """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
+        layout = self._sniffed(lines) if self._reader is None and lines else None
+        if layout is not None and layout.form.kind == "teleplot":
+            self._reader = LineReader(layout, self._options)
+
     def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
         """Sniff the head again if that is due, for data, new labels or a new header."""
         self._misfits += 1
         if self._is_look_due(line):
-            layout = sniff(self._head, self._options)
+            layout = self._sniffed(self._head)
             known = None if self._reader is None else self._reader.layout
             if layout and known is None and not self._is_surely_data(self._head, layout):
                 layout = None
@@ -209,6 +222,11 @@ class LineParser:
                 self._reader = LineReader(layout, self._options)
                 event = self._reader.read(self._number, line)
         return event or _without_layout(self._number, line)
+
+    def _sniffed(self, head: Sequence[str]) -> Layout | None:
+        """The layout of these lines; None where they show none, or one that is too wide."""
+        layout = sniff(head, self._options)
+        return None if layout is None or len(layout.columns) > MAX_STREAM_COLUMNS else layout
 
     def _is_look_due(self, line: str) -> bool:
         """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.

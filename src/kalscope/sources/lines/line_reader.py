@@ -20,12 +20,12 @@ from kalscope.sources.grammar.cells import (
     parse_number,
     split_fields,
 )
-from kalscope.sources.grammar.line_format import split_checksum, split_stamp, split_teleplot
+from kalscope.sources.grammar.line_format import split_checksum, split_stamp, split_teleplot, teleplot_flags
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
 from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.long_table import MAX_SERIES
-from kalscope.sources.layout.sniffer import Layout
+from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
@@ -106,6 +106,8 @@ class LineReader:
             return "blank"
         if is_comment(text):
             return "comment"
+        if self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names:
+            return "header"
         rows = self.layout.header_rows
         if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
             return "header"
@@ -171,12 +173,22 @@ class LineReader:
         if not text.lstrip().startswith(">"):
             return None  # on a serial line Teleplot leaves all else to the program's log
         plot = split_teleplot(text)
-        if plot is None or plot.name not in self._labels:
-            raise _Fault("must be >name:value or >name:ms:value, of a name above")
+        if plot is None:
+            flags = teleplot_flags(text)
+            if "t" in flags:
+                return None
+            point = ": it is a point of a plane" if "xy" in flags else ""
+            raise _Fault(f"must be >name:value or >name:ms:value{point}")
+        if plot.name not in self._labels:
+            raise _Fault(
+                f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"
+            )
         timed = self.layout.time is not None or self._width > len(self._labels)
         at = self._form.labels.index(plot.name) + timed
         rows: list[tuple[float, ...]] = []
         for stamp, value in plot.samples:
+            if self._parsers[at](value) is None and value.lower() not in self._words[at]:
+                raise _Fault("must be a number, or say that there is none")
             cells = [""] * self._width
             cells[at] = value
             if timed:

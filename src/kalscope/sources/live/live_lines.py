@@ -6,6 +6,7 @@ dropped (it had no samples to give, or could not be trusted).
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.port.events import BytesReceived
+from kalscope.sources.port.events import BytesReceived, Start
 
 BOOT_SECONDS = 2.0
 """Seconds after an opening in which a board may restart: a line that is no row is then boot text, not damage."""
@@ -31,8 +32,12 @@ _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
 _MAX_KEPT_BYTES = 200
 
+_NO_SAMPLE = ("ovf", "inf", "+inf", "-inf")
+"""What an Arduino prints for a float that it cannot print."""
+
 _LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
+_NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
 _CELL_END = re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip says before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(rb"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
@@ -70,14 +75,18 @@ class LiveLines:
         """True if the last 2 s brought no row and more than a quarter of odd bytes."""
         self.unreported_drops = 0
         """Lines that were dropped without an event; the caller resets it to 0 after reading it."""
+        self._options = options = replace(options, missing=(*options.missing, *_NO_SAMPLE))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
-        self._parser = LineParser(replace(options, decimal=options.decimal or "."))
+        missing = (*options.missing, *_NO_SAMPLE)
+        self._parser = LineParser(replace(options, decimal=options.decimal or ".", missing=missing))
         self._raw = True  # bytes go to the parser as they come
         self._held = bytearray()  # otherwise: the line that is coming
         self._skip = self._whole = False
         self._opened = 0.0
         self._boot = False
+        self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
+        self._void = 0  # rows in a row none of whose cells is a number
         self._names = ""
         self._window = (0.0, 0, 0)
 
@@ -86,11 +95,14 @@ class LiveLines:
         """How the lines are written; None while that is unknown."""
         return self._parser.layout
 
-    def opened(self, at: float) -> None:
-        """The port was opened: the next bytes may begin inside a line."""
-        self._raw, self._skip, self._whole, self._boot = False, True, False, True
+    def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
+        """The port was opened at the monotonic moment `at`, s; `starts` and `keeps` are those of `Opened`."""
+        if keeps and not self.counts.received:
+            self._parser = LineParser(self._options)  # a file may have a decimal comma
+        inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
+        self._raw, self._skip, self._whole, self._boot = not inside, inside, False, inside
         self._held.clear()
-        self._opened = at
+        self._opened, self._fresh = at if inside else -math.inf, starts != "where it stopped"
         self._window, self.wrong_baud = (at, 0, 0), False
 
     def disconnected(self) -> None:
@@ -106,6 +118,10 @@ class LiveLines:
         self._skip = self._whole = False
         self.counts = self.counts.with_overrun(count)
         self.unreported_drops += count
+
+    def prime(self, data: bytes) -> None:
+        """Take the variables of Teleplot in the first bytes, which `feed` brings next."""
+        self._parser.prime(data.decode("utf-8", "replace").splitlines())
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
@@ -154,7 +170,8 @@ class LiveLines:
 
     def _judged(self, event: LineEvent) -> LineEvent | None:
         """Count a line; None if it needs no event."""
-        unknown = self.layout is None and event.kind == "text"
+        # Where each line names its values, a row of bare numbers is text, and shows another program all the same.
+        unknown = event.kind == "text" and (self.layout is None or _are_numbers(event.text))
         if unknown or event.kind in {"row", "rejected"}:
             event = self._after_program_change(event) or event
             if event.kind == "rejected" and self._boot:
@@ -164,6 +181,7 @@ class LiveLines:
         counts.received += 1
         if event.kind == "row":
             counts.accepted += 1
+            self._fresh = False
         elif event.kind == "rejected":
             counts.rejected += 1
         else:
@@ -171,33 +189,43 @@ class LiveLines:
         return event
 
     def _after_program_change(self, event: LineEvent) -> LineEvent | None:
-        """The line as read after a program change, if a header or many lines that do not fit show one.
+        """The line as read after a program change, if a header, or many lines that do not fit, show one.
 
         Names above lines that fit the old ones as well count only after an opening, or where there are none yet:
         `ERR,OK` is no header. Where each line names its values, no line above them is one: `a94*2B`.
         """
-        text, names, fits = event.text, self._names, event.kind == "row" and not event.issues
+        text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
         if not fits and _are_names(text):
             self._names = text
-            return LineEvent(event.number, "text", text)  # and no row of missing samples
+            return LineEvent(event.number, "text", event.text)  # and no row of missing samples
         self._names = ""
+        self._void = self._void + 1 if self._is_void(event) else 0
         if fits and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
         patience = _MAX_REJECTED_RUN if self.layout else _MAX_UNKNOWN_RUN
-        full = len(self._recent) >= patience and event.kind != "row"
+        full = len(self._recent) >= patience and (event.kind != "row" or self._void >= patience)
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
         self._recent.clear()
+        self._void = 0
         return self._parser.adopt_layout(head, named=fits)
+
+    def _is_void(self, event: LineEvent) -> bool:
+        """Whether a line has the width of a row and no number, as `a:1,b:2` in a table of two columns."""
+        layout = self.layout
+        if event.kind != "row" or not event.issues or layout is None:
+            return False
+        return all(math.isnan(row[i]) for row in event.rows for i in layout.channels)
 
     @property
     def _may_be_renamed(self) -> bool:
         """Whether names above lines of the same layout can be a header: of a table, unnamed or just opened."""
         layout = self.layout
-        return layout is not None and layout.form.kind == "table" and (self._boot or not layout.header_rows)
+        just_opened = self._boot or self._fresh
+        return layout is not None and layout.form.kind == "table" and (just_opened or not layout.header_rows)
 
     def _drop(self) -> None:
         self.counts.received += 1
@@ -215,6 +243,11 @@ class LiveLines:
         if received.end - begin >= _WINDOW and size >= _MIN_BYTES_JUDGED:
             self.wrong_baud = odd > _ODD_SHARE * size
             self._window = (received.end, 0, 0)
+
+
+def _are_numbers(text: str) -> bool:
+    """True for a line of nothing but marks of numbers."""
+    return any(c.isdigit() for c in text) and not text.strip(_NUMBER_MARKS)
 
 
 def _are_names(text: str) -> bool:

@@ -5,18 +5,21 @@ Not thread-safe: the owner holds a lock around each call.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.live.live_lines import LineCounts
 from kalscope.sources.live.sample_store import SampleStore
-from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
+from kalscope.sources.live.sample_times import ArrivedRow, FileTime, LiveTime
 from kalscope.sources.port.clock import Clock
 from kalscope.sources.port.port_spec import PortSpec
 
+MAX_NUMBERS = 1 << 25
+"""Numbers of one board that are kept at least, 256 MiB: of more than 32 channels fewer samples each."""
 _PERIOD_EVERY = 0.25
 _PERIOD_MOVES = 0.005
 
@@ -35,14 +38,42 @@ class Snapshot:
     """Another number, larger, where samples were added."""
 
 
+def gathered(rows: Sequence[ArrivedRow]) -> Iterator[ArrivedRow]:
+    """Rows of one variable each, of one read and one moment of the board, as rows of all that came together."""
+    row: ArrivedRow | None = None
+    for new in rows:
+        if row is None:
+            row = new
+            continue
+        alike = row.stamp == new.stamp or (math.isnan(row.stamp) and math.isnan(new.stamp))
+        pairs = [*zip(row.values, new.values, strict=True)]
+        if alike and all(math.isnan(old) or math.isnan(value) for old, value in pairs):
+            row = replace(row, values=tuple(value if math.isnan(old) else old for old, value in pairs))
+        else:
+            yield row
+            row = new
+    if row is not None:
+        yield row
+
+
 class LiveSamples:
     """The samples of one board, of the layout that it sends now."""
 
-    def __init__(self, spec: PortSpec, keep: int, clock: Clock) -> None:
-        """Args: the port, named in the Recording; the least number of samples kept a channel; the clock."""
+    def __init__(self, spec: PortSpec, keep: int, clock: Clock, rate: float | None = None) -> None:
+        """Prepare.
+
+        Args:
+            spec: The port, named in the Recording.
+            keep: The least number of samples kept a channel.
+            clock: Where the time comes from.
+            rate: Rows a second of a file without times; None = 1.
+        """
         self._spec, self._keep, self._clock = spec, keep, clock
+        self._file_period = 1.0 / (rate or 1.0)
+        self.kept = False
+        """Whether the lines come from a file: the moment of their arrival says nothing."""
         self._layout: Layout | None = None
-        self.time = LiveTime(None)
+        self.time: LiveTime = LiveTime(None)
         """When the samples were taken."""
         self._store: SampleStore | None = None
         self._names: tuple[str, ...] = ()
@@ -97,6 +128,8 @@ class LiveSamples:
         ]
         if not rows:
             return
+        if layout.form.kind == "teleplot":
+            rows = list(gathered(rows))
         time, values = self.time.place(rows)
         if time and self._store is not None:
             self._store.append(time, values)
@@ -110,7 +143,9 @@ class LiveSamples:
         if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
             return
         self._names, self._units = names, units
-        self.time, self._store = LiveTime(layout.time), SampleStore(len(names), self._keep)
+        keep = min(self._keep, MAX_NUMBERS // max(len(names), 1))
+        self.time = FileTime(layout.time, self._file_period) if self.kept else LiveTime(layout.time)
+        self._store = SampleStore(len(names), keep)
         self._generation += 1
         self._period, self._period_at = None, -1e9
 

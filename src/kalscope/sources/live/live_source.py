@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from contextlib import ExitStack
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -27,6 +27,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.live.command_channel import CommandChannel
+from kalscope.sources.live.first_items import FirstItems
 from kalscope.sources.live.live_lines import LineCounts, LiveLines
 from kalscope.sources.live.live_samples import LiveSamples, Snapshot
 from kalscope.sources.live.live_status import LineRate, LiveStatus, status_of
@@ -44,9 +45,6 @@ MAX_CLOSE_S = 0.5
 _SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
 """Seconds before a read at most in which its first line may have begun to come."""
-
-_NO_SAMPLE = ("ovf", "inf", "+inf", "-inf")
-"""What an Arduino prints for a float that it cannot print."""
 
 
 class LiveSource:
@@ -68,7 +66,7 @@ class LiveSource:
             spec: The port, or what `port_of` reads.
             options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
-            keep: Samples a channel that are kept at least.
+            keep: Samples a channel that are kept at least, fewer of very many channels.
             clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
 
@@ -80,9 +78,10 @@ class LiveSource:
         self.spec = port_of(spec) if isinstance(spec, str) else spec
         self._clock = clock
         self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
-        self._lines = LiveLines(replace(options, missing=(*options.missing, *_NO_SAMPLE)))
+        self._lines = LiveLines(options)
+        self._items = FirstItems(self._reader.items, clock.monotonic, self._lines.prime)
         self._layout: Layout | None = None
-        self._samples = LiveSamples(self.spec, keep, clock)
+        self._samples = LiveSamples(self.spec, keep, clock, options.rate)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
         self._rate = LineRate()
@@ -96,38 +95,32 @@ class LiveSource:
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
-    def start(self, *, require: bool = False) -> None:
+    def start(self, *, require: bool = False, is_ended: Callable[[], bool] = bool) -> None:
         """Connect; does nothing while it runs. After `close` it continues with the same samples.
 
         Args:
             require: Open the port before returning. Otherwise it waits for a missing board.
+            is_ended: True once nobody waits for that any more; it is then given up as if there were no board.
 
         Raises:
             BadDevice: the port cannot be opened, where that is required.
         """
-        if self._thread is None:
-            self._begin(require=require)
-
-    def start_recording(self, path: Path, *, resume: bool = False) -> Recorder:
-        """Connect to a board that must be there, and `record` from its first byte.
-
-        Raises:
-            BadDevice: the port cannot be opened: there is no file then.
-            BadFile: as `record`; the port is free then.
-        """
-        self._reader.open()
-        with ExitStack() as on_failure:
-            on_failure.callback(self._reader.close)
-            recorder = self.record(path, resume=resume)
-            on_failure.pop_all()
-        self._begin(require=False)
-        return recorder
-
-    def _begin(self, *, require: bool) -> None:
-        self._reader.start(require=require)
+        if self._thread is not None:
+            return
+        if require:
+            self._reader.open(is_ended)
+        self._reader.start()
         self._stop, self._end_by = threading.Event(), math.inf
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
+
+    def open(self) -> None:
+        """Open the port of a board that must be there; a later start reads it from its first byte.
+
+        Raises:
+            BadDevice: the port cannot be opened.
+        """
+        self._reader.open()
 
     def close(self, timeout: float = 3.0) -> None:
         """Free the port, process the bytes it had sent, end the recording. May be called twice.
@@ -214,7 +207,7 @@ class LiveSource:
     def _run(self, stop: threading.Event) -> None:
         while True:
             try:
-                item = self._reader.items.get(timeout=TICK)
+                item = self._items.get(timeout=TICK)
             except Empty:
                 self._slot.write([], self._layout)
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
@@ -246,12 +239,13 @@ class LiveSource:
     def _on_opened(self, event: Opened) -> None:
         self._check_for_sleep()
         with self._lock:
-            self._lines.opened(event.at)
+            self._lines.opened(event.at, event.starts, keeps=event.keeps)
+            self._samples.kept = event.keeps
         self._line_at = event.at
-        if self._disconnected_at is not None:
+        if self._disconnected_at is not None and event.starts != "where it stopped":
             self._samples.time.interrupt()
             self._slot.gap("unplug", event.at - self._disconnected_at)
-            self._disconnected_at = None
+        self._disconnected_at = None
 
     def _on_disconnected(self, event: Disconnected) -> None:
         self._disconnected_at = event.at
@@ -261,10 +255,8 @@ class LiveSource:
 
     def _take(self, received: BytesReceived) -> None:
         self._check_for_sleep()
-        batch: list[tuple[LineEvent, Layout | None]] = []
         with self._lock:
-            for event in self._lines.feed(received):
-                batch.append((event, self._lines.layout))
+            batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
         self._report_drops()
         self._rate.note(received.end, self._lines.counts.received)
         if not batch:

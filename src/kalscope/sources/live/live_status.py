@@ -18,6 +18,8 @@ _RATE_OVER = 2.0
 """Seconds of which the lines a second are the mean."""
 _RATE_EVERY = 0.1
 """Seconds between two counts that are kept for it."""
+_SILENT_AFTER = 5.0
+"""Seconds after which a source that should bring something is said to be silent, and their step."""
 _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
 
@@ -97,7 +99,8 @@ def status_of(
     state, time = reader.state, samples.time
     return LiveStatus(
         word=state.word,
-        hint=hint_of(state, reader.spec, counts, noise=noise, endless=reader.is_endless),
+        hint=silence_text(*reader.silence)
+        or hint_of(state, reader.spec, counts, noise=noise, endless=reader.is_endless),
         port=state.device,
         since=state.since,
         received=counts.received,
@@ -129,14 +132,23 @@ def hint_of(state: PortState, spec: PortSpec, counts: LineCounts, *, noise: bool
     if state.reason:
         return state.reason
     if noise:
-        return f"the data are not text: is {spec.baud} the right baud rate?"
+        cause = f": is {spec.baud} the right baud rate?" if spec.transport.has_baud else ""
+        return f"the data are not text{cause}"
     if state.word != "connected":
         return ""
     if endless:
         return "megabytes arrive without the end of a line: is this a board that prints lines?"
-    if counts.received > _MIN_LINES_JUDGED and not counts.accepted:
+    if counts.received - counts.overrun > _MIN_LINES_JUDGED and not counts.accepted:
         return "lines arrive, but none has numbers"
     return overrun_text(counts.overrun)
+
+
+def silence_text(seconds: float, check: str) -> str:
+    """That nothing has come for so many seconds, and what to check; "" where that is no long time, or usual."""
+    if not check or seconds < _SILENT_AFTER:
+        return ""
+    minutes, steps = int(seconds // 60), int(seconds // _SILENT_AFTER)  # in steps: a number that runs is restless
+    return f"nothing has arrived for {f'{minutes} min' if minutes else f'{steps * _SILENT_AFTER:g} s'}: {check}"
 
 
 def overrun_text(lines: int) -> str:

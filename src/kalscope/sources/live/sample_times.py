@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kalscope.common.array import Array
 from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.times.seconds import unit_by_magnitude
 
 _LOOK = 0.2
 """Seconds of the host by which the unit of a stamp is judged, if the board does not name it."""
@@ -118,7 +120,7 @@ class LiveTime:
         if steps.size < 10:
             return None
         low, high = np.percentile(steps, (5, 95))
-        return float(high - low) / 2
+        return round(float(high - low) / 2, 9)  # less is only the rounding of the stamps
 
     def _decide(self) -> bool:
         """Find the unit of the stamps by the clock of the host, or that they are no time at all."""
@@ -127,10 +129,19 @@ class LiveTime:
         if len(self._pending) < 2 or (host < _LOOK and len(self._pending) < _SOON):
             return False
         self._decided = True
-        if stamp > 0 and host > 0:
-            units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
-            self._scale = min(units, key=lambda scale: abs(math.log(stamp * scale / host)))
+        if stamp > 0:
+            self._scale = self._scale_by(host, np.array([row.stamp for row in self._pending]))
         return True
+
+    def _scale_by(self, host: float, stamps: Array) -> float | None:
+        """Seconds in one unit of stamps that came within `host` s; None if they are no time."""
+        units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
+        stamp = stamps[-1] - stamps[0]
+        return min(units, key=lambda scale: abs(math.log(stamp * scale / host))) if host > 0 else None
+
+    def _untimed(self, waited: float) -> float:
+        """Time from the last row to one without a stamp that came `waited` s after it."""
+        return max(waited, _TICK)
 
     def _next(self, row: ArrivedRow) -> float:
         """Time of the next row."""
@@ -142,7 +153,7 @@ class LiveTime:
             return 0.0
         waited = max(row.host - self._host, 0.0) + (self._broken if self._broken > _TICK else 0.0)
         self._host = row.host
-        time = self._by_stamp(row, waited) if self._scale is not None else self._time + max(waited, _TICK)
+        time = self._by_stamp(row, waited) if self._scale is not None else self._time + self._untimed(waited)
         self._time = max(time, self._time)
         return self._time
 
@@ -167,18 +178,54 @@ class LiveTime:
         self._stamp, self._doubted = stamp, False
         return stamp + self._offset
 
+    def _clock_turn(self, step: float) -> float:
+        """Seconds of a day, or whatever the clock of the stamps turns by, where it began again."""
+        column = self._column
+        is_clock = column is not None and column.kind == "clock" and step < -column.turn_s / 2
+        return column.turn_s if column is not None and is_clock else 0.0
+
     def _turn(self, raw: float, step: float, waited: float) -> float:
         """Seconds of a full turn of the counter, where a step back is one; else 0."""
         if not step < 0:
             return 0.0
         scale = self._scale or 1.0
         if self._column is not None and self._column.kind == "clock":
-            return self._column.turn_s if step < -self._column.turn_s / 2 else 0.0
+            return self._clock_turn(step)
         for size in _COUNTERS:
             turn = size * scale
             if self._stamp < turn and raw >= 0 and abs(step + turn - waited) <= 1.0 + 0.5 * waited:
                 return turn
         return 0.0
+
+
+class FileTime(LiveTime):
+    """Time of each row of a file, whose lines may come much later, or faster, than they were written."""
+
+    def __init__(self, column: TimeColumn | None, period: float) -> None:
+        """Begin with the first row; `period` is the time from row to row where the file has none, s."""
+        super().__init__(column)
+        self._file_period = period
+
+    def _scale_by(self, host: float, stamps: Array) -> float:
+        del host
+        return SECONDS_PER_UNIT[unit_by_magnitude(stamps[np.isfinite(stamps)])]
+
+    def _untimed(self, waited: float) -> float:
+        del waited
+        return self._file_period
+
+    def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
+        """Time by the stamp; a step back is the beginning of another record, which follows at once."""
+        del waited
+        last, stamp = self._time or 0.0, row.stamp * (self._scale or 1.0)
+        if not math.isfinite(stamp):
+            return last
+        turn = self._clock_turn(stamp - self._stamp)
+        if stamp + turn < self._stamp:
+            self._offset = last + (self.period or _TICK) - stamp
+        self._offset += turn
+        self._stamp = stamp
+        return stamp + self._offset
 
 
 def _scale_of(column: TimeColumn | None) -> float | None:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 Word = Literal["closed", "connecting", "connected", "disconnected, waiting"]
+Start = Literal["inside a line", "at a line", "where it stopped"]
+"""Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
+beginning of a line, as that of a message or a file; or right behind the last whole line of the opening before."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,14 @@ class BytesReceived:
 
 @dataclass(frozen=True)
 class Opened:
-    """The port is open; the next bytes may begin inside a line."""
+    """The port is open."""
 
     at: float
     """Monotonic time, s."""
+    starts: Start = "inside a line"
+    """Where the next bytes begin."""
+    keeps: bool = False
+    """True where the other side keeps its lines, as a file does: the times in them are then to be believed."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ It does nothing else, because bytes that it does not fetch in time are lost: the
 
 from __future__ import annotations
 
-import os
 import threading
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
@@ -16,14 +14,16 @@ from queue import Empty, SimpleQueue
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Item, LinesDropped, Opened, PortState, Word
-from kalscope.sources.port.open_port import DISCONNECT_ERRORS, READ_TIMEOUT, OpenPort, SerialPort, disconnect_reason
 from kalscope.sources.port.overload import LineCounter, Overload
-from kalscope.sources.port.port_spec import PortSpec, list_ports
+from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.port.transports.transport import READ_TIMEOUT, Endpoint, OpenPort
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
 _MIN_CONNECTED_S = 5.0
 """A connection that lasted longer, in s, resets the retry delay."""
+_KEPT_BYTES, _KEPT_PAUSE = 1 << 17, 0.01
+"""Bytes that wait for the consumer where the other side can keep the rest, and seconds until it is asked again."""
 _MIN_GAPS = 20
 """Reads after which it is known whether the board sends line by line or in bursts."""
 
@@ -37,7 +37,7 @@ class PortReader:
         *,
         reconnect: bool = True,
         clock: Clock = SYSTEM,
-        open_port: Callable[[PortSpec, str], OpenPort] = SerialPort,
+        endpoint: Endpoint | None = None,
     ) -> None:
         """Prepare; nothing is opened.
 
@@ -45,14 +45,14 @@ class PortReader:
             spec: The port.
             reconnect: Reopen it when the board comes back; may be switched at any time.
             clock: The source of the stamps.
-            open_port: Opens the device of that name; BadDevice where it cannot.
+            endpoint: What is opened; None = what `spec` names.
         """
         self.spec = spec
         self.items: SimpleQueue[Item] = SimpleQueue()
         """The events in order. The consumer passes each `BytesReceived` and `LinesDropped` to `release`."""
         self._reconnect = reconnect
         self._clock = clock
-        self._open_port = open_port
+        self._endpoint = endpoint or spec.transport.endpoint(spec.url, spec.baud, spec.reset)
         self._state = PortState("closed", device=spec.url)
         self._port: OpenPort | None = None
         self._ready: OpenPort | None = None  # open, but not read yet
@@ -61,9 +61,8 @@ class PortReader:
         self._write_lock = threading.Lock()
         self._waiting = self._unreleased = 0
         self._waiting_lock = threading.Lock()
-        self._serial_number = ""
-        self._losses: deque[float] = deque(maxlen=3)
         self._usual_gap, self._gaps = 0.0, 0
+        self._heard_at = 0.0
         self._overload = Overload()
         self.max_read_latency = 0.0
         """Upper bound of the longest time between two reads while bytes were waiting, s."""
@@ -84,6 +83,13 @@ class PortReader:
         return self._overload.is_endless
 
     @property
+    def silence(self) -> tuple[float, str]:
+        """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
+        if self._state.word != "connected":
+            return 0.0, ""
+        return self._clock.monotonic() - max(self._heard_at, self._state.since), self._endpoint.when_silent
+
+    @property
     def reconnect(self) -> bool:
         """Whether the port is reopened when the board comes back."""
         return self._reconnect
@@ -97,16 +103,21 @@ class PortReader:
         """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
 
-    def open(self) -> None:
-        """Open the port; `start` then reads it from its first byte.
+    def open(self, is_ended: Callable[[], bool] = bool) -> None:
+        """Open the port; `start` then reads it from its first byte. Does nothing while it is open and not read yet.
+
+        Args:
+            is_ended: True once that is no longer wanted: connecting is then given up.
 
         Raises:
             BadDevice: the port cannot be opened.
         """
+        if self._ready is not None:
+            return
         self._stop = threading.Event()
         self._set_state("connecting")
         try:
-            self._ready = self._opened(self._stop)
+            self._ready = self._opened(self._stop, is_ended)
         except BadDevice as error:
             self._set_state("closed", str(error))
             raise
@@ -158,10 +169,7 @@ class PortReader:
             port = self._port
             if port is None:
                 raise BadDevice(f"port {self._state.device} is not connected ({self._state.word})")
-            try:
-                port.write(data)
-            except DISCONNECT_ERRORS as error:
-                raise BadDevice(f"cannot write to port {self._state.device} ({error})") from error
+            port.write(data)
 
     def release(self, item: BytesReceived | LinesDropped) -> None:
         """Note that these bytes no longer occupy the queue, or that these lines are counted elsewhere."""
@@ -216,31 +224,20 @@ class PortReader:
             if stop.is_set() and stop is self._stop:
                 self._set_state("closed")
 
-    def _opened(self, stop: threading.Event) -> OpenPort:
-        """The port, open, under whatever name the board has now."""
-        device = self._device()
-        port = self._open_port(self.spec, device)
+    def _opened(self, stop: threading.Event, is_ended: Callable[[], bool] = bool) -> OpenPort:
+        """The port, open."""
+        port = self._endpoint.open(lambda: stop.is_set() or is_ended())
+        device = self._endpoint.device
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} was closed before it had opened")
-        if not self.spec.is_url and not self._serial_number:
-            real = os.path.realpath(device)
-            found = [info for info in list_ports() if info.device in (device, real)]
-            self._serial_number = found[0].serial_number if found else ""
         at = self._clock.monotonic()
         with self._write_lock:
             self._port = port
         # Before the state changes, so that a caller who sees "connected" finds the event.
-        self.items.put(Opened(at))
+        self.items.put(Opened(at, port.starts, port.keeps))
         self._state = PortState("connected", "", device, at, self._state.opened + 1)
         return port
-
-    def _device(self) -> str:
-        if self.spec.is_url or not self._serial_number:
-            return self.spec.url
-        same = [info.device for info in list_ports() if info.serial_number == self._serial_number]
-        real = os.path.realpath(self.spec.url)
-        return same[0] if same and real not in same else self.spec.url
 
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
         """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
@@ -249,21 +246,26 @@ class PortReader:
         overload = self._overload = Overload()
         try:
             while not stop.is_set():
+                if port.keeps and self._waiting > _KEPT_BYTES:
+                    stop.wait(_KEPT_PAUSE)
+                    continue
                 data = port.fetch()
                 now = clock()
+                if lost := port.take_lost():
+                    self._hand_over(LinesDropped(lost, before, now))
                 if not data:
                     # Not `now - before`: a machine that stalls in a read hears nothing either.
                     waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
                     continue
+                self._heard_at = now
                 for item in overload.take(BytesReceived(data, before, now, silence), self._waiting):
                     self._hand_over(item)
                 left = port.waiting()
-                self._note_read_latency(now - before, waiting, left)
+                if not port.keeps:
+                    self._note_read_latency(now - before, waiting, left)
                 before, waiting, silence = now, left, 0.0
-        except DISCONNECT_ERRORS as error:
-            self._losses.append(clock())
-            often = len(self._losses) > 1 and self._losses[-1] - self._losses[-2] < 2 * _MIN_CONNECTED_S
-            why = disconnect_reason(self.spec, self._state.device, error, again=often)
+        except BadDevice as error:
+            why = str(error)
         finally:
             with self._write_lock:
                 self._port = None

@@ -162,8 +162,8 @@ class Recorder:
         with self._lock:
             if self._closed:
                 return
-            if layout is not None and layout is not self._layout:
-                self._use(layout)
+            if layout is not None and layout is not self._layout and any(one.kind == "row" for _, one in stamped):
+                self._use(layout)  # with its first row: names of variables may come long before
             for at, event in stamped:
                 self._take(at, event)
             self._flush()

@@ -1,0 +1,98 @@
+"""A file that grows, line by line, from any place in it.
+
+This module runs on other machines, too, where `far_side.py` follows a file: it imports nothing of Kalscope and
+keeps to Python 3.7.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+
+MAX_PIECE = 65_536
+"""Bytes of one read; a line that is longer comes in pieces."""
+MAX_BEFORE = 64
+"""Bytes before a place in a file by which the place is known again."""
+
+
+class Unusable(Exception):
+    """The file cannot be followed; its one argument says why: "missing", "denied", "irregular" or another text."""
+
+
+class Replaced(Exception):
+    """The file was cut short, or another one has its name: it is to be read again, from its beginning."""
+
+
+class GrowingFile:
+    """Reads whole lines. What follows the last line end is left for later: it may be half a line."""
+
+    def __init__(self, path: str, position: int = 0, before: bytes = b"") -> None:
+        """Open a file.
+
+        Args:
+            path: The file.
+            position: Where to begin.
+            before: The bytes that stood before that place, MAX_BEFORE at most: where others stand there now, it
+                begins at 0.
+
+        Raises:
+            Unusable: there is no such file, it must not be read, or it is no regular file.
+        """
+        self._path = path
+        self._open_file = -1
+        try:
+            if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened: a FIFO would wait for a writer
+                raise Unusable("irregular")
+            self._open_file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+            self.position = position if self._stood(before, position) else 0
+        except FileNotFoundError:
+            raise Unusable("missing") from None
+        except PermissionError:
+            raise Unusable("denied") from None
+        except (OSError, ValueError) as error:
+            self.close()
+            raise Unusable(str(error)) from None
+        self.before = before if self.position else b""
+
+    def _stood(self, before: bytes, position: int) -> bool:
+        """Whether these bytes end at `position`."""
+        start = position - len(before)
+        if not before or start < 0:
+            return False
+        os.lseek(self._open_file, start, os.SEEK_SET)
+        return os.read(self._open_file, len(before)) == before
+
+    def read(self) -> bytes:
+        """The next whole lines, MAX_PIECE bytes at most; b"" where there are none yet.
+
+        Raises:
+            Replaced: the rest is of another file.
+            OSError: the disk does not give it.
+        """
+        os.lseek(self._open_file, self.position, os.SEEK_SET)
+        data = os.read(self._open_file, MAX_PIECE)
+        end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
+        if not end and len(data) == MAX_PIECE:
+            end = len(data)
+        lines = data[:end]
+        if not lines and self._is_replaced():
+            raise Replaced
+        self.position += len(lines)
+        self.before = (self.before + lines)[-MAX_BEFORE:]
+        return lines
+
+    def _is_replaced(self) -> bool:
+        here = os.fstat(self._open_file)
+        if here.st_size < self.position:
+            return True
+        try:
+            there = os.stat(self._path)
+        except OSError:  # renamed: it may be written on until the next one is there
+            return False
+        return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        if self._open_file >= 0:
+            os.close(self._open_file)
+            self._open_file = -1

@@ -1,0 +1,1 @@
+"""ssh:// addresses: a serial port or a growing file of another machine, through the system's own ssh."""

@@ -1,0 +1,106 @@
+"""What a transport must offer: an address that may be opened again and again, and the port that is open."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from kalscope.sources.port.events import Start
+
+READ_TIMEOUT = 0.1
+"""Seconds after which a read without data returns, so that close never waits longer."""
+WRITE_TIMEOUT = 2.0
+"""Seconds after which a write that is not taken fails."""
+MAX_READ_BYTES = 1 << 13
+"""Bytes of one read: a consumer that is to end is asked between two of them."""
+MAX_REASON_LENGTH = 200
+"""Letters of a reason that comes from outside."""
+
+_PASSWORD = re.compile(r"([^:/]*://[^:@]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
+
+
+class OpenPort(ABC):
+    """An open port. Each method raises BadDevice where the connection is lost: a sentence without its full stop."""
+
+    starts: Start = "inside a line"
+    """Where its first byte is."""
+    keeps = False
+    """True where the other side keeps what is not read yet: it is then fetched no faster than it is used."""
+
+    @abstractmethod
+    def fetch(self) -> bytes:
+        """Bytes that have arrived, MAX_READ_BYTES at most; after READ_TIMEOUT none."""
+
+    @abstractmethod
+    def waiting(self) -> int:
+        """Bytes that wait to be read, or 1 where only that is known; 0 where there are none."""
+
+    def take_lost(self) -> int:
+        """Lines, or messages, lost since the last call because they came faster than they were fetched."""
+        return 0
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Send all of it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the port; may be called twice, and after the connection was lost. Raises nothing."""
+
+
+class Endpoint(ABC):
+    """One address over all its openings."""
+
+    device: str
+    """What is opened, as users know it: the path may change when a board is plugged in again."""
+
+    when_silent: str = ""
+    """What to check where nothing arrives, a sentence without its full stop; "" where silence may be all right."""
+
+    @abstractmethod
+    def open(self, is_ended: Callable[[], bool]) -> OpenPort:
+        """Connect.
+
+        Args:
+            is_ended: True once nobody needs the port any more; asked at least every READ_TIMEOUT s where that is
+                possible.
+
+        Raises:
+            BadDevice: it cannot be opened: why, and what to do, a sentence without its full stop.
+        """
+
+
+@dataclass(frozen=True)
+class Transport:
+    """One kind of address."""
+
+    prefixes: tuple[str, ...]
+    """How its addresses begin, in small letters; the usual one first."""
+    example: str
+    """Such an address, for help texts."""
+    check: Callable[[str], None]
+    """Raises BadSetting where an address is not written as it must be. Opens nothing."""
+    endpoint: Callable[[str, int, bool], Endpoint]
+    """The endpoint of an address, a baud rate, and whether the board may be reset; imports what it needs."""
+    has_baud: bool = False
+    """Whether an address may end with @ and a baud rate."""
+    in_dashboard: bool = True
+    """Whether it may be typed in the dashboard, too."""
+
+    def begins(self, address: str) -> bool:
+        """Whether the address is of this kind."""
+        return address.lower().startswith(self.prefixes)
+
+
+def quoted(address: str) -> str:
+    """An address as messages repeat it: without the password that may stand before its last @, not too long."""
+    match = _PASSWORD.match(address)
+    shown = f"{match[1]}:…@{address[match.end() :]}" if match else address
+    return f"{shown!r:.100}"
+
+
+def short(text: str) -> str:
+    """A text of another program on one line, not too long."""
+    return " ".join(text.split())[:MAX_REASON_LENGTH]

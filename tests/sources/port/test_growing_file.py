@@ -1,0 +1,153 @@
+"""A file that another program still writes: whole lines, replaced files, and times that are its own."""
+
+import os
+
+import numpy as np
+import pytest
+from each import each
+
+from kalscope.catalogue import open_source
+from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.port.port_spec import is_live, port_of
+from kalscope.sources.port.transports.growing_file import MAX_PIECE, GrowingFile, Replaced, Unusable
+from kalscope.sources.readers.recording_file import read_recording
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def add(path, text):
+    with path.open("ab") as file:
+        file.write(text if isinstance(text, bytes) else text.encode())
+
+
+def test_only_whole_lines_are_read_and_each_once(log):
+    add(log, b"a\nb")
+    file = GrowingFile(str(log))
+    assert [file.read(), file.read()] == [b"a\n", b""]
+    add(log, b"c\r\nd")
+    assert [file.read(), file.read()] == [b"bc\r\n", b""]
+    again = GrowingFile(str(log), file.position, file.before)
+    add(log, b"e\rf")
+    assert (again.position, again.read(), again.position) == (6, b"de\r", 9)
+    add(log, b"x" * (MAX_PIECE + 10))  # no line of numbers: it is passed on in pieces
+    assert len(again.read()) == MAX_PIECE
+    file.close()
+    again.close()
+    again.close()
+
+
+def truncate(path):
+    path.write_bytes(b"new\n")
+
+
+def rotate(path):
+    path.rename(path.with_suffix(".1"))
+    path.write_bytes(b"old\nnew\n")
+
+
+@each("replace", [truncate, rotate])
+def test_a_replaced_file_is_noticed_and_read_from_its_beginning(log, replace):
+    log.unlink(missing_ok=True)
+    add(log, b"old\nolder\n")
+    file = GrowingFile(str(log))
+    file.read()
+    replace(log)
+    with pytest.raises(Replaced):
+        file.read()
+    again = GrowingFile(str(log), file.position, file.before)
+    assert again.position == 0
+    file.close()
+    again.close()
+
+
+def test_a_file_that_was_moved_is_read_to_its_end(log):
+    add(log, b"a\n")
+    file = GrowingFile(str(log))
+    file.read()
+    moved = log.rename(log.with_suffix(".1"))
+    assert file.read() == b""
+    add(moved, b"b\n")
+    assert file.read() == b"b\n"
+    file.close()
+
+
+def test_what_is_no_file_is_refused_and_a_fifo_holds_up_nobody(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    for name, why in (("none", "missing"), ("fifo", "irregular"), (".", "irregular"), ("\0", "null")):
+        with pytest.raises(Unusable, match=why):
+            GrowingFile(str(tmp_path / name))
+        with pytest.raises((BadDevice, BadSetting)):
+            LiveSource(f"file:{tmp_path / name}").start(require=True)
+    with pytest.raises(BadSetting, match="file:PATH"):
+        port_of("file:")
+
+
+def followed(log, **options):
+    return LiveSource(f"file:{log}", ReadOptions(**options))
+
+
+def kept(live):
+    snapshot = live.snapshot()
+    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
+
+
+RECORDED = """# kalscope recording 0.1.0
+# source: serial:/dev/ttyACM0@115200
+# started: 2026-11-21T10:46:04.123456Z
+# host time: s since the start, by this computer's monotonic clock; the rest as the board sent it
+host time [s],device time [ms],temp [°C],light
+"""
+
+
+@each(
+    ("head", "row", "options"),
+    [
+        (RECORDED, "{:.6f},{},{},7\n", {}),
+        ("millis,heat\n", "{1},{2}\n", {}),
+        ("t,heat\n", "{1},{2}\n", {"time_unit": "ms"}),
+        ("heat;light\n", "{2},5;1,5\n", {}),
+        ("heat,light\n", "{2},1.5\n", {"rate": 50.0}),
+        ("time,heat\n", "2026-11-21 10:46:{0:09.6f},{2}\n", {}),
+    ],
+)
+def test_a_followed_file_is_what_it_is_when_it_is_opened(log, wait_for, head, row, options):
+    ticks = [20 * i + (40_000 if i >= 500 else 0) for i in range(900)]  # the board was unplugged for 40 s
+    rows = [row.format(tick / 1000, tick, i % 50) for i, tick in enumerate(ticks)]
+    log.write_text(head + "".join(rows[:800]))
+    with followed(log, **options) as live:
+        wait_for(lambda: kept(live) == 800)
+        add(log, "".join(rows[800:]))
+        wait_for(lambda: kept(live) == 900)
+        seen, whole = live.snapshot().recording, read_recording(str(log), ReadOptions(**options))
+    assert (seen.names, seen.units) == (whole.names, whole.units)
+    np.testing.assert_array_equal(seen.values, whole.values)
+    np.testing.assert_allclose(seen.time - seen.time[0], whole.time - whole.time[0], atol=1e-6)
+    assert live.status().rejected == 0
+
+
+def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for):
+    log.write_text("t [s],heat\n0,1\n0.1,2\n")
+    with followed(log) as live:
+        wait_for(lambda: kept(live) == 2)
+        rotate(log)
+        log.write_text("t [s],heat\n0,3\n0.1,4\n")
+        wait_for(lambda: kept(live) == 5)
+        recording = live.snapshot().recording
+        np.testing.assert_array_equal(recording.values[:, 0], [1, 2, np.nan, 3, 4])
+        assert (np.diff(recording.time) > 0).all()
+        assert live.status().reconnects == 1
+        with pytest.raises(BadDevice, match="is a file: nothing can be sent to it"):
+            live.send("q1")
+
+
+def test_a_followed_file_is_read_once_where_something_finished_is_wanted(log):
+    log.write_text("t [s],heat\n0,1\n0.1,2\n")
+    assert is_live(f"file:{log}")
+    assert len(open_source(f"file:{log}")) == 2

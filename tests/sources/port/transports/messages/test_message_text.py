@@ -1,0 +1,157 @@
+"""Datagrams and messages of a broker become lines that the one line parser reads."""
+
+import math
+import re
+
+import pytest
+from each import each
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.port.transports.messages.text import lines_of
+from kalscope.sources.port.transports.messages.topics import MAX_PAYLOAD, Topics, check_topic
+
+
+def rows_of(*messages):
+    """[(kind, {channel: value})] of messages as the parser reads them."""
+    parser = LineParser()
+    found = []
+    for message in messages:
+        parser.feed(message)
+        for event in parser:
+            names = [parser.layout.columns[i].name for i in parser.layout.channels] if event.rows else []
+            values = [event.rows[-1][i] for i in parser.layout.channels] if event.rows else []
+            found.append(
+                (event.kind, {name: x for name, x in zip(names, values, strict=True) if not math.isnan(x)})
+            )
+    return found
+
+
+DATAGRAMS = [
+    ("temp:21.3|g", [("row", {"temp": 21.3})]),
+    ("temp:21.3", [("row", {"temp": 21.3})]),
+    ("temp:1500:21.3§°C|g,np", [("row", {"temp": 21.3})]),
+    ("temp:1500:21.3;1510:21.5", [("row", {"temp": 21.5})]),
+    (">temp:21.3\n", [("row", {"temp": 21.3})]),
+    ("temp:1\nhum:2\r\n\n", [("row", {"temp": 1.0}), ("row", {"hum": 2.0})]),
+    ("512,300", [("row", {"value 1": 512.0, "value 2": 300.0})]),
+    ("temp:1,hum:2", [("row", {"temp": 1.0, "hum": 2.0})]),
+    ("temp: 21.5 C", [("row", {"temp": 21.5})]),
+    ('{"temp": 21.5}', [("row", {"temp": 21.5})]),
+    ("12:30:05,5", [("row", {"value 1": 5.0})]),
+    ("", []),
+]
+
+
+@each(("datagram", "rows"), DATAGRAMS)
+def test_what_a_datagram_holds(datagram, rows):
+    assert rows_of(lines_of(datagram.encode())) == rows
+
+
+@each(
+    ("line", "kind", "says"),
+    [
+        ("state:on|t", "text", ""),
+        ("p:1:2|xy", "rejected", "point of a plane"),
+        ("3D|cube:S:cube", "rejected", "must be >name:value"),
+        ("temp:broken", "text", ""),
+        (">temp:broken", "rejected", "must be a number"),
+        ("temp:", "header", ""),
+    ],
+)
+def test_what_is_no_sample_is_counted_with_its_reason(line, kind, says):
+    parser = LineParser()
+    parser.feed(b">temp:1\n>p:3\n" + lines_of(line.encode()))
+    event = list(parser)[-1]
+    assert event.kind == kind
+    assert says in "".join(issue.reason for issue in event.issues)
+
+
+def test_a_binary_datagram_is_one_rejected_line():
+    parser = LineParser()
+    parser.feed(b"1,2\n" + lines_of(bytes(range(256)) * 100))
+    (_, event) = parser
+    assert (event.kind, len(event.text)) == ("rejected", 200)
+    assert "printable" in event.issues[0].reason
+
+
+@given(st.binary(max_size=300))
+def test_no_datagram_breaks_a_line(data):
+    lines = lines_of(data)
+    assert lines == b"" or lines.endswith(b"\n")
+    parser = LineParser()
+    parser.feed(b"1,2\n" + lines + b"3,4\n")
+    assert list(parser)[-1].rows == ((3.0, 4.0),)
+
+
+@each(
+    ("subscribed", "topic", "name"),
+    [
+        ("home/barn/temperature", "home/barn/temperature", "temperature"),
+        ("home/+/temperature", "home/barn/temperature", "barn/temperature"),
+        ("home/#", "home/barn/temperature", "barn/temperature"),
+        ("home/#", "home", "home"),
+        ("#", "home/barn", "home/barn"),
+        ("+/+", "AA:BB/x>y", "AA-BB/x_y"),
+        ("t", "t", "t"),
+    ],
+)
+def test_a_topic_names_its_channel(subscribed, topic, name):
+    assert rows_of(Topics(subscribed).lines(topic, b"21.5")) == [("row", {name: 21.5})]
+
+
+SENSOR = b'{"Time":"2026-11-23T10:00:00","AM2301":{"Temperature":21.3,"Humidity":40}}'
+
+
+@each(
+    ("payload", "one", "of_many"),
+    [
+        (b"21.5", {"s": 21.5}, {"b/s": 21.5}),
+        ("21.5 °C".encode(), {"s": 21.5}, {"b/s": 21.5}),
+        (b'{"temp": 21.3}', {"temp": 21.3}, {"b/s.temp": 21.3}),
+        (b"512,300", {"value 1": 512.0, "value 2": 300.0}, {"b/s[0]": 512.0, "b/s[1]": 300.0}),
+        (b"temp:1 hum:2", {"temp": 1.0, "hum": 2.0}, {"b/s.temp": 1.0, "b/s.hum": 2.0}),
+        (SENSOR, None, {"b/s.AM2301.Temperature": 21.3, "b/s.AM2301.Humidity": 40.0}),
+    ],
+)
+def test_what_a_payload_holds(payload, one, of_many):
+    def merged(lines):
+        return {name: value for kind, row in rows_of(lines) for name, value in row.items()}
+
+    assert one is None or merged(Topics("a/b/s").lines("a/b/s", payload)) == one
+    assert merged(Topics("a/#").lines("a/b/s", payload)) == of_many
+
+
+def test_a_retained_message_names_its_channel_and_is_no_sample():
+    topics = Topics("home/#")
+    retained = [topics.lines(f"home/{name}", b"1.5", retained=True) for name in ("a", "b")]
+    assert rows_of(*retained, topics.lines("home/b", b"2")) == [("header", {})] * 2 + [("row", {"b": 2.0})]
+    assert rows_of(Topics("home/x").lines("home/x", b"1,2", retained=True)) == [("comment", {})]
+
+
+def test_a_payload_that_is_no_sample_is_counted():
+    topics, before = Topics("home/#"), b">a:1\n"
+    large = b"x" * (MAX_PAYLOAD + 1)
+    for payload, kind in (
+        (b"ON", "text"),
+        (b"", "text"),
+        (b"\x00\xff\xd8", "rejected"),
+        (large, "rejected"),
+    ):
+        assert rows_of(before, topics.lines("home/a", payload))[1:] == [(kind, {})]
+    assert len(topics.lines("home/a", large)) < 200
+
+
+@given(st.sampled_from(["home/#", "home/x"]), st.text(max_size=20), st.binary(max_size=100), st.booleans())
+def test_no_message_breaks_a_line(subscribed, topic, payload, retained):
+    lines = Topics(subscribed).lines(topic, payload, retained=retained)
+    assert lines == b"" or lines.endswith(b"\n")
+    assert not re.search(rb"\r", lines)
+
+
+@each("topic", ["", "a/#/b", "a/b+", "a#", "a\nb", "x" * 65_536])
+def test_a_topic_that_nobody_can_subscribe_to(topic):
+    with pytest.raises(BadSetting, match="a topic must have"):
+        check_topic(topic)

@@ -1,0 +1,278 @@
+"""mqtt:// with a real mosquitto on loopback: every message, retained ones, a killed broker, logins, trust."""
+
+import shutil
+import socket
+import subprocess
+import threading
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from broker import PASSWORD, USER, broker, publisher
+from each import each
+from program import free_port
+from required import needs, not_here
+from waiting import wait_until
+
+from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.port.port_spec import is_live, port_of
+from kalscope.sources.port.transports.messages.mqtt import MAX_MESSAGE, MqttEndpoint
+from kalscope.sources.readers.recording_file import read_recording
+
+needs("paho")
+CONNECTED, REFUSED = b"\x20\x02\0\0", b"\x20\x02\0\x03"
+SUBSCRIBED, NOT_SUBSCRIBED = b"\x90\x03\0\x01\0", b"\x90\x03\0\x01\x80"
+"""What a broker says: yes, and not now; yes, and not this topic."""
+NO_CODE = b"\x90\x02\0\x01"
+"""Its answer to a subscription without the code that one must have."""
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+
+@pytest.fixture(scope="module")
+def open_broker(tmp_path_factory):
+    with broker(tmp_path_factory.mktemp("broker")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def closed_broker(tmp_path_factory):
+    """One that asks for a password."""
+    folder = tmp_path_factory.mktemp("broker")
+    passwords = folder / "passwords"
+    made = shutil.which("mosquitto_passwd") or not_here("mosquitto_passwd is not installed")
+    subprocess.run([made, "-b", "-c", passwords, USER, PASSWORD], check=True)
+    with broker(folder, "allow_anonymous false", f"password_file {passwords}") as running:
+        yield running
+
+
+def opened(address):
+    """A live source that is connected; the caller closes it."""
+    live = LiveSource(address)
+    live.start(require=True)
+    return live
+
+
+def refusal(address):
+    """Why a source cannot be opened."""
+    with pytest.raises(BadDevice) as error:
+        LiveSource(address).start(require=True)
+    return str(error.value)
+
+
+@each(
+    "text",
+    [
+        "mqtt://broker/a/b",
+        "mqtt://ada@broker:1884/home/+/t",
+        "MQTTS://[::1]/#",
+        "mqtt://127.0.0.1/$SYS/broker/uptime",
+    ],
+)
+def test_addresses_of_brokers(text):
+    assert is_live(text)
+    assert port_of(text).text == text
+
+
+@each(
+    ("text", "says"),
+    [
+        ("mqtt://broker", "an address must be mqtt://broker/topic"),
+        ("mqtt://broker/", "an address must be mqtt://broker/topic"),
+        ("mqtt:///a", "an address must be mqtt://broker/topic"),
+        ("mqtt://broker:0/a", "an address must be mqtt://broker/topic"),
+        ("mqtt://broker/a/#/b", "a topic must have"),
+        ("mqtt://ada:sec/secret@broker/a", "an address must be mqtt://broker/topic"),
+        ("mqtt://ada:secret@broker/a", "must not hold a password: set KALSCOPE_MQTT_PASSWORD"),
+    ],
+)
+def test_what_is_no_address_of_a_broker(text, says):
+    with pytest.raises(BadSetting) as error:
+        port_of(text)
+    assert says in str(error.value)
+    assert "secret" not in str(error.value)
+
+
+def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait_for, tmp_path):
+    with publisher(open_broker) as client:
+        for topic, kept in (("home/barn/air/temperature", "9"), ("home/barn/air", '{"hum": 9}')):
+            client.publish(topic, kept, qos=1, retain=True).wait_for_publish()
+        live = opened(f"{open_broker.address}/home/+/air/#")
+        recorder = live.record(tmp_path / "run.csv")
+        wait_for(lambda: live.status().received == 2)
+        for i in range(1000):
+            client.publish("home/barn/air/temperature", f"{i}", qos=i % 2)
+            client.publish("home/barn/air", f'{{"hum": {-i}, "at": "noon"}}')
+        client.publish("home/barn/air/state", "ON")
+        client.publish("home/barn/air/picture", b"\xff\xd8\x00" * 1000)
+        wait_for(lambda: live.status().received == 2004)
+    live.close()
+    status, recording = live.status(), live.snapshot().recording
+    assert (status.accepted, status.rejected, status.dropped) == (2000, 1, 3)
+    assert set(recording.names) == {"barn/air/temperature", "barn/air.hum"}
+    for name, sign in (("barn/air/temperature", 1), ("barn/air.hum", -1)):
+        values = recording.channel(name)
+        assert sorted(sign * values[np.isfinite(values)]) == list(range(1000))
+    assert recorder.paths == (tmp_path / "run.csv",)
+    assert (recorder.counts.written, recorder.counts.rejected, recorder.counts.dropped) == (2000, 1, 0)
+    assert len(read_recording(tmp_path / "run.csv")) == 2000
+
+
+def test_a_value_that_the_broker_had_kept_names_its_channel_only(open_broker, wait_for):
+    with publisher(open_broker) as client:
+        client.publish("kept/old", "99", qos=1, retain=True).wait_for_publish()
+        live = opened(f"{open_broker.address}/kept/#")
+        wait_for(lambda: live.status().received == 1)
+        client.publish("kept/new", "1")
+        wait_for(lambda: live.status().accepted == 1)
+        client.publish("kept/old", "", qos=1, retain=True).wait_for_publish()
+    live.close()
+    recording = live.snapshot().recording
+    assert recording.names == ("old", "new")
+    np.testing.assert_array_equal(recording.values[:1], [[np.nan, 1.0]])
+
+
+def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
+    with broker(tmp_path) as running:
+        live = opened(f"{running.address}/t")
+        running.kill()
+        wait_for(lambda: live.status().word == "disconnected, waiting")
+        wait_for(lambda: "nothing listens at" in live.status().hint)
+        running.start()
+        wait_for(lambda: live.status().word == "connected")
+        with publisher(running) as client:
+            client.publish("t", "21.5")
+            wait_for(lambda: live.status().accepted == 1)
+        assert live.status().reconnects == 1
+        live.close()
+    assert live.snapshot().recording.names == ("t",)
+
+
+def test_a_password_comes_from_the_environment_or_a_file(closed_broker, monkeypatch, tmp_path):
+    address = f"mqtt://{USER}@127.0.0.1:{closed_broker.port}/home/#"
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    assert "refuses the user ada, or the password: set KALSCOPE_MQTT_PASSWORD" in refusal(address)
+    assert "wants a user: mqtt://user@127.0.0.1" in refusal(address.replace(f"{USER}@", ""))
+    file = tmp_path / ".netrc"
+    file.write_text(f'machine 127.0.0.1 login {USER} password "{PASSWORD}"\n')
+    file.chmod(0o644)
+    assert "~/.netrc must be readable for you alone" in refusal(address)
+    file.chmod(0o600)
+    opened(address).close()
+    file.write_text(f'default login {USER} password "{PASSWORD}"\n')
+    assert "refuses the user ada" in refusal(address), "an entry for any host is sent to none"
+    file.write_text(f"machine 127.0.0.1 login {USER} pass {PASSWORD}\n")
+    assert PASSWORD.split()[1] not in refusal(address)
+    file.unlink()
+    monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", "wrong")
+    assert "refuses the user ada" in refusal(address)
+    monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", PASSWORD)
+    opened(address).close()
+
+
+def made_certificates(folder):
+    """A certificate authority, and a certificate for 127.0.0.1 that it signed."""
+    tool = shutil.which("openssl") or not_here("openssl is not installed")
+    (folder / "names").write_text("subjectAltName=IP:127.0.0.1\nbasicConstraints=CA:FALSE\n")
+    for line in (
+        "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout ca.key -out ca.pem -subj /CN=test"
+        " -days 9 -addext keyUsage=critical,keyCertSign",
+        "req -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout own.key -out own.csr -subj /CN=127.0.0.1",
+        "x509 -req -in own.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out own.pem -days 9 -extfile names",
+    ):
+        subprocess.run([tool, *line.split()], cwd=folder, check=True, capture_output=True)
+
+
+def test_a_broker_over_tls_must_be_trusted(tmp_path, monkeypatch, wait_for):
+    made_certificates(tmp_path)
+    keys = (f"certfile {tmp_path}/own.pem", f"keyfile {tmp_path}/own.key")
+    with broker(tmp_path, "allow_anonymous true", *keys) as running:
+        address = f"mqtts://127.0.0.1:{running.port}/t"
+        assert "the certificate of 127.0.0.1 is not trusted" in refusal(address)
+        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+        live = opened(address)
+        live.close()
+
+
+def hang_up(listening, *answers):
+    """A broker that says so much, a part after each packet that it hears, and hangs up after one more."""
+    with listening.accept()[0] as connection:
+        for answer in answers:
+            connection.recv(4096)
+            connection.sendall(answer)
+        connection.recv(4096)
+
+
+def test_what_is_no_broker(open_broker):
+    assert "nothing listens at" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
+    assert "no computer is known here as no.such.host.invalid" in refusal("mqtt://no.such.host.invalid/t")
+    assert "does not speak TLS" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        threading.Thread(target=hang_up, args=(mute,)).start()
+        address = f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"
+        assert "closed the connection" in refusal(address)
+        for answer in (NOT_SUBSCRIBED, NO_CODE):
+            threading.Thread(target=hang_up, args=(mute, CONNECTED, answer)).start()
+            assert "does not let this user read t" in refusal(address)
+        threading.Thread(target=hang_up, args=(mute, REFUSED)).start()
+        assert "refuses the connection (code 136)" in refusal(address)
+
+
+def test_a_picture_is_counted_and_left_out(open_broker, wait_for):
+    with publisher(open_broker) as client:
+        live = opened(f"{open_broker.address}/big/#")
+        client.publish("big/picture", b"x" * 3_000_000)
+        client.publish("big/t", "1")
+        wait_for(lambda: live.status().accepted == 1)
+        live.close()
+    assert (live.status().received, live.status().accepted) == (2, 1)
+
+
+def test_a_message_beyond_every_measure_ends_the_connection():
+    """Its broker says that 200 MB will come: no memory is spent on them."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        threading.Thread(
+            target=hang_up, args=(listening, CONNECTED, SUBSCRIBED + b"\x30\x80\x80\x80\x64\0\1t")
+        ).start()
+        port = MqttEndpoint(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t").open(lambda: False)
+        with pytest.raises(BadDevice, match=f"a message of 209715200 bytes .* at most {MAX_MESSAGE} are read"):
+            wait_until(port.fetch)
+        port.close()
+
+
+EMPTY = b"\x30\x03\0\1t"
+
+
+def send_empty(listening, given_up):
+    """A broker that sends messages without a payload until its client leaves."""
+    with listening.accept()[0] as connection, suppress(OSError):
+        for answer in (CONNECTED, SUBSCRIBED):
+            connection.recv(4096)
+            connection.sendall(answer)
+        while not given_up.is_set():
+            connection.sendall(100 * EMPTY)
+
+
+def test_a_reader_is_asked_to_end_while_nothing_but_empty_messages_comes():
+    given_up = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        sender = threading.Thread(target=send_empty, args=(listening, given_up))
+        sender.start()
+        port = MqttEndpoint(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t").open(lambda: False)
+        stuck = threading.Timer(10.0, given_up.set)
+        stuck.start()
+        for _ in range(3):
+            assert port.fetch() == b""
+        assert not given_up.is_set(), "one call read until the sender gave up"
+        stuck.cancel()
+        stuck.join()
+        port.close()
+        sender.join()
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "paho.mqtt.client", None)
+    with pytest.raises(BadSetting, match=r'needs paho-mqtt: pip install "kalscope\[mqtt\]"'):
+        LiveSource("mqtt://broker/t")

@@ -1,0 +1,188 @@
+"""udp://: datagrams of real sockets on loopback, none of them lost unseen."""
+
+import errno
+import socket
+import time
+
+import numpy as np
+import pytest
+from each import each
+from program import free_port
+
+from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.live import first_items, live_status
+from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.live_status import silence_text
+from kalscope.sources.port.port_spec import is_live, port_of
+from kalscope.sources.port.transports.messages.udp import UdpEndpoint, UdpPort
+from kalscope.sources.readers.recording_file import read_recording
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+
+class Sender:
+    """Sends datagrams to a port of this machine."""
+
+    def __init__(self):
+        self.port = free_port(socket.SOCK_DGRAM)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._socket.close()
+
+    def say(self, text):
+        data = text if isinstance(text, bytes) else text.encode()
+        self._socket.sendto(data, ("127.0.0.1", self.port))
+
+
+@pytest.fixture
+def sender():
+    with Sender() as sender:
+        yield sender
+
+
+@pytest.fixture
+def heard(sender):
+    with LiveSource(f"udp://:{sender.port}") as live:
+        live.close()
+        live.start(require=True)
+        yield live
+
+
+@each("text", ["udp://:47269", "udp://47269", "udp://0.0.0.0:47269", "UDP://[::1]:47269", "udp://localhost:5000"])
+def test_addresses_of_datagrams(text):
+    assert is_live(text)
+    assert port_of(text).text == text
+
+
+@each("text", ["udp://", "udp://:", "udp://:0", "udp://:70000", "udp://a b:1", "udp://host:1/path", "udp://u@h:1"])
+def test_what_is_no_address_of_datagrams(text):
+    with pytest.raises(BadSetting, match="an address must be udp://:47269"):
+        port_of(text)
+
+
+def test_every_datagram_arrives_from_the_first_one_on(sender, heard, wait_for):
+    for i in range(2000):
+        sender.say(f"temp:{10 * i}:{i}|g\nhum:{10 * i}:{-i}§%\nstate:ok|t")
+        if i % 20 == 0:
+            time.sleep(0.001)
+    wait_for(lambda: heard.status().received == 6000)
+    status, recording = heard.status(), heard.snapshot().recording
+    assert (status.accepted, status.rejected, status.dropped) == (4000, 0, 2000)
+    assert (recording.names, recording.units) == (("temp", "hum"), ("", "%"))
+    np.testing.assert_array_equal(recording.values, np.column_stack([np.arange(2000), -np.arange(2000)]))
+    assert status.device_time
+    assert recording.time[-1] == pytest.approx(19.99)
+
+
+def test_variables_that_come_in_turn_are_one_recording(sender, heard, wait_for, tmp_path, monkeypatch):
+    monkeypatch.setattr(first_items, "HOLD_S", 3.0)  # on a busy machine the first six take their time
+    recorder = heard.record(tmp_path / "run.csv")
+    for i in range(5):
+        for name in ("ax", "ay", "az", "gx", "gy", "gz"):
+            sender.say(f"{name}:{i}")
+    wait_for(lambda: heard.status().accepted == 30)
+    heard.close()
+    assert recorder.paths == (tmp_path / "run.csv",)
+    assert (recorder.counts.written, recorder.counts.dropped) == (30, 0)
+    again = read_recording(tmp_path / "run.csv")
+    assert again.names == ("ax", "ay", "az", "gx", "gy", "gz")
+    assert [int(np.nansum(again.values[:, i])) for i in range(6)] == [10] * 6
+
+
+def test_plain_lines_are_read_as_from_any_board(sender, heard, wait_for):
+    for datagram in ("heat,light", "512,300\n513,301", b"\x00\x01\x02 noise", "1,2,3"):
+        sender.say(datagram)
+    wait_for(lambda: heard.status().received == 5)
+    status = heard.status()
+    assert (status.accepted, status.rejected, status.dropped) == (2, 2, 1)
+    assert heard.snapshot().recording.names == ("heat", "light")
+
+
+def test_what_the_system_threw_away_is_counted():
+    """A small buffer, and nobody who empties it."""
+    with Sender() as sender:
+        bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        bound.bind(("127.0.0.1", sender.port))
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        port = UdpPort("udp://:1", bound)
+        for i in range(200):
+            sender.say(f"a:{i}")
+        kept = b""
+        while data := port.fetch():
+            kept += data
+        lost, again = port.take_lost(), port.take_lost()
+        port.close()
+    if not lost:
+        pytest.skip("this system does not tell what it threw away")
+    assert kept.count(b"\n") + lost == 200
+    assert again == 0
+
+
+def test_a_gap_of_the_system_is_a_gap_of_the_source(sender, heard, wait_for, monkeypatch):
+    sender.say("a:1")
+    wait_for(lambda: heard.status().accepted == 1)
+    lost = iter([7])
+    monkeypatch.setattr(UdpPort, "take_lost", lambda _: next(lost, 0))
+    sender.say("a:2")
+    wait_for(lambda: heard.status().accepted == 2)
+    wait_for(lambda: heard.status().dropped == 7)
+    status = heard.status()
+    assert (status.received, status.overrun) == (9, 7)
+    assert "7 lines dropped" in status.hint
+
+
+def test_a_port_that_is_taken_and_an_address_of_another_machine(sender):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", sender.port))
+        with pytest.raises(BadDevice, match=rf"port {sender.port} is in use by another program"):
+            LiveSource(f"udp://:{sender.port}").start(require=True)
+    with pytest.raises(BadDevice, match=r"203\.0\.113\.7 is no address of this computer"):
+        LiveSource(f"udp://203.0.113.7:{sender.port}").start(require=True)
+
+
+def test_only_this_machine_is_heard_unless_an_interface_is_named(sender):
+    port = UdpEndpoint(f"udp://:{sender.port}").open(lambda: False)
+    assert port._socket.getsockname()[0] == "127.0.0.1"
+    port.close()
+    assert "udp://0.0.0.0:5" in UdpEndpoint("udp://:5").when_silent
+    assert "firewall" in UdpEndpoint("udp://0.0.0.0:5").when_silent
+
+
+def test_a_source_from_which_nothing_arrives_says_what_to_check(sender, heard, wait_for, monkeypatch):
+    monkeypatch.setattr(live_status, "_SILENT_AFTER", 0.2)
+    wait_for(
+        lambda: f"only this computer can send to 127.0.0.1; udp://0.0.0.0:{sender.port}" in heard.status().hint
+    )
+    monkeypatch.setattr(live_status, "_SILENT_AFTER", 60.0)
+    sender.say("a:1")
+    wait_for(lambda: heard.status().accepted == 1 and heard.status().hint == "")
+
+
+@each(
+    ("seconds", "says"),
+    [
+        (4.9, ""),
+        (5.1, "nothing has arrived for 5 s: why"),
+        (59.0, "for 55 s"),
+        (60.0, "for 1 min"),
+        (200.0, "for 3 min"),
+    ],
+)
+def test_silence_in_words(seconds, says):
+    assert says in silence_text(seconds, "why")
+    assert bool(silence_text(seconds, "why")) == bool(says)
+    assert silence_text(seconds, "") == ""
+
+
+def test_more_rights_are_asked_for_in_words():
+    refusal = UdpEndpoint("udp://:80")._refusal(OSError(errno.EACCES, "Permission denied"))
+    assert refusal == "port 80 needs more rights: choose one above 1023"
+
+
+def test_nothing_can_be_sent(sender, heard):
+    with pytest.raises(BadDevice, match="only receives"):
+        heard.send("hello")
