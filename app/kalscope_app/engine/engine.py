@@ -7,7 +7,6 @@ handed to the studies, which have a thread of their own.
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 import time
@@ -47,8 +46,6 @@ STUDY_INTERVAL = 3.0
 SETTLING = STUDY_INTERVAL + 1.0
 """Seconds after its newest sample in which it is drawn so often anyway: the last samples are studied, too, and the
 range control moves once a second."""
-
-log = logging.getLogger(__name__)
 
 
 def pause_before_frame(now: float, last: float) -> float:
@@ -129,14 +126,11 @@ class Engine:
         try:
             step()
         except Exception as error:  # the thread must outlive any single frame
-            log.exception("A frame could not be made")
             self._tell(error)
 
     def _turn(self) -> None:
         state, serial, failures = self._session.apply_requests()
         for failed, error in failures:
-            if not isinstance(error, KalscopeError):
-                log.error("A request failed", exc_info=error)
             self._tell(str(error) if isinstance(error, KalscopeError) else error, failed=failed)
         if self._is_news(state, serial):
             self._draw(state, serial)

@@ -7,7 +7,6 @@ and no old one is shown.
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -21,8 +20,6 @@ IDLE_DELAY = 0.2
 
 MAX_IDLE_DELAY = 1.0
 """And at most."""
-
-log = logging.getLogger(__name__)
 
 
 def idle_delay(longest: float) -> float:
@@ -92,5 +89,4 @@ class Studies:
             if state is self._state:
                 study.show(answer)
         except Exception as error:  # the thread must outlive any single state
-            log.exception("A study failed")
             self._tell(error)

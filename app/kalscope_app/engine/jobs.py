@@ -21,7 +21,7 @@ class Jobs:
     """One worker thread for slow work; a failure becomes one sentence for the user."""
 
     def __init__(self, tell: Callable[..., None]) -> None:
-        """Args: shows a sentence, or an exception that was logged; `good`: no refusal, `failed`: its heading."""
+        """Args: shows a sentence, or logs and shows an exception; `good`: no refusal; `failed`: its heading."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Failed]] = queue.SimpleQueue()
         self._idle: Callable[[], None] | None = None
@@ -80,5 +80,4 @@ class Jobs:
             except (KalscopeError, OSError) as error:
                 self._tell(describe(error), failed=failed)
             except Exception as error:  # the dashboard goes on
-                log.exception("A job failed")
                 self._tell(error)

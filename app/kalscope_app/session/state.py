@@ -282,16 +282,8 @@ class State:
 
     def as_tuning(self) -> Tuning:
         """What the tuning file holds."""
-        rec = self.recording
-        return Tuning(
-            channels=self.settings.tunings,
-            source=rec.source,
-            source_name=rec.title,
-            sha256=rec.sha256,
-            sample_period=rec.sample_period,
-            selected=self.channel,
-            fusion=None if self.settings.fusion is None else self.settings.fusion.used,
-        )
+        fusion = None if self.settings.fusion is None else self.settings.fusion.used
+        return Tuning.of(self.recording, self.settings.tunings, selected=self.channel, fusion=fusion)
 
 
 Change = Callable[[State], State]

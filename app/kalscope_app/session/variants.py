@@ -20,9 +20,9 @@ DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's
 
 RGB = tuple[int, int, int]
 
-LIGHT = ("#332288", "#44aa99", "#aa4499", "#8c8c28", "#56b4e9", "#117733", "#882255", "#7a5c00")
-"""Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, two of them
-darkened."""
+LIGHT = ("#332288", "#41a392", "#aa4499", "#8c8c28", "#1e9be2", "#117733", "#882255", "#7a5c00")
+"""Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, four of
+them darkened."""
 
 DARK = ("#9687f0", "#5fd0bc", "#e07fd0", "#cccc55", "#88ccee", "#4fb76a", "#d4608f", "#c9a24a")
 """The same hues on a dark background."""

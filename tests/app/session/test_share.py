@@ -10,7 +10,7 @@ import pytest
 
 from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
-from kalscope_app import main as program
+from kalscope_app import commands as program
 from kalscope_app.session.changes.channels import channel_named, select_channel
 from kalscope_app.session.changes.momentum import set_momentum_position, set_momentum_text
 from kalscope_app.session.changes.parameters import set_automatic_start, set_sample_period, set_text

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import viser
 
+from kalscope.common.text import one_line
 from kalscope.errors import BadSetting, KalscopeError
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes.fleet import (
@@ -25,9 +27,10 @@ from kalscope_app.session.fleet import COLOURS, ORDERS, OpenFleet
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.views.binding import bind, offer, on_user, put
 from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fleet_table
+from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet, FleetReader
+    from kalscope.tuning.fleet.results.fleet import Fleet
 
 log = logging.getLogger(__name__)
 
@@ -42,12 +45,17 @@ class FleetView:
     """The folder "Fleet" of the Source tab; only the path is on screen before a fleet is open."""
 
     def __init__(
-        self, gui: viser.GuiApi, session: Session, jobs: Jobs, open_device: Callable[[Fleet, int], None]
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        jobs: Jobs,
+        worker: Worker,
+        open_device: Callable[[Fleet, int], None],
     ) -> None:
-        """Args: the usual; opens the recording of a row."""
-        self._session, self._jobs, self._open_device = session, jobs, open_device
+        """Args: the usual; the process that reads; opens the recording of a row."""
+        self._session, self._jobs, self._worker, self._open_device = session, jobs, worker, open_device
         self._shown: OpenFleet | None = None
-        self._reader: FleetReader | None = None
+        self._opened: Fleet | None = None
         self._failures = 0
         with gui.add_folder("Fleet", expand_by_default=False):
             with gui.add_form(None) as form:
@@ -99,48 +107,50 @@ class FleetView:
         def work() -> None:
             if not folder or not Path(folder).is_dir():
                 raise BadSetting(f"fleet folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
-            from kalscope.tuning.fleet.results.fleet import FleetReader  # with the fits of a fleet
-
-            reader = FleetReader(Path(folder))
-            fleet = reader.read()
-            self._reader, self._failures = reader, 0
+            fleet = self._read(Path(folder), whole=True)
+            self._opened, self._failures = fleet, 0
             self._session.request(open_fleet(fleet), failed=Failed.FLEET)
-            self._watch(reader, fleet)
+            self._watch(fleet, fleet)
 
         self._jobs.run(work, Failed.FLEET)
 
-    def _watch(self, reader: FleetReader, fleet: Fleet) -> None:
-        """Read the folder of a run that goes on again in a while."""
+    def _read(self, folder: Path, *, whole: bool) -> Fleet:
+        from kalscope.tuning.fleet.results.fleet import read_fleet  # with the fits of a fleet
+
+        return self._worker.run(partial(read_fleet, folder, whole=whole), one_line(folder.name)[:100])
+
+    def _watch(self, opened: Fleet, fleet: Fleet) -> None:
+        """Read the folder of a run that goes on again in a while; `opened` is how it was at first."""
 
         def look() -> None:
             if self._jobs.is_full:  # the user's work comes first
-                self._watch(reader, fleet)
+                self._watch(opened, fleet)
             else:
-                self._jobs.run(lambda: self._again(reader, fleet), Failed.FLEET)
+                self._jobs.run(lambda: self._again(opened, fleet), Failed.FLEET)
 
         if fleet.done is not None:
             timer = threading.Timer(WATCH_S, look)
             timer.daemon = True
             timer.start()
 
-    def _again(self, reader: FleetReader, before: Fleet) -> None:
+    def _again(self, opened: Fleet, before: Fleet) -> None:
         """Show what is new, while this fleet is looked at."""
         shown = self._shown
-        if reader is not self._reader or shown is None or shown.fleet.folder != before.folder:
+        if opened is not self._opened or shown is None or shown.fleet.folder != before.folder:
             return
         try:
-            fleet = reader.read()
+            fleet = self._read(before.folder, whole=False)
         except (KalscopeError, OSError) as error:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
                 raise
             log.info("The fleet could not be read this time: %s", error)
-            self._watch(reader, before)
+            self._watch(opened, before)
             return
         self._failures = 0
         if (fleet.done, len(fleet)) != (before.done, len(before)):
             self._session.request(renew_fleet(fleet))
-        self._watch(reader, fleet)
+        self._watch(opened, fleet)
 
     def show(self, shown: OpenFleet | None) -> None:
         """Show the fleet of a frame, once for each."""
@@ -151,7 +161,7 @@ class FleetView:
         for part in (*about, self._device, self._at_shared, self._colour, self._close):
             put(part, visible=shown is not None)
         if shown is None:
-            self._reader = None
+            self._opened = None
             return
         if before is None or before.fleet is not shown.fleet:
             self._about.content = about_fleet(shown.fleet)

@@ -11,9 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from kalscope.catalogue import open_source
+from kalscope.common.progress import OnProgress
+from kalscope.common.text import one_line
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -36,15 +40,19 @@ from kalscope_app.views.source.import_summary import import_summary
 from kalscope_app.views.source.reading_form import ReadingForm
 from kalscope_app.views.source.samples import SamplesView
 from kalscope_app.views.window.css import PRIMARY
+from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
 Reader = Callable[..., Recording]
-"""Reads the present file: options, then progress and cancelled by name."""
+"""Reads the present file in the worker: options, then progress by name."""
 
 UPLOAD_ORDER = -1.0
 """Every browser gets an upload button of its own, above what is there already."""
+
+MAX_NAME = 100
+"""Letters of a name that a refusal shows."""
 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
@@ -55,10 +63,10 @@ def as_it_is(state: State) -> State:
 
 
 class SourceView:
-    """The Source tab. Reading runs as a job; the session then gets the finished Recording."""
+    """The Source tab. A job has the worker read; the session then gets the finished Recording."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
-        self._session, self._jobs = session, jobs
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker) -> None:
+        self._session, self._jobs, self._worker = session, jobs, worker
         self._stop = threading.Event()
         self._building = threading.Lock()
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
@@ -85,7 +93,7 @@ class SourceView:
         self._samples = SamplesView(gui, self._session, self._jobs, self.open_spec)
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self.open_spec)
-        self._fleet = FleetView(gui, self._session, self._jobs, self.open_device)
+        self._fleet = FleetView(gui, self._session, self._jobs, self._worker, self.open_device)
         with gui.add_folder("Import summary"):
             self._period = TypedNumber(
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
@@ -117,23 +125,26 @@ class SourceView:
         if spec.lower().endswith(ENDING):
             self._load(Path(spec).name, partial(load_tuning, spec))
         else:
-            self._read(partial(open_source, spec), ReadOptions(), failed=failed)
+            self._read(partial(open_source, spec), Path(spec).name or spec, ReadOptions(), failed=failed)
 
     def open_device(self, fleet: Fleet, device: int) -> None:
         """Open the recording of a device of a fleet, as the fleet read it."""
-        from kalscope.tuning.fleet.results.reopen import reopen
+        from kalscope.tuning.fleet.results.reopen import kept_at, reopen
 
-        self._read(partial(reopen, fleet, device), fleet.begun.reading, then=at_device(fleet, device))
+        reader = partial(reopen, kept_at(fleet, device))
+        self._read(reader, fleet.devices.ids[device], fleet.begun.reading, then=at_device(fleet, device))
 
     def _upload(self, name: str, content: bytes) -> None:
         if name.lower().endswith(ENDING):
             self._load(name, partial(uploaded_settings, name, content))
         else:
-            self._read(partial(read_upload, name, content), ReadOptions())
+            # As an array it goes to the worker without a copy.
+            self._read(partial(read_upload, name, np.frombuffer(content, np.uint8)), name, ReadOptions())
 
     def _load(self, name: str, read: Callable[[], Tuning]) -> None:
         def work() -> None:
-            self._session.request(use_settings(read(), name), failed=Failed.OPEN)
+            tuning = self._worker.run(read, one_line(name)[:MAX_NAME])
+            self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
 
         self._jobs.run(work, Failed.OPEN)
 
@@ -145,19 +156,21 @@ class SourceView:
             (source, title), reader = self._again
             same = (recording.source, recording.title) == (source, title)
             period = state.open.typed_period if options.rate is None else None
-            self._read(reader if same else partial(open_source, recording.source), options, period)
+            reader = reader if same else partial(open_source, recording.source)
+            self._read(reader, recording.title or recording.source, options, period)
 
         self._session.with_state(read)
 
     def _read(
         self,
         reader: Reader,
+        what: str,
         options: ReadOptions,
         period: float | None = None,
         failed: Failed = Failed.OPEN,
         then: Change = as_it_is,
     ) -> None:
-        """Read as a job, then show it; `period` is the sample period that the user typed for this file, s.
+        """Read `what` as a job, then show it; `period` is the sample period that the user typed for this file, s.
 
         What `then` changes belongs to the same step of Undo.
         """
@@ -165,7 +178,8 @@ class SourceView:
 
         def work() -> None:
             with SlowJobProgress(self._progress, self._cancel) as shown:
-                recording = reader(options, progress=shown.report, cancelled=stop.is_set)
+                read = partial(reader, options)
+                recording = self._worker.run(read, one_line(what)[:MAX_NAME], shown.report, stop.is_set)
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
@@ -198,17 +212,16 @@ def _period_typed(_name: str, text: str) -> Change:
 
 def read_upload(
     name: str,
-    content: bytes,
+    content: NDArray[np.uint8],
     options: ReadOptions,
     *,
-    progress: Callable[[float, str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    progress: OnProgress | None = None,
 ) -> Recording:
-    """Read what a browser sent. Its name is shown, never used as a path."""
+    """Read what a browser sent, its bytes. Its name is shown, never used as a path."""
     shown = Path(name.replace("\\", "/")).name[:200] or "upload"
     safe = re.sub(r"[^\w.-]+", "_", shown).strip(".")[-80:] or "upload"
     with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
         file = Path(folder) / safe
-        file.write_bytes(content)
-        recording = read_recording(file, options, progress=progress, cancelled=cancelled)
+        file.write_bytes(content.data)
+        recording = read_recording(file, options, progress=progress)
     return replace(recording, source="", title=shown)
