@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import logging
+import threading
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import viser
 
@@ -18,9 +20,8 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.engine.parts import Part
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.recording import BoardRecording
-from kalscope_app.program.error_reporting import sentence_for
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
@@ -63,9 +64,14 @@ from kalscope_app.views.tune.verdict import VerdictView
 from kalscope_app.views.window.commands import Commands
 from kalscope_app.views.window.header import HeaderView
 from kalscope_app.views.window.layout import Panels
+from kalscope_app.views.window.notifications import Notifications
 from kalscope_app.views.window.view_tab import ViewTab
+from kalscope_app.worker.worker import Worker
 
 log = logging.getLogger(__name__)
+
+WARM_UP_AFTER_S = 2.0
+"""Seconds after the first frame in which the worker is started: the browser loads the page before."""
 
 
 class Dashboard:
@@ -88,20 +94,20 @@ class Dashboard:
             log_file: the log, named in notifications.
             source: the live board that `state` shows; `start` connects it.
         """
-        self._server, self._log_file = server, log_file
-        self._port_jobs = Jobs(self.tell)  # a port must not wait for a long search
+        self._server, self.notifications = server, Notifications(server, log_file)
+        tell = self.notifications.tell
+        self._port_jobs = Jobs(tell)  # a port must not wait for a long search
         self._connection = BoardConnection(self._port_jobs)
         self._settings = UserSettings()
         state = state.with_view(map_shown=self._settings.map_shown)
         if state.live is not None and source is not None:
             self._connection.adopt(state.live.board, source)
         self.session = Session(state, self._connection)
-        self._jobs = Jobs(self.tell)
+        self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
         self._tour = Tour(self._settings, self._jobs)
         self._note = ""
         self._last: Frame | None = None
-        self._toasts = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
         self._map = TuningMapView(self.session)
         self._phones = PhonePictures(server)
         self._build(folder)
@@ -118,8 +124,8 @@ class Dashboard:
             self._study(AlternativesStudy().compute, self._alternatives.show),
             self._study(still.study, lambda found: self._goal.offer_still(*found)),
         ]
-        studies = Studies(rounds, self.tell)
-        self.engine = Engine(self.session, self.show, self.tell, studies)
+        studies = Studies(rounds, tell)
+        self.engine = Engine(self.session, self.show, tell, studies)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -156,17 +162,17 @@ class Dashboard:
         with tabs.add_tab("Tune"):
             self._build_tune(gui)
         with tabs.add_tab("Source"):
-            self._source = SourceView(gui, self.session, self._jobs)
-            recording = BoardRecording(self._connection, folder, self.tell, self.session.wakeup.set)
+            self._source = SourceView(gui, self.session, self._jobs, self._worker)
+            recording = BoardRecording(self._connection, folder, self.notifications.tell, self.session.wakeup.set)
             self._live = LiveView(
                 gui, self.session, self._port_jobs, self._connection, recording, self._source.open_spec
             )
             self._source.build_rest(gui)
             self._map.on_device = self._source.open_device
         with tabs.add_tab("Export"):
-            self._code = CodeView(gui, self.session, self._jobs, self.tell, folder)
-            self._board = BoardView(gui, self.session, self._jobs, self.tell, self._connection)
-            self._tuning_file = TuningFileView(gui, self.session, self._jobs, self.tell, folder)
+            self._code = CodeView(gui, self.session, self._jobs, self.notifications.tell, folder)
+            self._board = BoardView(gui, self.session, self._jobs, self.notifications.tell, self._connection)
+            self._tuning_file = TuningFileView(gui, self.session, self._jobs, self.notifications.tell, folder)
             ReportView(gui, self.session, self._jobs)
             self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
@@ -191,10 +197,21 @@ class Dashboard:
         self._connection.start()
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
+        later = threading.Timer(WARM_UP_AFTER_S, self._settle)
+        later.daemon = True
+        later.start()
+
+    def _settle(self) -> None:
+        """Get ready for what may come while a board is recorded."""
+        gc.freeze()  # what is loaded by now stays: looking for garbage in it holds the interpreter for 0.1 s
+        with contextlib.suppress(OSError):  # the first task tries again, and says why it cannot be
+            self._worker.warm_up()
 
     def stop(self) -> None:
         """Finish a recording and free the port, then end the engine: a frame may take longer than is left."""
+        self.notifications.is_ending = True
         self._connection.close(timeout=0.3)
+        self._worker.close()
         self.engine.stop()
 
     def show(self, frame: Frame, parts: Collection[Part]) -> None:
@@ -217,7 +234,7 @@ class Dashboard:
         if frame.state.answers.note != self._note:
             self._note = frame.state.answers.note
             if self._note:
-                self.tell(self._note, good=True)
+                self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
         for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
@@ -234,29 +251,6 @@ class Dashboard:
                 view.show(frame)
         self._commands.show()
         self._last = frame
-
-    def tell(self, message: str | Exception, *, good: bool = False, failed: Failed = Failed.OTHER) -> None:
-        """Show one sentence in every browser; plain text, so nothing in it can act as markup.
-
-        Args:
-            message: the sentence, or an uncaught exception that was logged.
-            good: whether it is no refusal.
-            failed: the heading of a refusal.
-        """
-        title = "Kalscope" if good else failed
-        if isinstance(message, Exception):
-            title, message = "Something went wrong", sentence_for(message, self._log_file)
-        (log.info if good else log.warning)("%s", message)
-        for client in self._server.get_clients().values():
-            before = self._toasts.get(client)
-            if before is not None:  # one at a time: a pile of them would cover the charts
-                before.remove()
-            self._toasts[client] = client.add_notification(
-                title=title,
-                body=message[:1000],
-                auto_close_seconds=5.0 if good else 8.0,
-                color=(0, 158, 115) if good else (213, 94, 0),
-            )
 
     def _study(self, compute: Callable[[State], Any], show: Callable[[Any], None]) -> Study:
         """A study whose answer is drawn as one message batch."""
@@ -288,7 +282,7 @@ class Dashboard:
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._phones.detach(client)
-        self._toasts.pop(client, None)
+        self.notifications.forget(client)
 
 
 def only_grown(last: Frame, frame: Frame) -> bool:

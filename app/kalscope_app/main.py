@@ -1,26 +1,14 @@
-"""The program `kalscope`: the headless commands, and `open`, the dashboard."""
+"""The program `kalscope`. It can be stopped before it imports anything that takes long."""
 
 from __future__ import annotations
 
-import contextlib
+import atexit
 import gc
 import os
+import signal
 import sys
 import threading
-
-from kalscope.cli.app import app, run
-from kalscope.cli.console import end_when_interrupted
-from kalscope.cli.offers import Function, offers
-
-__all__ = ["app", "main", "run"]
-
-
-@offers("open", "Open the dashboard in a browser.")
-def _open() -> Function:
-    from kalscope_app.open_command import open_dashboard
-
-    return open_dashboard
-
+from contextlib import suppress
 
 MIN_NEW_OBJECTS = 50_000
 """New objects after which Python looks for garbage, in place of 700: almost all of them stay, and looking for the
@@ -29,21 +17,31 @@ others takes a seventh of the time in which `kalscope tune` answers."""
 
 def main() -> None:
     """Entry point: without a command the dashboard opens on the demo recording."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # until more is imported Ctrl+C shows no traceback
     gc.set_threshold(MIN_NEW_OBJECTS)
-    end_when_interrupted()
-    arguments = sys.argv[1:]
-    leave(run(arguments or ["open", "demo"]))
+    from kalscope.common.stopping import ended_by_signals
+
+    with ended_by_signals():
+        from kalscope.cli.console import plain_diagnostics
+        from kalscope_app.commands import run
+
+        plain_diagnostics()
+        status = run(sys.argv[1:] or ["open", "demo"])
+    leave(status)
 
 
 def leave(status: int) -> None:
-    """End the program, even while something hangs that nothing can interrupt (a device, a network file)."""
-    gc.freeze()  # before it drops all objects Python would look for garbage among them: 0.3 s
-    if threading.active_count() > 2:  # the main one, and the one that watches for Ctrl+C
-        with contextlib.suppress(OSError):  # the terminal is gone
-            sys.stdout.flush()
-            sys.stderr.flush()
-        os._exit(status)
-    sys.exit(status)
+    """End the program, even while something hangs that nothing can interrupt (a device, a network file).
+
+    Python's own end would first look for garbage among all objects, for 0.3 s.
+    """
+    if threading.active_count() <= 2:  # the main one, and the one that watches for signals: nothing hangs
+        atexit._run_exitfuncs()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    with suppress(OSError):  # the terminal is gone
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import stop_signals, tell_compiling
+from kalscope.cli.console import tell_compiling
 from kalscope.cli.options import SamplePeriod, reads_source
+from kalscope.common.stopping import removed_at_stop, stop_signals
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.port.transports.registry import address_examples
 
 if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource
@@ -29,8 +31,14 @@ if TYPE_CHECKING:
 @reads_source
 def open_dashboard(
     source: Annotated[
-        str, typer.Argument(help='A file, a port as "serial:PORT@BAUD", "demo", "sample:NAME", "experiment:NAME".')
+        str,
+        typer.Argument(
+            help=f'A file; a live source: {address_examples()}; "demo", "sample:NAME", "experiment:NAME".'
+        ),
     ] = "",
+    follow: Annotated[
+        bool, typer.Option("--follow", "-f", help="Go on reading the file while another program writes it.")
+    ] = False,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
@@ -67,24 +75,22 @@ def open_dashboard(
 
     tell_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
-        state, board = first_state(source, reading, config, sample_period)
+        state, board = first_state(followed(source) if follow else source, reading, config, sample_period)
         state = apply_options(state, channel, q, r, p0, x0, gate, momentum, chain)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
-        with stop_signals() as end:
-            serve(state, board, start, end, running_log, browser=browser)
+        serve(state, board, start, running_log, browser=browser)
 
 
 def serve(
     state: State,
     board: LiveSource | None,
     start_server: Callable[..., GuardedServer],
-    end: threading.Event,
     log: Log,
     *,
     browser: bool,
 ) -> None:
-    """Show `state` and its board in a dashboard until `end` is set; `start_server` lacks only `on_refused`."""
+    """Show `state` and its board in a dashboard until a signal ends it; `start_server` lacks only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -92,35 +98,37 @@ def serve(
     from kalscope_app.session.session import Failed
     from kalscope_app.views.window.compiling import CompilingNote
 
-    errors, opened = ErrorReporter(), contextlib.ExitStack()
+    errors, opened, folder = ErrorReporter(), contextlib.ExitStack(), Path.cwd()
     dashboard: Dashboard | None = None
 
     def on_refused(why: str) -> None:
         if dashboard is not None:
-            dashboard.tell(why, failed=Failed.OPEN)
+            dashboard.notifications.tell(why, failed=Failed.OPEN)
 
     with errors.watch_threads(), callback_errors_to(functools.partial(errors.report, "callback")), opened:
         guarded = start_server(on_refused=on_refused)
-        try:
-            log.hidden.append(guarded.token)
-            errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
-            print(f"Kalscope: {guarded.url}", flush=True)
-            if browser:
-                webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
-            from kalscope_app.dashboard import Dashboard  # while the page loads
+        with stop_signals() as end:
+            try:
+                with end.interrupting():
+                    log.hidden.append(guarded.token)
+                    errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
+                    print(f"Kalscope: {guarded.url}", flush=True)
+                    if browser:
+                        webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
+                    from kalscope_app.dashboard import Dashboard  # while the page loads
 
-            dashboard = Dashboard(guarded.server, state, Path.cwd(), log.file, board)
-            errors.notify_with(dashboard.tell)
-            dashboard.start()
-            watch_compiling(CompilingNote(guarded.server).show)
-            guarded.let_in()
-            while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
-                pass
-        finally:
-            errors.is_ending = True
-            if dashboard is not None:
-                end_within(1.0, "dashboard", dashboard.stop)
-            end_within(0.7, "server", guarded.stop)
+                    dashboard = Dashboard(guarded.server, state, folder, log.file, board)
+                    errors.notify_with(dashboard.notifications.show_failure)
+                    dashboard.start()
+                    watch_compiling(CompilingNote(guarded.server).show)
+                    guarded.let_in()
+                while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
+                    pass
+            finally:
+                errors.is_ending = True
+                if dashboard is not None:
+                    end_within(1.0, "dashboard", dashboard.stop)
+                end_within(0.7, "server", guarded.stop)
 
 
 def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
@@ -147,6 +155,19 @@ def first_state(
     board = LiveSource(source, options)
     state = opened_live(BoardId(), board.spec.url, tuning=None if config is None else load_tuning(config))
     return state.with_open(options=options), board
+
+
+def followed(source: str) -> str:
+    """The address of a file that is read as it grows; a live source is one already."""
+    from kalscope.errors import BadSetting
+    from kalscope.sources.port.port_spec import is_live
+    from kalscope.sources.port.transports.local_file import PREFIX
+
+    if is_live(source):
+        return source
+    if not Path(source).is_file():
+        raise BadSetting(f"--follow needs a file that is there (got {source!r})")
+    return f"{PREFIX}{Path(source).absolute()}"
 
 
 def recorded_state(source: str, options: ReadOptions, config: Path | None, sample_period: float | None) -> State:
@@ -176,7 +197,8 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
 def own_temporary_folder() -> Generator[None]:
     """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
     before = tempfile.tempdir
-    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+    made = tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True)
+    with made as folder, removed_at_stop(folder):
         tempfile.tempdir = folder
         try:
             yield

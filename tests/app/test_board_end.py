@@ -116,16 +116,15 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
 
 SWALLOWING = f"""
 import pathlib, time
-from kalscope.sources.port import port_reader as serial_port
-openings = []
-class Port(serial_port.SerialPort):
-    def __init__(self, *arguments):
-        openings.append(1)
-        if len(openings) > 1:
-            pathlib.Path("connecting").touch()
-            time.sleep({FOR_EVER})
-        super().__init__(*arguments)
-serial_port.PortReader.__init__.__kwdefaults__["open_port"] = Port
+from kalscope.sources.port.transports.serial_port import SerialEndpoint
+openings, connect = [], SerialEndpoint.open
+def slow(*arguments):
+    openings.append(1)
+    if len(openings) > 1:
+        pathlib.Path("connecting").touch()
+        time.sleep({FOR_EVER})
+    return connect(*arguments)
+SerialEndpoint.open = slow
 """
 
 

@@ -9,9 +9,10 @@ import socket
 
 import pytest
 from program import end, is_free, link_of, next_line, running, start
+from required import needs
 from wire import PATIENCE
 
-from kalscope_app.main import run
+from kalscope_app.commands import run
 
 
 def refusal(arguments, capsys):
@@ -24,12 +25,28 @@ def refusal(arguments, capsys):
     return line
 
 
+STOPPED = "kalscope: stopped by Ctrl+C: no file is left half-written\n"
+
+
 def test_ctrl_c_ends_a_command_within_a_loop_that_nothing_can_interrupt(tmp_path):
     busy = "print('busy', flush=True) or hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"  # minutes
     change = f"import hashlib, kalscope.catalogue as c\nc.open_source = lambda *_, **__: {busy}"
     with start(tmp_path, "filter", "demo", "--q", "1", "--r", "1", source=None, change=change) as program:
         assert next_line(program) == "busy\n"
-        assert end(program, signal.SIGINT) == (130, "", "")
+        assert end(program, signal.SIGINT) == (130, "", STOPPED)
+
+
+def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_path):
+    """DuckDB prints a list of its own objects that are left when Python ends; a forked program does not end so."""
+    needs("duckdb")
+    import duckdb
+
+    file = tmp_path / "log.parquet"
+    duckdb.execute(f"COPY (SELECT i * 0.1 AS t, sin(i) AS x FROM range(25) r(i)) TO '{file}' (FORMAT parquet)")
+    with start(tmp_path, "tune", "log.parquet", source=None, fresh=True) as program:
+        out, err = program.communicate(timeout=PATIENCE)
+    assert (program.returncode, err) == (0, "")
+    assert out.startswith("log.parquet: 25 rows, 1 channel")
 
 
 FILES = {

@@ -222,7 +222,7 @@ def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot
 
 
 def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "fusion.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "fusion.md").read_text(encoding="utf-8")
     example = page[page.index("    $ kalscope") : page.index("![Three level")]
     command, *shown = [line.removeprefix("    ") for line in example.rstrip().splitlines()]
     assert run(command.split()[2:]) == 0

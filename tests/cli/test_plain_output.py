@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import io
+import json
+import sys
+import threading
+import warnings
+from itertools import cycle
+
 import numpy as np
 import pytest
+from line_sender import line_sender
 
 from kalscope.cli.app import run
+from kalscope.cli.board import ports
 from kalscope.cli.board.ports import ports_text
+from kalscope.cli.console import plain_diagnostics
 from kalscope.common.text import CONTROL
-from kalscope.sources.port.port_spec import PortInfo
+from kalscope.sources.port.plugged_in import PortInfo
 
 HOSTILE = "a\x1b]52;c;ZXZpbA==\x07\x1b[2J\x9b31m\x7f\u202e\u2028b"
 """Sets the clipboard, clears the screen, changes the colour, turns the direction, ends a line."""
@@ -42,8 +52,48 @@ def test_names_of_files_channels_and_options_are_plain(tmp_path, capsys):
 
 
 def test_what_a_usb_device_says_of_itself_is_plain():
-    port = PortInfo("/dev/ttyACM0", HOSTILE, HOSTILE)
+    port = PortInfo("/dev/tty" + HOSTILE, HOSTILE, HOSTILE)
     assert not CONTROL.search(ports_text((port,)))
+
+
+def test_the_ports_as_json_are_plain_and_whole(capsys, monkeypatch):
+    port = PortInfo("/dev/ttyACM0", HOSTILE, HOSTILE)
+    monkeypatch.setattr(ports, "list_ports", lambda: (port,))
+    assert run(["ports", "--json"]) == 0
+    said = capsys.readouterr().out
+    assert not CONTROL.search(said)
+    assert json.loads(said)[0]["description"] == HOSTILE
+
+
+def test_what_a_board_sends_is_plain(tmp_path, capsys):
+    lines = [f"{HOSTILE}: starting\n".encode(), b"\x9b2J\xff\x00\n", f"# {HOSTILE}\n".encode(), b"1,2\n"]
+    with line_sender(500.0, lambda: cycle(lines)) as address:
+        assert run(["record", address, "-o", str(tmp_path / f"{HOSTILE}.csv"), "--lines", "3"]) == 0
+        run(["record", address, "-o", str(tmp_path / f"{HOSTILE}.csv")])  # the file is there already
+    said = "".join(capsys.readouterr())
+    assert "lines" in said
+    assert not CONTROL.search(said)
+
+
+def test_lines_from_standard_input_are_quoted_plain(tmp_path, capsys, monkeypatch):
+    lines = f"a,b\n1,2\n{HOSTILE}\n3,{HOSTILE}\n{HOSTILE * 1000}\n4,5\n"
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
+    run(["filter", "-", "--q", "0.1", "--r", "1"])
+    said = "".join(capsys.readouterr())
+    assert "must hold" in said
+    assert not CONTROL.search(said)
+
+
+def test_tracebacks_and_warnings_are_plain(capsys, monkeypatch):
+    """What only a bug of the program or of a library shows: it may quote anything."""
+    for owner, name in ((sys, "excepthook"), (threading, "excepthook"), (warnings, "formatwarning")):
+        monkeypatch.setattr(owner, name, getattr(owner, name))  # put back in the end
+    plain_diagnostics()
+    sys.excepthook(ValueError, ValueError(HOSTILE), None)
+    threading.excepthook(threading.ExceptHookArgs((ValueError, ValueError(HOSTILE), None, None)))
+    said = capsys.readouterr().err + warnings.formatwarning(UserWarning(HOSTILE), UserWarning, HOSTILE, 1)
+    assert said.count("]52;c;ZXZpbA==") == 4
+    assert not CONTROL.search(said)
 
 
 @pytest.mark.parametrize("text", ["1\u202f469 °C²", "a\tb\nc", "−8 dB µ"])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from kalscope.cli.options import read_options, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, OPTIONS, ReadOptions, option_words, options_from_text
-from kalscope_app.main import app, run
+from kalscope_app.commands import app, run
 
 WRONG = [
     ("--delimiter", "x", "delimiter must be one of"),
@@ -89,5 +89,5 @@ def test_a_rate_may_bear_its_unit_and_nothing_else():
 
 
 def test_the_page_on_reading_names_every_option_and_command():
-    page = (Path(__file__).parents[2] / "docs" / "reading-files.md").read_text("utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "files" / "reading-files.md").read_text("utf-8")
     assert [option for option in OPTIONS if f"`{option}" not in page] == []

@@ -667,7 +667,11 @@ def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
     )
     with command("tune", "demo", change=change) as program:
         said = program.communicate(timeout=PATIENCE)
-        assert (program.returncode, *said) == (130, "", "")
+        assert (program.returncode, *said) == (
+            130,
+            "",
+            "kalscope: stopped by Ctrl+C: no file is left half-written\n",
+        )
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:

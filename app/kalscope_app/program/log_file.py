@@ -13,13 +13,14 @@ from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
 
+from kalscope.common.text import CONTROL
+
 FILE_BYTES = 2**20
 """Size at which a new log file is begun."""
 OLD_FILES = 2
 """Full files kept beside the current one, as FILE.1 and FILE.2."""
 
 _SECRET = re.compile(r"(token=|kalscope_\d+=)[A-Za-z0-9_-]+")
-_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 class Lines(logging.Formatter):
@@ -39,7 +40,7 @@ class Lines(logging.Formatter):
         text = _SECRET.sub(r"\1…", text)
         for secret in self._hidden:
             text = text.replace(secret, "…")
-        return "\n    ".join(_CONTROL.sub("·", line) for line in text.split("\n"))
+        return "\n    ".join(CONTROL.sub("·", line) for line in text.split("\n"))
 
 
 class _Quiet:

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from kalscope.cli.app import run
+from kalscope.common.stopping import ended_by_signals
+
+
+def main() -> None:
+    """Entry point."""
+    with ended_by_signals():
+        from kalscope.cli.app import run
+
+        status = run()
+    sys.exit(status)
+
 
 if __name__ == "__main__":
-    sys.exit(run())
+    main()

@@ -10,8 +10,9 @@ from typing import Annotated
 
 import typer
 
-from kalscope.cli.console import INTERRUPTED, USER_ERROR, say, user_message
+from kalscope.cli.console import USER_ERROR, say, user_message, writes_stdout
 from kalscope.cli.offers import Function, OfferedCommands, offers
+from kalscope.common.stopping import INTERRUPTED
 
 
 @offers(
@@ -126,8 +127,12 @@ def run(argv: Sequence[str] | None = None) -> int:
     """
     try:
         status = app(args=None if argv is None else list(argv), prog_name="kalscope", standalone_mode=False)
+        with writes_stdout():
+            pass  # whatever was printed
     except typer.Abort:
         return INTERRUPTED
+    except typer.Exit as end:
+        return end.exit_code
     except Exception as error:
         message = user_message(error)
         if message is None:

@@ -1,16 +1,18 @@
-"""What all commands share: exit statuses, messages, standard streams, progress, and stopping."""
+"""What all commands share: exit statuses, messages, standard streams and progress."""
 
 from __future__ import annotations
 
 import os
-import signal
-import socket
+import re
 import sys
 import threading
 import time
+import traceback
+import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any, BinaryIO, TextIO
 
 import typer
@@ -23,30 +25,54 @@ CHECK_FAILED = 1
 """Exit status when something that was checked is not as it must be."""
 USER_ERROR = 2
 """Exit status when something the user gave cannot be used; stderr then has one line."""
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as a shell counts it."""
 
 PROGRESS_DELAY_S = 1.0
 """Work that takes longer than this shows its progress, s."""
 PROGRESS_INTERVAL_S = 0.1
 """Least time between two updates of the progress, s."""
-MAX_STOP_S = 1.5
-"""Longest time from Ctrl+C to the end of a command, s."""
-STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+_NO_MEMORY = re.compile("failed to map segment|annot allocate memory|can't start new thread")
+"""How Python, and a library that cannot be loaded, say that there is no more."""
 
 
 def say(message: str) -> None:
-    """Print one line on stderr."""
-    print(f"kalscope: {one_line(message)}", file=sys.stderr, flush=True)
+    """Print one line on stderr, if it still leads anywhere."""
+    with suppress(OSError):
+        print(f"kalscope: {one_line(message)}", file=sys.stderr, flush=True)
+
+
+def plain_diagnostics() -> None:
+    """Have tracebacks and warnings written without the control characters of what they quote."""
+    write = warnings.formatwarning
+
+    def show(kind: type[BaseException], error: BaseException | None, trace: TracebackType | None) -> None:
+        sys.stderr.write(plain("".join(traceback.format_exception(kind, error, trace))))
+
+    def warn(*about: Any) -> str:
+        return plain(write(*about))
+
+    sys.excepthook = show
+    threading.excepthook = lambda fault: show(fault.exc_type, fault.exc_value, fault.exc_traceback)
+    warnings.formatwarning = warn
 
 
 def user_message(error: Exception) -> str | None:
     """The message for the user; None for an exception that is a bug of the program."""
+    if isinstance(error, FileNotFoundError) and error.filename is None and not _has_working_folder():
+        return "the folder in which kalscope was started must exist (it was removed or renamed)"
+    if isinstance(error, MemoryError) or (not isinstance(error, OSError) and _NO_MEMORY.search(str(error))):
+        return "the system must have memory left for this, and ulimit -v allow it (got no more)"
     if isinstance(error, KalscopeError | OSError):
         return describe(error)
     # Typer's usage errors; it brought its own copy of click's classes in 0.2x, the method is common to both.
     usage = getattr(error, "format_message", None)
     return str(usage()) if callable(usage) else None
+
+
+def _has_working_folder() -> bool:
+    try:
+        return bool(os.getcwd())
+    except FileNotFoundError:
+        return False
 
 
 def write_output(chunks: Iterator[str], output: Path | None) -> None:
@@ -60,14 +86,24 @@ def write_output(chunks: Iterator[str], output: Path | None) -> None:
 
 @contextmanager
 def open_stdout() -> Generator[BinaryIO]:
-    """Standard output as bytes (Windows would add carriage returns), quiet when its reader goes away."""
-    try:
+    """Standard output as bytes (Windows would add carriage returns), as `writes_stdout`."""
+    with writes_stdout():
         yield sys.stdout.buffer
-        sys.stdout.buffer.flush()
+
+
+@contextmanager
+def writes_stdout() -> Generator[None]:
+    """Write what the block printed when it ends.
+
+    Where the reader goes away the command ends with status 0: `kalscope filter … | head` has all it needs.
+    """
+    try:
+        yield
+        sys.stdout.flush()
     except OSError as error:
         # What is left in the buffer would raise once more when Python ends, where it cannot be caught.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # `kalscope filter … | head` has all it needs
+        if isinstance(error, BrokenPipeError):
             raise typer.Exit(0) from None
         raise
 
@@ -136,44 +172,3 @@ def tell_compiling() -> None:
 
     if line.visible:
         watch_compiling(show)
-
-
-def end_when_interrupted() -> None:
-    """End the program MAX_STOP_S after Ctrl+C, even within a loop that Python cannot interrupt.
-
-    A command that handles Ctrl+C itself (`stop_signals`) ends in its own time. What a command writes is whole or
-    not there, whenever it ends (`atomic_file`).
-    """
-    heard, woken = socket.socketpair()
-    woken.setblocking(False)
-    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
-
-    def watch(_kept_open: socket.socket) -> None:
-        while heard.recv(1) != bytes([signal.SIGINT]):  # written by the system before Python can handle the signal
-            pass
-        time.sleep(MAX_STOP_S)
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            os._exit(INTERRUPTED)
-
-    threading.Thread(target=watch, args=(woken,), daemon=True).start()
-
-
-@contextmanager
-def stop_signals() -> Generator[threading.Event]:
-    """An event that Ctrl+C, SIGTERM or the closing of the terminal sets while the block runs."""
-    stop = threading.Event()
-
-    def handle(*_: object) -> None:
-        stop.set()
-
-    previous: dict[int, Any] = {}
-    if threading.current_thread() is threading.main_thread():  # Python delivers signals to no other thread
-        for name in STOP_SIGNALS:
-            number = getattr(signal, name, None)  # SIGHUP is unknown on Windows, SIGBREAK elsewhere
-            if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
-                previous[number] = signal.signal(number, handle)
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -5,6 +5,7 @@ Read with the standard library's tomllib; written with tomlkit, which keeps comm
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import tomlkit
 
+from kalscope.common.text import CONTROL, escaped
 from kalscope.errors import BadFile
 
 if TYPE_CHECKING:
@@ -153,7 +155,7 @@ def _write(table: MutableMapping[str, Any], values: Tables) -> None:
         elif key not in table:
             table[key] = _commented(key, value)
         elif not _same(table[key], value):
-            table[key] = value
+            table[key] = _plain(value)
 
 
 def _write_entries(table: MutableMapping[str, Any], key: str, entries: list[Tables]) -> None:
@@ -175,8 +177,16 @@ def _new_table() -> Table:
 
 
 def _commented(key: str, value: object) -> Item:
-    item = tomlkit.item(value)
+    item = tomlkit.item(_plain(value))
     return item.comment(_COMMENTS[key]) if key in _COMMENTS else item
+
+
+def _plain(value: object) -> object:
+    r"""A text with what would act on a terminal that shows the file written as `\u009b`; anything else as it is."""
+    if not isinstance(value, str) or not CONTROL.search(value):
+        return value
+    inside = json.dumps(value, ensure_ascii=False)[1:-1]  # the escapes of JSON are those of TOML
+    return tomlkit.string(escaped(inside), escape=False)
 
 
 def _holds(document: Mapping[str, Any], tables: Mapping[str, Any]) -> bool:

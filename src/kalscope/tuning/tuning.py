@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,11 @@ from kalscope.filtering.params import MAX_MOMENTUM, NO_GATE, FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.toml_text import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from kalscope.recording import Recording
 
 SAME_PERIOD = 1e-3
 """Sample periods whose relative difference is smaller are equal: a median of time stamps is no more exact."""
@@ -115,6 +120,26 @@ class Tuning:
             raise BadSetting(f"selected must be one of {shown(names)} (got {self.selected!r})")
         if self.sample_period is not None:
             object.__setattr__(self, "sample_period", above_zero("sample_period", self.sample_period))
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        channels: Iterable[ChannelTuning],
+        *,
+        selected: str,
+        fusion: FusionTuning | None = None,
+    ) -> Tuning:
+        """The tuning of these channels of the recording, with what reopens it and its sample period."""
+        return cls(
+            tuple(channels),
+            source=recording.source,
+            source_name=recording.title,
+            sha256=recording.sha256,
+            sample_period=recording.sample_period,
+            selected=selected,
+            fusion=fusion,
+        )
 
     def channel(self, name: str) -> ChannelTuning:
         """The tuning of the channel `name`; BadSetting names the choices."""

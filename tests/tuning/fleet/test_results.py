@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import shutil
 
 import numpy as np
@@ -17,8 +18,9 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.fleet import libraries
-from kalscope.tuning.fleet.results.fleet import FleetReader
-from kalscope.tuning.fleet.results.reopen import own_tuning, reopen, shared_tuning
+from kalscope.tuning.fleet.results import fleet as results
+from kalscope.tuning.fleet.results.fleet import FleetReader, read_fleet
+from kalscope.tuning.fleet.results.reopen import kept_at, own_tuning, reopen, shared_tuning
 from kalscope.tuning.fleet.store.begun import NAME as BEGUN
 from kalscope.tuning.fleet.store.begun import SUMMARY, TABLE, TUNING, Begun, note_begun, read_begun
 from kalscope.tuning.fleet.work.asked import Asked
@@ -56,7 +58,7 @@ def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
 
 def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(folder):
     fleet = FleetReader(folder).read()
-    recording = reopen(fleet, NOISY)
+    recording = reopen(kept_at(fleet, NOISY))
     assert np.array_equal(recording.values, read_recording(folder.parent / "logs" / "dev03.csv").values)
     mine, all_of_them = own_tuning(fleet, NOISY), shared_tuning(fleet, NOISY)
     assert (mine.channels[0].q, mine.channels[0].r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
@@ -67,20 +69,29 @@ def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(fold
         own_tuning(fleet, fleet.devices.ids.index("empty.csv"))
 
 
-def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path):
+def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch):
+    """Read as the dashboard does: by another process, each part once."""
     write_logs(tmp_path / "logs")
     run = FleetRun(tmp_path / "logs", tmp_path / "result")
-    reader = FleetReader(run.folder)
+    checked, tables = results.checked_table, []
+    monkeypatch.setattr(results, "checked_table", lambda path, **how: tables.append(path) or checked(path, **how))
+
+    def read(whole=False):
+        return pickle.loads(pickle.dumps(read_fleet(run.folder, whole=whole)))
+
     with pytest.raises(BadFile, match="folder of a fleet"):
-        reader.read()
+        read(whole=True)
     run.do(0, 5)
-    some = reader.read()
+    some = read()
     assert (len(some), some.done, some.begun.units) == (5, 5, 13)
     run.do(5)
-    every = reader.read()
+    every = read()
     assert (len(every), every.done) == (13, 13)
+    assert len(tables) == len(set(tables)) > 1
+    assert len(read(whole=True)) == 13
+    assert len(tables) == 2 * len(set(tables))
     answer = run.finish()
-    final = reader.read()
+    final = read()
     assert final.done is None
     assert float(every.shared.params.q) == pytest.approx(float(answer.shared.params.q), rel=1e-12)
     assert sorted(every.devices.ids) == final.devices.ids
@@ -243,7 +254,7 @@ def test_only_a_recording_that_lies_where_the_table_says_is_opened(own, source):
     pq.write_table(table.set_column(i, "source", pa.array([source[:4000]] * len(table))), own / TABLE)
     fleet = FleetReader(own).read()
     with pytest.raises(BadFile) as refused:
-        reopen(fleet, 0)
+        reopen(kept_at(fleet, 0))
     assert "\n" not in str(refused.value)
 
 
@@ -264,7 +275,7 @@ def test_a_series_of_a_data_set_is_opened_again(tmp_path, numbers):
     fleet = FleetReader(run.folder).read()
     assert fleet.devices.ids == [str(name) for name in names]
     for i, name in enumerate(names):
-        recording = reopen(fleet, i)
+        recording = reopen(kept_at(fleet, i))
         assert np.array_equal(recording.values[:, 0], values[name])
         assert recording.sample_period == pytest.approx(0.1)
 
@@ -276,7 +287,7 @@ def test_row_groups_are_opened_again(tmp_path):
     run = FleetRun(tmp_path / "data", tmp_path / "result", Asked(NOTHING, row_groups=True)).do()
     run.finish()
     fleet = FleetReader(run.folder).read()
-    assert np.array_equal(reopen(fleet, 2).values[:, 0], z[80:])
+    assert np.array_equal(reopen(kept_at(fleet, 2)).values[:, 0], z[80:])
 
 
 def test_without_pyarrow_one_sentence_says_what_to_install(folder, monkeypatch):

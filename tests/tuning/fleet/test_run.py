@@ -249,9 +249,11 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(tmp_path, device
         assert second.err.count("\n") == 1
         os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
         (tmp_path / "go on").touch()
+        below = psutil.Process(driver.pid).children(recursive=True)
         stdout, stderr = driver.communicate(timeout=PATIENCE)
         assert (driver.returncode, stdout) == (130, "")
-    assert stderr.startswith("kalscope: stopped with ")
+    assert psutil.wait_procs(below, timeout=PATIENCE)[1] == []
+    assert stderr.startswith("kalscope: stopped by Ctrl+C: ")
     assert stderr.endswith("run the same command again to go on\n")
     assert stderr.count("\n") == 1, stderr
     assert not (out / "fleet.parquet").exists()

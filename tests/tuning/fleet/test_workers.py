@@ -14,9 +14,9 @@ from fleet_runs import parts, run_here, table, write_devices
 from required import not_here
 from waiting import wait_until
 
-from kalscope.cli.console import stop_signals
 from kalscope.cli.tune.fleet import progress_text
 from kalscope.cli.tune.options import TuneOptions
+from kalscope.common.stopping import stop_signals
 from kalscope.tuning.fleet.cluster import _without_interrupts, _workers_here
 from kalscope.tuning.fleet.run import Tally, run_fleet
 from kalscope.tuning.fleet.work import task

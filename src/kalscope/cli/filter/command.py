@@ -99,12 +99,14 @@ def _read(source: str, options: ReadOptions, period: float | None, output: Path 
 def _filter_stdin(params: Filters, notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: the program that writes them may wait for the answer."""
     from kalscope.cli.filter.line_filter import LineFilter
+    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.text import count
     from kalscope.sources.lines.line_parser import LineParser, comma_line
 
     for note in notes:
         say(f"note: {note}")
     lines, parser = LineFilter(params), LineParser(options)
-    with open_stdout() as out:
+    with open_stdout() as out, said_at_stop(lambda: f"{count(lines.received)} lines answered"):
         for line in _bounded_lines(sys.stdin.buffer):
             answer, note = lines.answer(comma_line(parser, line))
             out.write(f"{answer}\n".encode())

@@ -38,7 +38,8 @@ class LineFilter:
         """Numbers of a line; 0 until one says how many."""
         self._update = _start(params, self._channels)
         self._before = 0  # lines received while the number of channels was unknown
-        self._line = 0
+        self.received = 0
+        """Lines taken so far."""
 
     def answer(self, line: str) -> tuple[str, str]:
         """Take one line, with or without its newline.
@@ -47,7 +48,7 @@ class LineFilter:
             (answer, note): the filtered values, "" for a line without any; and for a line that cannot be read
             one sentence about it, else "".
         """
-        self._line += 1
+        self.received += 1
         text = line.strip().lstrip("\ufeff")  # PowerShell begins a pipe with a BOM
         if is_comment(text):
             return "", ""
@@ -74,7 +75,7 @@ class LineFilter:
         return ""
 
     def _note(self, must: str, text: str) -> str:
-        return f"line {self._line} must hold {must} (got {text[:60]!r}): taken as missing"
+        return f"line {self.received} must hold {must} (got {text[:60]!r}): taken as missing"
 
 
 def _known_channels(params: Filters) -> int:

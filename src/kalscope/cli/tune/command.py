@@ -170,15 +170,8 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
     if kept:
         notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
     channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
-    tuning = Tuning(
-        tuple(channels),
-        source=recording.source,
-        source_name=recording.title,
-        sha256=recording.sha256,
-        sample_period=recording.sample_period,
-        selected=found[0].name,
-        fusion=None if before is None else before.fusion,
-    )
+    fusion = None if before is None else before.fusion
+    tuning = Tuning.of(recording, channels, selected=found[0].name, fusion=fusion)
     save_tuning(tuning, output)
     return notes
 

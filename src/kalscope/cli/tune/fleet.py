@@ -43,7 +43,8 @@ def fleet_command(
     reading: ReadOptions = DEFAULTS,
 ) -> None:
     """Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies."""
-    from kalscope.cli.console import INTERRUPTED, TerminalLine, stop_signals, write_output
+    from kalscope.cli.console import TerminalLine, say, write_output
+    from kalscope.common.stopping import MAX_STOP_S, stop_signals, stopped_by
     from kalscope.tuning.fleet.answer.answer import answer_for
     from kalscope.tuning.fleet.answer.devices import read_devices
     from kalscope.tuning.fleet.answer.own import check_tuning
@@ -62,32 +63,36 @@ def fleet_command(
     check_tuning(output)
     line = TerminalLine(sys.stderr)
     answers: list[Answer] = []
+    latest: Tally | None = None
 
     def finish(pool: Pool) -> None:
         answers.append(answer_for(read_devices(output), pool, asked))
         save_answer(answers[0], output)
 
     def show(tally: Tally) -> None:
+        nonlocal latest
+        latest = tally
         line.show(progress_text(tally))
 
     try:
-        with stop_signals() as stop:
+        # Every file is whole at any moment, and workers end with their driver: nothing needs more time.
+        with stop_signals(lambda: kept_text(latest), within=MAX_STOP_S) as stop:
             outcome = run_fleet(sources, options, output, cluster, show, stop.is_set, finish)
     finally:
         line.clear()
     if not answers:
-        say_stopped(outcome.tally)
-        raise typer.Exit(INTERRUPTED)
+        say(stopped_by(stop.number, kept_text(outcome.tally)))
+        raise typer.Exit(stop.status)
     write_output(iter([summary(answers[0], outcome.tally, output)]), None)
     say_what_is_tried_again(outcome.tally)
 
 
-def say_stopped(tally: Tally) -> None:
-    """How to go on with a run that was stopped."""
-    from kalscope.cli.console import say
-
-    done = tally.kept + tally.done
-    say(f"stopped with {done} of {tally.units} done, all kept: run the same command again to go on")
+def kept_text(tally: Tally | None) -> str:
+    """What is kept of a run that was stopped, and how to go on; None where no batch was begun."""
+    done = "what was done is kept"
+    if tally is not None:
+        done = f"{tally.kept + tally.done} of {tally.units} done, all kept"
+    return f"{done}: run the same command again to go on"
 
 
 def say_what_is_tried_again(tally: Tally) -> None:

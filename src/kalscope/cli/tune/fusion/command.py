@@ -97,15 +97,8 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
     ]
     kept = kept_channels(recording, set(answer.sensors), saved_before(recording, output))
     channels = sorted([*kept, *single], key=lambda one: recording.names.index(one.name))
-    tuning = Tuning(
-        tuple(channels),
-        source=recording.source,
-        source_name=recording.title,
-        sha256=recording.sha256,
-        sample_period=recording.sample_period,
-        selected=answer.sensors[0],
-        fusion=replace(fusion, name=_free_name(recording)),
-    )
+    named = replace(fusion, name=_free_name(recording))
+    tuning = Tuning.of(recording, channels, selected=answer.sensors[0], fusion=named)
     save_tuning(tuning, output)
     return [f"kept as they were in the tuning: {', '.join(one.name for one in kept)}"] if kept else []
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,23 @@ class FleetReader:
         for content in table[POOL].drop_null().to_pylist():
             pool = pool + _unpacked(content)
         return table, pool, len({key for _, keys in self._parts.values() for key in keys})
+
+
+@cache
+def _reader_of(folder: Path) -> FleetReader:
+    return FleetReader(folder)
+
+
+def read_fleet(folder: Path, *, whole: bool) -> Fleet:
+    """The fleet of a folder as it is now, see `FleetReader.read`; on one thread.
+
+    Args:
+        folder: Where it lies.
+        whole: Read all of it; else only what is new since it was read last, if it was.
+    """
+    if whole:
+        _reader_of.cache_clear()
+    return _reader_of(folder.absolute()).read()
 
 
 def _is_finished(folder: Path) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from kalscope.common.progress import OnProgress
@@ -23,32 +23,41 @@ MAX_GROUPS = 100_000
 """Row groups of a file, at most."""
 
 
-def reopen(
-    fleet: Fleet,
-    i: int,
-    options: ReadOptions | None = None,
-    *,
-    progress: OnProgress | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> Recording:
+@dataclass(frozen=True)
+class Kept:
+    """Where the recording of a row lies and how the fleet read it."""
+
+    id: str
+    """Name of the device."""
+    source: str
+    """See `Row.source`."""
+    reading: ReadOptions
+    """How the fleet read it."""
+    sample_period: float | None
+    """Sample period in s that the fleet was given; None = by its stamps."""
+
+
+def kept_at(fleet: Fleet, i: int) -> Kept:
+    """Where the recording of row `i` lies."""
+    return Kept(fleet.devices.ids[i], fleet.sources[i], fleet.begun.reading, fleet.begun.sample_period)
+
+
+def reopen(kept: Kept, options: ReadOptions | None = None, *, progress: OnProgress | None = None) -> Recording:
     """Read the recording of a row as the fleet read it.
 
     Args:
-        fleet: The fleet.
-        i: The row.
+        kept: Where it lies.
         options: How to read it; None = as the fleet did.
         progress: See `read_recording`; a data set has none.
-        cancelled: See `read_recording`.
 
     Raises:
         BadFile: it no longer lies where the fleet found it, or cannot be read.
         BadSetting: an option does not suit it.
     """
-    source, period = fleet.sources[i], fleet.begun.sample_period
-    reading = fleet.begun.reading if options is None else options
-    if not source.startswith("["):
-        return read_recording(_lying(source), reading, sample_period=period, progress=progress, cancelled=cancelled)
-    return one_recording(_unit(fleet.devices.ids[i], source), reading, period)
+    reading, period = kept.reading if options is None else options, kept.sample_period
+    if not kept.source.startswith("["):
+        return read_recording(_lying(kept.source), reading, sample_period=period, progress=progress)
+    return one_recording(_unit(kept.id, kept.source), reading, period)
 
 
 def own_tuning(fleet: Fleet, i: int) -> Tuning:

@@ -1,0 +1,15 @@
+"""All commands: the headless ones, and `open`, the dashboard."""
+
+from __future__ import annotations
+
+from kalscope.cli.app import app, run
+from kalscope.cli.offers import Function, offers
+
+__all__ = ["app", "run"]
+
+
+@offers("open", "Open the dashboard in a browser.")
+def _open() -> Function:
+    from kalscope_app.open_command import open_dashboard
+
+    return open_dashboard

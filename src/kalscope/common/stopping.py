@@ -1,0 +1,234 @@
+"""Ctrl+C, SIGTERM and the closing of the terminal end the program, whatever it is doing.
+
+The first signal counts, and further ones change nothing. It raises SystemExit where the program is, which removes
+unfinished files on its way out; a command that has something to finish gets an event in its place (`stop_signals`).
+A program that has not ended some time later, because it computes or waits where Python cannot interrupt it, is left
+where it is. Only the standard library is imported: a program calls this before it imports anything that takes long.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+MAX_STOP_S = 1.5
+"""Longest time from a signal to the end of the program, s."""
+MAX_FINISH_S = 5.0
+"""Longest time for a command that has something to finish, s; it takes two seconds unless the machine is busy."""
+STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+_LAST_S = 0.2
+"""Longest time to write the last line, which nobody may read any more, and to remove unfinished files, each, s."""
+_NOTHING_KEPT = "no file is left half-written"
+
+
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit status after Ctrl+C, as a shell counts it; after another signal its number stands in place of SIGINT's."""
+
+
+class Stop(threading.Event):
+    """Set by the first signal that asks the program to end."""
+
+    number: int = signal.SIGINT
+    """The signal."""
+    interrupts = False
+    """Whether the signal also leaves what runs in the main thread; see `interrupting`."""
+
+    def by(self, number: int) -> None:
+        """Set it, because of this signal."""
+        self.number = number
+        self.set()
+
+    @property
+    def status(self) -> int:
+        """The exit status of a command that leaves its work half done."""
+        return 128 + self.number
+
+    @contextmanager
+    def interrupting(self) -> Generator[None]:
+        """A part that need not be finished: the signal leaves this block, too."""
+        self.interrupts = True
+        try:
+            yield
+        except SystemExit:
+            if not self.is_set():
+                raise
+        finally:
+            self.interrupts = False
+
+
+def stopped_by(number: int, kept: str) -> str:
+    """What is said at the end that a signal asked for: its name, and what is kept of the work."""
+    name = "Ctrl+C" if number == signal.SIGINT else signal.Signals(number).name
+    return f"stopped by {name}: {kept}"
+
+
+class _Ending:
+    """What is known of the end of this program."""
+
+    number = 0
+    """The first signal; 0 before it."""
+    is_watched = False
+    """Whether signals end this program, and not only a block of `stop_signals`."""
+    stop: Stop | None = None
+    """Of the command that ends itself."""
+    is_own = False
+    """Whether the command was told, and ends itself."""
+    within = MAX_FINISH_S
+    kept: Callable[[], str] = staticmethod(lambda: _NOTHING_KEPT)
+
+    def __init__(self) -> None:
+        self.unfinished: set[str] = set()
+        """Files and folders that must not be left behind."""
+
+
+_ending = _Ending()
+_last = threading.Lock()
+
+
+@contextmanager
+def ended_by_signals() -> Generator[None]:
+    """The whole program: a signal that asks it to end does so in time, with one line and status 128 + its number.
+
+    Signals that its parent had it ignore, as nohup does, stay ignored.
+    """
+    try:
+        _watch_signals()
+        yield
+    except BaseException:
+        if not _ending.number or _ending.is_own:
+            raise
+    if _ending.number and not _ending.is_own:  # whatever a library made of the SystemExit
+        _end_now()
+
+
+@contextmanager
+def stop_signals(kept: Callable[[], str] | None = None, *, within: float = MAX_FINISH_S) -> Generator[Stop]:
+    """An event that Ctrl+C, SIGTERM or the closing of the terminal sets while the block runs, which ends itself.
+
+    Args:
+        kept: What to say of the work where the program has to be left, one line without control characters.
+        within: Time after which it is, s.
+    """
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other thread
+        yield stop
+        return
+    previous = _handle_signals()
+    _ending.stop, _ending.within = stop, within
+    with said_at_stop(kept or _ending.kept):
+        if _ending.number:
+            stop.by(_ending.number)
+        try:
+            yield stop
+        finally:
+            _ending.stop = None
+            if not _ending.is_watched:
+                _ending.number, _ending.is_own = 0, False
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+
+@contextmanager
+def removed_at_stop(path: str | os.PathLike[str]) -> Generator[None]:
+    """While the block runs, this file or folder is unfinished: the block removes it, or the end of the program."""
+    name = os.fspath(path)
+    _ending.unfinished.add(name)
+    try:
+        yield
+    finally:
+        _ending.unfinished.discard(name)
+
+
+@contextmanager
+def said_at_stop(kept: Callable[[], str]) -> Generator[None]:
+    """While the block runs, a signal that ends the program says this of its work: one line of plain text."""
+    before, _ending.kept = _ending.kept, kept
+    try:
+        yield
+    finally:
+        if not _ending.number:
+            _ending.kept = before
+
+
+def _watch_signals() -> None:
+    """Handle the signals from now on, and let a thread see to it that they end the program."""
+    _open_missing_streams()  # first: a socket would take their place
+    _ending.is_watched = True
+    heard, woken = socket.socketpair()
+    woken.setblocking(False)
+    numbers = frozenset(_handle_signals())
+    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(heard, woken, numbers), daemon=True).start()
+
+
+def _handle_signals() -> dict[int, Any]:
+    """Handle all signals that are not ignored; the handlers before, by number."""
+    previous: dict[int, Any] = {}
+    for name in STOP_SIGNALS:
+        number = getattr(signal, name, None)  # SIGHUP is unknown on Windows, SIGBREAK elsewhere
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            previous[number] = signal.signal(number, _on_signal)
+    return previous
+
+
+def _on_signal(number: int, _: object) -> None:
+    is_first = not _ending.number
+    if is_first:
+        _ending.number, _ending.is_own = number, _ending.stop is not None
+    if _ending.stop is not None:
+        _ending.stop.by(_ending.number)
+    if is_first and (_ending.stop is None or _ending.stop.interrupts):
+        # A finaliser or another thread that is cut short would show a traceback.
+        sys.unraisablehook = threading.excepthook = lambda _: None
+        raise SystemExit(128 + number)
+
+
+def _watch(heard: socket.socket, _kept_open: socket.socket, numbers: frozenset[int]) -> None:
+    """End the program that does not end by itself; the system writes the signal before Python can handle it."""
+    while (number := heard.recv(1)[0]) not in numbers:
+        pass
+    time.sleep(MAX_STOP_S)
+    if _ending.is_own or _ending.stop is not None:
+        time.sleep(max(_ending.within - MAX_STOP_S, 0.0))
+    _ending.number = _ending.number or number
+    _end_now()
+
+
+def _end_now() -> None:
+    """Say what was kept, and leave: what would be flushed or joined at a usual end may hang."""
+    _last.acquire()  # and never released: the other thread that comes here waits for the end
+    for last in (_say, _remove_unfinished):
+        thread = threading.Thread(target=last, daemon=True)
+        thread.start()
+        thread.join(_LAST_S)
+    os._exit(128 + _ending.number)
+
+
+def _say() -> None:
+    with suppress(Exception):
+        os.write(2, f"kalscope: {stopped_by(_ending.number, _ending.kept())}\n".encode("utf-8", "replace"))
+
+
+def _remove_unfinished() -> None:
+    import shutil
+
+    for path in sorted(_ending.unfinished):
+        if os.path.isdir(path):
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                os.unlink(path)
+
+
+def _open_missing_streams() -> None:
+    """Open standard streams that the parent closed (`>&-`), so that no other file gets their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 (for as long as the program runs)

@@ -1,0 +1,234 @@
+"""Ctrl+C, SIGTERM and the end of the terminal: every command ends, whatever comes in or whatever it is doing.
+
+How long it takes is shown by `benchmarks/stopping.py`; here a program that does not end fails after PATIENCE.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+from contextlib import ExitStack
+
+import pytest
+from floods import FLOODS, Flood
+from program import end, link_of, next_line, start
+from waiting import PATIENCE, wait_until
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+
+SIGNALS = {"Ctrl+C": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP}
+TAKEN = 1 << 17
+"""Bytes after which a command is in the middle of what comes in."""
+FROM_SOCKET = """
+import os, socket
+import kalscope.cli.filter.command as command
+os.dup2(socket.create_connection(("127.0.0.1", {port})).detach(), 0)
+sys.stdin, lines_of = open(0), command._bounded_lines
+command._bounded_lines = lambda stream: (os.write(1, b"reads\\n"), lines_of(stream))[1]
+"""
+"""Makes standard input of the flood."""
+
+
+def told_three_times(program, by):
+    """Its status and output, after the same signal came three times: the second must not make it worse."""
+    for _ in range(2):
+        program.send_signal(by)
+    return end(program, by)
+
+
+def left_in(folder):
+    """Files in the folder, but for those of the program itself."""
+    own = ("state", "tmp")
+    return {path.name for path in folder.iterdir()} - {*own} | {path.name for path in (folder / "tmp").iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("flood", "by"), [*zip(FLOODS, [*SIGNALS, *SIGNALS], strict=True)], ids=lambda one: one.replace(" ", "-")
+)
+def test_a_filter_of_lines_ends_whatever_comes_in(flood, by, tmp_path):
+    """Nobody reads its answers: it may wait for that, too."""
+    piece = FLOODS[flood]
+    with Flood(piece) as sender:
+        change = FROM_SOCKET.format(port=sender.port)
+        with start(tmp_path, "filter", "-", "--q", "1", "--r", "1", source=None, change=change) as program:
+            assert next_line(program) == "reads\n"
+            wait_until(lambda: sender.sent > TAKEN or not piece, "its lines")
+            status, _, err = told_three_times(program, SIGNALS[by])
+    assert status == 128 + SIGNALS[by]
+    notes = re.compile(r"kalscope: line \d+ must hold .*")
+    (last,) = [line for line in err.splitlines() if not notes.fullmatch(line)]
+    assert re.fullmatch(
+        rf"kalscope: stopped by {re.escape(by)}: [\d,]+ lines answered", last.replace("\u202f", ",")
+    )
+    assert left_in(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("flood", "by"), [*zip(FLOODS, [*SIGNALS, *SIGNALS], strict=True)], ids=lambda one: one.replace(" ", "-")
+)
+def test_a_recording_ends_whole_whatever_comes_in(flood, by, tmp_path):
+    piece = FLOODS[flood]
+    with Flood(piece) as sender:
+        port = f"socket://127.0.0.1:{sender.port}"
+        with start(tmp_path, "record", port, "-o", "run.csv", source=None) as program:
+            wait_until((tmp_path / "run.csv").exists, "the recording")
+            wait_until(lambda: sender.sent > TAKEN or not piece, "its lines")
+            status, out, err = told_three_times(program, SIGNALS[by])
+    assert (status, "Traceback" in err) == (0, False)
+    received, written, rejected, dropped = map(
+        int, re.search(r"received (\d+) lines = (\d+) written \+ (\d+) rejected \+ (\d+) dropped", out).groups()
+    )
+    assert received == written + rejected + dropped
+    lines = (tmp_path / "run.csv").read_bytes().splitlines(keepends=True)
+    assert lines[-1].startswith(b"# end: ")
+    assert lines[-1].endswith(b"\n")
+    if flood == "lines":
+        assert sum(not line.startswith(b"#") for line in lines) == 1 + written
+
+
+@pytest.mark.parametrize("limit", [("--seconds", "0.5"), ("--lines", "20000")], ids=" ".join)
+def test_the_limits_of_a_recording_hold_in_a_flood(limit, tmp_path):
+    with Flood(FLOODS["lines"]) as sender:
+        port = f"socket://127.0.0.1:{sender.port}"
+        with start(tmp_path, "record", port, "-o", "run.csv", *limit, source=None) as program:
+            out, err = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 0, err
+    assert int(re.search(r"= (\d+) written", out)[1]) >= (20_000 if "--lines" in limit else 1)
+
+
+@pytest.mark.parametrize("by", SIGNALS)
+def test_a_recording_whose_board_does_not_answer_ends_before_it_began(by, tmp_path):
+    """A host that lets nobody in: what connects waits."""
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as waiting:
+        for _ in range(4):  # fill the queue: Linux answers no further one
+            one = waiting.enter_context(socket.socket())
+            one.setblocking(False)
+            one.connect_ex(full.getsockname())
+        change = "from kalscope.sources.port.port_reader import PortReader\nopened = PortReader.open\n"
+        change += "PortReader.open = lambda self: (print('opening', flush=True), opened(self))[1]"
+        port = f"socket://127.0.0.1:{full.getsockname()[1]}"
+        with start(tmp_path, "record", port, "-o", "run.csv", source=None, change=change) as program:
+            assert next_line(program) == "opening\n"
+            assert told_three_times(program, SIGNALS[by]) == (128 + SIGNALS[by], "", said(by))
+    assert left_in(tmp_path) == set()
+
+
+def said(by):
+    return f"kalscope: stopped by {by}: no file is left half-written\n"
+
+
+BUSY = {
+    "a loop of Python": "print('busy', flush=True) or [None for _ in iter(int, 1)]",
+    "a loop that nothing can interrupt": "print('busy', flush=True) or hashlib.pbkdf2_hmac('md5', b'', b'', 10**9)",
+    "what swallows every error": "print('busy', flush=True) or swallow()",
+}
+SWALLOW = """
+import hashlib, time
+import kalscope.{module} as module
+def swallow():
+    while True:
+        try:
+            time.sleep(60)
+        except BaseException:
+            pass
+module.{name} = lambda *_, **__: {busy}
+"""
+COMMANDS = {
+    "tune demo": ("catalogue", "open_source"),
+    "filter demo -o out.csv": ("catalogue", "open_source"),
+    "export none.toml --to c -o out": ("tuning.tuning_file", "load_tuning"),
+    "report demo --config none.toml -o out.html": ("tuning.tuning_file", "load_tuning"),
+    "reproduce -o .": ("papers.reproduction", "reproduce"),
+    "open demo --no-browser --port 0": ("catalogue", "open_source"),
+}
+"""Commands, and what in them is replaced by something that goes on for ever."""
+
+
+@pytest.mark.parametrize(("command", "busy", "by"), [
+    (command, [*BUSY][number % len(BUSY)], [*SIGNALS][number // len(BUSY) % len(SIGNALS)])
+    for number, command in enumerate([*COMMANDS, *COMMANDS])
+], ids=lambda one: one.replace(" ", "-"))  # fmt: skip
+def test_a_command_ends_whatever_it_does(command, busy, by, tmp_path):
+    module, name = COMMANDS[command]
+    change = SWALLOW.format(module=module, name=name, busy=BUSY[busy])
+    with start(tmp_path, *command.split(), source=None, change=change) as program:
+        assert next_line(program) == "busy\n"
+        assert told_three_times(program, SIGNALS[by]) == (128 + SIGNALS[by], "", said(by))
+    assert left_in(tmp_path) == set()
+
+
+HELD = """
+import builtins, time
+imported = builtins.__import__
+def held(name, *rest):
+    if name.split(".")[0] == {library!r}:
+        print("imports", flush=True)
+        builtins.__import__ = imported
+        time.sleep(60)
+    return imported(name, *rest)
+builtins.__import__ = held
+"""
+COMPILES = """
+import os
+from kalscope.common import compiled
+compiled.watch_compiling(lambda _: os.write(1, b"compiles\\n"))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "library", "by"),
+    [
+        ("tune demo", "typer", "Ctrl+C"),
+        ("tune demo", "scipy", "SIGTERM"),
+        ("fleet . -o out", "distributed", "SIGTERM"),
+        ("open demo", "viser", "Ctrl+C"),
+    ],
+)
+def test_a_command_ends_while_it_imports(command, library, by, tmp_path):
+    change = HELD.format(library=library)
+    with start(tmp_path, *command.split(), source=None, change=change, fresh=True) as program:
+        assert next_line(program) == "imports\n"
+        assert told_three_times(program, SIGNALS[by]) == (128 + SIGNALS[by], "", said(by))
+
+
+@pytest.mark.slow
+def test_a_command_ends_while_it_compiles(tmp_path):
+    env = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    with start(tmp_path, "tune", "demo", source=None, change=COMPILES, env=env, fresh=True) as program:
+        assert next_line(program) == "compiles\n"
+        assert told_three_times(program, signal.SIGINT)[::2] == (130, said("Ctrl+C"))
+
+
+@pytest.mark.parametrize("flood", ["lines", "a line without end"])
+def test_a_dashboard_with_a_board_that_floods_ends(flood, tmp_path):
+    with Flood(FLOODS[flood]) as sender:
+        port = f"socket://127.0.0.1:{sender.port}"
+        with start(tmp_path, "--no-browser", "--port", "0", source=port) as program:
+            link_of(program)
+            wait_until(lambda: sender.sent > TAKEN, "its lines")
+            assert told_three_times(program, signal.SIGTERM) == (0, "", "")
+
+
+CLOSED = "import os; os.close({number}); sys.{name} = None"
+
+
+@pytest.mark.parametrize(("number", "name"), [(0, "stdin"), (1, "stdout"), (2, "stderr")])
+def test_a_standard_stream_that_is_closed_is_no_mistake(number, name, tmp_path):
+    change = CLOSED.format(number=number, name=name)
+    with start(tmp_path, "filter", "demo", "-o", "out.csv", source=None, change=change) as program:
+        out, err = program.communicate(timeout=PATIENCE)
+    assert (program.returncode, out) == (0, ""), err
+    assert "note: " in err or name == "stderr"
+    assert (tmp_path / "out.csv").read_bytes().startswith(b"time")
+
+
+def test_an_answer_that_cannot_be_written_is_one_line_and_status_2(tmp_path):
+    change = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)"
+    for command in ("tune demo", "filter demo", "ports"):
+        with start(tmp_path, *command.split(), source=None, change=change) as program:
+            _, err = program.communicate(timeout=PATIENCE)
+        assert (program.returncode, err.count("\n")) == (2, 1), (command, err)
+        assert "No space left on device" in err
