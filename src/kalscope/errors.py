@@ -25,6 +25,10 @@ class BadFile(KalscopeError, ValueError):
     """A file cannot be read as what it should be: missing, empty, text only, binary, of another format."""
 
 
+class NoMemory(KalscopeError, MemoryError):
+    """A recording does not fit into the memory that is free."""
+
+
 class BadDevice(KalscopeError, OSError):
     """A port or a network address cannot be used: busy, unknown, unplugged."""
 

@@ -13,6 +13,7 @@ from functools import cache
 
 import pytest
 import yaml
+from hostile_names import CODE, LETTERS, TERMINAL, WORDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -21,54 +22,9 @@ from kalscope.export.names import comment_text, identifier, identifiers, quoted
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets.arduino import UNIT_CHECK
 
-HOSTILE = (
-    "*/ #define x",
-    "*/\n#define PWN 1\n/*",
-    "line\nline",
-    "line\r\x0b\x0c\x85\u2028\u2029line",
-    "température ² 温度 😀",
-    "x" * 300,
-    "\"'`",
-    "'''",
-    '"""',
-    "---",
-    "...",
-    "%",
-    "%{",
-    "%}",
-    "#{",
-    "\\",
-    "ends in a backslash \\",
-    "??/",
-    "// ",
-    "; rm -rf /",
-    "${sysenv.HOME}",
-    "$(env HOME)",
-    "{{ x }}",
-    "{about}",
-    "%(q)s",
-    "<script>",
-    "coding: utf-7",
-    "!!python/object:os.system",
-    "- a: b",
-    "a: b",
-    "on",
-    "no",
-    "",
-    " ",
-    "..",
-    "../../etc/passwd",
-    "C:\\x",
-    "CON",
-    "\x00\x1b[31m",
-    "\ud800",
-    "for",
-    "__proto__",
-    "constructor",
-    "1abc",
-    "KALSCOPE_A_Q",
-)
-SIXES = [HOSTILE[i : i + 6] for i in range(0, len(HOSTILE), 6)]
+NAMES = (*CODE, *WORDS, *LETTERS, *TERMINAL[4:])
+"""What acts on compilers and readers of data."""
+SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
 """The sketch reads at most six channels."""
 WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
 WITH_MOMENTUM = [name for name in WRITING if name not in ("esphome", "bachagas", "kalmanjs", "linuxcnc")]
@@ -142,7 +98,7 @@ def calm_code(target):
 
 @pytest.mark.parametrize("target", WRITING)
 def test_hostile_texts_stay_in_comments_and_strings(target):
-    for hostile in HOSTILE:
+    for hostile in NAMES:
         same_code(target, hostile)
 
 
@@ -203,14 +159,14 @@ def test_file_names_are_plain(target):
 
 
 def test_the_names_in_json_are_whole():
-    for hostile in HOSTILE:
+    for hostile in NAMES:
         (text,) = export_tuning(tuning_of(hostile, text=hostile), "json").values()
         document = json.loads(text)
         expected = hostile.encode("utf-8", "replace").decode()
         assert document["channels"][0]["name"] == document["recording"]["name"] == expected
 
 
-@given(names=st.lists(st.text(max_size=50) | st.sampled_from(HOSTILE), max_size=30))
+@given(names=st.lists(st.text(max_size=50) | st.sampled_from(NAMES), max_size=30))
 def test_identifiers_are_distinct_and_fit_every_language(names):
     words = identifiers(names)
     assert len(set(words)) == len(words) == len(names)
@@ -260,13 +216,13 @@ def test_quoted_text_comes_back_from_python_and_yaml(text):
 @pytest.mark.parametrize("target", ["ros2", "esphome", "platformio"])
 def test_no_name_is_substituted(target):
     """ESPHome replaces "${…}" and ROS launch files "$(…)" inside values; PlatformIO "${…}", which is ours once."""
-    for hostile in HOSTILE:
+    for hostile in NAMES:
         text = "".join(export_tuning(tuning_of(hostile, text=hostile), target).values())
         assert re.findall(r"[$]\W.*", text) == (["${kalscope.build_flags}"] if target == "platformio" else [])
 
 
 def test_a_refusal_is_one_line_whatever_the_names():
-    for hostile in HOSTILE:
+    for hostile in NAMES:
         with pytest.raises(BadSetting) as caught:
             export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
         assert str(caught.value).isascii()

@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from kalscope.common.stopping import removed_at_stop
 from kalscope.errors import BadSetting
 
 _LEFTOVER_AGE_S = 60.0
@@ -126,13 +127,14 @@ def _replacement(target: Path, mode: int | None) -> Generator[BinaryIO]:
     _sweep(target)
     temporary = target.parent / f"{_prefix(target)}{secrets.token_hex(8)}.tmp"
     try:
-        with _create(temporary, 0o666 if mode is None else stat.S_IMODE(mode)) as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        if mode is not None:
-            os.chmod(temporary, stat.S_IMODE(mode))
-        _replace(temporary, target)
+        with removed_at_stop(temporary):
+            with _create(temporary, 0o666 if mode is None else stat.S_IMODE(mode)) as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            if mode is not None:
+                os.chmod(temporary, stat.S_IMODE(mode))
+            _replace(temporary, target)
     except BaseException:  # Ctrl+C as well must leave no temporary file
         with suppress(OSError):
             temporary.unlink()

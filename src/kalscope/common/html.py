@@ -27,4 +27,5 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "") ->
     top = "".join(f'<th scope="col">{escape(text)}</th>' for text in head)
     body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
     head_rows = f"<thead><tr>{top}</tr></thead>" if head else ""
-    return f'<div class="wide"><table class="{kind}">{head_rows}<tbody>{body}</tbody></table></div>'
+    css = f' class="{kind}"' if kind else ""
+    return f'<div class="wide"><table{css}>{head_rows}<tbody>{body}</tbody></table></div>'

@@ -165,6 +165,11 @@ def plain(text: str) -> str:
     return CONTROL.sub(" ", text)
 
 
+def escaped(text: str) -> str:
+    r"""JSON or TOML whose strings may hold names from outside: a control character is written as `\u009b`."""
+    return CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
 def typed_number(name: str, text: str) -> float:
     """The number that a user typed for `name`; a decimal comma, "−" and thin spaces are allowed.
 

@@ -1,7 +1,10 @@
 """What all containers share: known by content, cancelled like any reader, refused without their library."""
 
 import gzip
+import re
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from kalscope.errors import BadFile, BadSetting, Cancelled
 from kalscope.sources.containers.parts import Part, choose_part
 from kalscope.sources.readers.recording_file import read_recording
 
-needs("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
+needs("duckdb", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 
@@ -58,8 +61,16 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
     path = CONTAINERS[name](tmp_path / name)
     module, package = LIBRARIES[name]
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(BadFile, match=rf"needs {package} .*kalscope\[formats\]"):
+    with pytest.raises(BadFile, match=rf"needs {package} .*kalscope\[formats\]") as refused:
         read_recording(path)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_the_libraries_above_are_those_of_the_extra():
+    """So that one that is added to it is tried without, too."""
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    of_extra = project["optional-dependencies"]["formats"]
+    assert {re.match(r"[\w-]+", one)[0] for one in of_extra} == {package for _, package in LIBRARIES.values()}
 
 
 PARTS = [Part("/imu/accel", 100, 3), Part("/gps/fix", 500, 2), Part("/imu/gyro", 10, 3)]

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 from each import each
+from required import needs
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
-duckdb = pytest.importorskip("duckdb")
+needs("duckdb")
+
+import duckdb  # noqa: E402
 
 
 @pytest.fixture

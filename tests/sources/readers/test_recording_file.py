@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from raw_bytes import damaged, decoded
 
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadFile, BadSetting, NoMemory
+from kalscope.sources.readers import csv_rows
 from kalscope.sources.readers.recording_file import read_recording
 
 
@@ -407,3 +408,23 @@ def test_rows_of_which_one_steps_forward_keep_the_order_of_the_file(read):
     stamps = [50.5, 49, 48, 47, 46, 45, 44, 43, 42, 41, 99, 98]
     recording = read("time,a\n" + "".join(f"{stamp},{i % 7}\n" for i, stamp in enumerate(stamps)))
     assert recording.time.tolist() == stamps
+
+
+def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_path, monkeypatch):
+    rows = [f"{i},{i % 7}.5,text\n" for i in range(40_000)]
+    path = tmp_path / "log.csv"
+    path.write_text("t,a,note\n" + "".join(rows))
+    seen = []
+    monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 1 << 16)
+    monkeypatch.setattr(csv_rows, "ROOM_EVERY", 1 << 16)
+    need = csv_rows.MEMORY_FACTOR * 16 * len(rows)
+    monkeypatch.setattr(csv_rows, "free_memory", lambda: need)
+    whole = read_recording(path, progress=lambda done, _: seen.append(done))
+    assert len(whole) == len(rows)
+    monkeypatch.setattr(csv_rows, "free_memory", lambda: 0.5 * need)
+    seen.clear()
+    with pytest.raises(
+        NoMemory, match=r"^log.csv must fit into the memory that is free, 0.0 GB \(got 0.0 GB of text"
+    ):
+        read_recording(path, progress=lambda done, _: seen.append(done))
+    assert max(seen) < 0.5

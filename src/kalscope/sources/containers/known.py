@@ -119,7 +119,7 @@ def read_container(
             module, _, function = container.reader.rpartition(".")
             read: ReadContainer = getattr(importlib.import_module(f"{__package__}.{module}"), function)
             return read(path, name, part, progress)
-    except KalscopeError:
+    except (KalscopeError, MemoryError):
         raise
     except Exception as error:  # a damaged file may raise anything in a library
         said = one_line(str(error))[:120] or type(error).__name__

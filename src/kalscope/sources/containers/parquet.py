@@ -14,6 +14,8 @@ from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.parts import refuse_part
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 
+MAX_COLUMNS = 4096
+"""Most columns of numbers: what DuckDB needs for them grows with their square, 2 s for these."""
 _DATES = ("DATE", "TIMESTAMP")
 _NUMBERS = (
     *("TINYINT", "SMALLINT", "INTEGER", "BIGINT", "HUGEINT", "UTINYINT", "USMALLINT", "UINTEGER", "UBIGINT"),
@@ -25,7 +27,7 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
     """Read a Parquet file.
 
     Raises:
-        BadFile: it holds no column of numbers, too many rows, or DuckDB is not installed.
+        BadFile: it holds no column of numbers, too many rows or columns, or DuckDB is not installed.
         BadSetting: a part is wanted.
     """
     refuse_part(part, name)
@@ -48,8 +50,11 @@ def _read(connection: Any, path: Path, name: str) -> Table:
     names = [column for column, kind in kinds.items() if kind.startswith((*_NUMBERS, *_DATES))]
     if not any(kinds[column].startswith(_NUMBERS) for column in names) or not rows:
         raise BadFile(f"{name} must hold a column of numbers (got {len(kinds)} columns, {rows} rows)")
-    if rows * len(names) > MAX_NUMBERS:
-        raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {rows} rows of {len(names)} columns)")
+    if rows * len(names) > MAX_NUMBERS or len(names) > MAX_COLUMNS:
+        raise BadFile(
+            f"{name} must hold at most {MAX_NUMBERS} numbers in {MAX_COLUMNS} columns (got {rows} rows of"
+            f" {len(names)} columns)"
+        )
     expressions = [_as_double(column, kinds[column], i) for i, column in enumerate(names)]
     answer = connection.execute(f"SELECT {', '.join(expressions)} {source}", given).fetchnumpy()
     return Table(

@@ -14,6 +14,7 @@ from kalscope.errors import BadFile
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
 from kalscope.sources.grammar.cells import is_number, split_fields
+from kalscope.sources.grammar.wide_text import wide_encoding
 
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log")
 _MAX_FILES = 1000
@@ -97,8 +98,8 @@ def _numbers(line: str) -> int:
 
 
 def _encoding(head: bytes) -> str:
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
+    if (wide := wide_encoding(head)) is not None:
+        return wide
     try:
         head[:-4].decode("utf-8-sig")  # the last letter may be cut
     except UnicodeDecodeError:

@@ -43,7 +43,9 @@ _TOPIC = re.compile(r"[^\s/]{1,99}/[^\s/]{3,99}(?:/\S{1,99})? \S{1,40}")
 """`barn/temperature 21.5`: a topic of MQTT and its value; `m/s 3` is a unit."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
-_TELEPLOT = re.compile(r"\s*>([^:>|§]+):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
+_TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
+_NO_SAMPLES = frozenset({"t", "xy"})
+"""Flags of Teleplot: a text; points of a plane."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class Teleplot:
     unit: str = ""
     """What follows the §; "" where nothing does."""
 
+    @property
+    def only_names(self) -> bool:
+        """True for `>name:`, which says that there is such a variable, and brings no sample."""
+        return self.samples == (("", ""),)
+
 
 def without_escapes(line: str) -> str:
     """A line without what colours it on a terminal or moves the cursor: `ESC[0;32m`."""
@@ -86,10 +93,10 @@ def without_escapes(line: str) -> str:
 def split_teleplot(line: str) -> Teleplot | None:
     """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
 
-    Texts (`|t`) and shapes (`>3D|…`) are no samples.
+    Texts (`|t`), points of a plane (`|xy`) and shapes (`>3D|…`) are no samples.
     """
     match = _TELEPLOT.fullmatch(line)
-    if match is None or "t" in (match[4] or "").split(",") or match[2].count(";") > _MAX_SAMPLES:
+    if match is None or not _NO_SAMPLES.isdisjoint(_flags(match)) or match[2].count(";") > _MAX_SAMPLES:
         return None
     samples: list[tuple[str, str]] = []
     for part in match[2].split(";"):
@@ -98,6 +105,16 @@ def split_teleplot(line: str) -> Teleplot | None:
             return None
         samples.append((stamp.strip(), value.strip()))
     return Teleplot(match[1].strip(), tuple(samples), (match[3] or "").strip())
+
+
+def teleplot_flags(line: str) -> list[str]:
+    """The flags of a line of Teleplot, `g` and `np` of `>name:value|g,np`; [] where there are none."""
+    match = _TELEPLOT.fullmatch(line)
+    return [] if match is None else _flags(match)
+
+
+def _flags(match: re.Match[str]) -> list[str]:
+    return [flag.strip() for flag in (match[4] or "").split(",")]
 
 
 def split_stamp(line: str) -> tuple[str, str] | None:

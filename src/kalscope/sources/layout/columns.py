@@ -135,13 +135,14 @@ def settle_roles(
 def distinct_names(names: list[str]) -> tuple[str, ...]:
     """Distinct names: the second `temp` becomes `temp 2`, those without a name `value 1`, `value 2`."""
     given = {name for name in names if name}
-    distinct: list[str] = []
+    distinct: dict[str, None] = {}
+    counts: dict[str, int] = {}
     for i, name in enumerate(names, 1):
-        count = i if not name else 2
+        count = counts.get(name, 2) if name else i
         candidate = name or f"value {count}"
         # A made-up name must not take one that a later column has of its own.
         while candidate in distinct or (candidate != name and candidate in given):
             candidate = f"{name or 'value'} {count}"
             count += 1
-        distinct.append(candidate)
+        distinct[candidate], counts[name] = None, count
     return tuple(distinct)

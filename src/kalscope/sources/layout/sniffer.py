@@ -34,7 +34,11 @@ from kalscope.sources.layout.time.time_column import chosen_time, find_time
 MAX_COLUMNS = 256
 """A table wider than this is no log of samples (a list per line, an image, one case per line)."""
 
+MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
+"""Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
+
 _MAX_COMMENT_LENGTH = 400
+_TELEPLOT_TIME = Column("time", "ms")
 
 
 @dataclass(frozen=True)
@@ -220,6 +224,8 @@ def _find_time(
         least = min(table.narrow, default=len(columns))
         rows = [row[:least] for row in rows]
         time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
+    if time is None and choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+        time = TimeColumn(0, "number", "ms")  # which so few lines do not show: they may all be of one moment
     if time is not None and time.kind == "number" and plan.preface.time_unit:
         time = replace(time, unit=plan.preface.time_unit)
     return time
@@ -249,5 +255,5 @@ def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:
     units = {plot.name: plot.unit for line in lines if (plot := split_teleplot(line.text)) and plot.unit}
     columns = [Column(name, units.get(name, "")) for name in table.form.labels]
     if table.width > len(columns):
-        columns.insert(0, Column("time", "ms"))
+        columns.insert(0, _TELEPLOT_TIME)
     return Header(tuple(columns), (), table.rows[0][0], ("each line is one variable of Teleplot",))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,9 @@ from typing import TextIO
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.memory import free_memory
 from kalscope.common.progress import Progress
+from kalscope.errors import NoMemory
 from kalscope.recording import MAX_ISSUES, LineIssue
 from kalscope.sources.grammar.cells import is_blank
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -30,6 +33,15 @@ BLOCK_SIZE = 1 << 19
 
 MAX_BYTES_BY_LINE = 1 << 15
 """A file up to this size is read line by line, in less time than the compiled loops take to load."""
+
+BLOCK_NUMBERS = 1 << 16
+"""Numbers that are gathered row by row before they are put into their columns."""
+
+ROOM_EVERY = 1 << 26
+"""Bytes of a file after which the free memory is looked at, each time."""
+
+MEMORY_FACTOR = 2.2
+"""Memory that a reading takes, beside the bytes of its numbers, until the Recording is made and handed on."""
 
 MAX_SLOW = 64
 """Lines read one by one before plain rows are looked for again, where there are none."""
@@ -83,8 +95,12 @@ class Tally:
 
 def read_rows(
     path: Path, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
-) -> tuple[Array, Tally]:
-    """All rows, shape (rows, width), NaN in the columns that are not read, and the account."""
+) -> tuple[list[Array], Tally]:
+    """All columns, each of shape (rows,), empty those that are not read; and the account.
+
+    Raises:
+        NoMemory: there will not be enough memory for them, by what the first ones take.
+    """
     size, progress = path.stat().st_size, progress or Progress()
     reader = _TableReader(layout, options, by_line=size <= MAX_BYTES_BY_LINE)
     # The next block is read and decoded on another thread while the loops, which release the GIL, parse this one.
@@ -95,6 +111,7 @@ def read_rows(
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
             reader.take(data)
+            reader.require_room(file.tell(), size, path.name)
     return reader.finish(), reader.tally
 
 
@@ -115,6 +132,7 @@ class _TableReader:
         self._reader = LineReader(layout, options.without_numbers())
         self._number = 1
         self._above = b""
+        self._room_at = ROOM_EVERY
 
     def take(self, data: bytes) -> None:
         """Take the next lines, UTF-8, of which only the last of the file may lack its newline."""
@@ -131,11 +149,23 @@ class _TableReader:
             self._rows.add(event, last=True)
         self._above = data
 
-    def finish(self) -> Array:
-        """The rows, shape (rows, width)."""
-        self._rows.finish()
+    def require_room(self, done: int, size: int, name: str) -> None:
+        """NoMemory where all `size` bytes of the file will not fit into memory, by what the first `done` take."""
+        if done < self._room_at:
+            return
+        self._room_at = done + ROOM_EVERY
+        taken, free = self._rows.nbytes, free_memory()
+        more = int(MEMORY_FACTOR * taken * size / done) - taken
+        if free is not None and more > free:
+            raise NoMemory(
+                f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB"
+                f" (got {size / 1e9:.1f} GB of text, which take {more / 1e9:.1f} GB): open a part of it"
+            )
+
+    def finish(self) -> list[Array]:
+        """The columns, each of shape (rows,)."""
         self.tally.series = tuple(self._reader.series)
-        return np.frombuffer(self._rows.out, dtype=np.float64).reshape(-1, len(self._layout.columns))
+        return self._rows.finish()
 
     def _take_rows(self, data: bytes, at: int, end: int) -> None:
         """Take whole lines: plain rows, and in between one line, or more and more of them where none is plain."""
@@ -148,7 +178,7 @@ class _TableReader:
                     slow, at, self._reader.before = 1, rows.end, rows.fields
                     self._number += len(rows.values)
                     self.tally.lines["row"] += len(rows.values)
-                    self._rows.out.frombytes(rows.values.data.cast("B"))
+                    self._rows.extend(rows.values)
             for _ in range(slow):
                 if at < end:
                     line, at = _line_at(data, at)
@@ -165,22 +195,51 @@ def _line_at(data: bytes, at: int) -> tuple[str, int]:
 
 
 class Rows:
-    """Collects the rows of a log, flat."""
+    """Collects the rows of a log, column by column: they are never held twice, as one table and as its columns."""
 
     def __init__(self, layout: Layout) -> None:
-        self.out = array("d")
+        time = () if layout.time is None else layout.time.indices
+        series = (i for i, column in enumerate(layout.columns) if column.role == "series")
+        self._kept = sorted({*layout.channels, *time, *series})
+        self._columns = [array("d") for _ in layout.columns]
+        self._block = array("d")  # rows, flat
         # The sensor did sample then: without time a rejected line keeps the place of its sample.
         self._gap = [math.nan] * len(layout.columns) if layout.time is None else []
 
     def add(self, event: LineEvent, *, last: bool = False) -> None:
         """Take what a line brings; a rejected last line has no neighbours whose places it could keep."""
         for row in event.rows:
-            self.out.extend(row)
+            self.append(row)
         if event.kind == "rejected" and not last:
-            self.out.extend(self._gap)
+            self.append(self._gap)
 
-    def finish(self) -> None:
-        """All lines were added."""
+    def append(self, row: Sequence[float]) -> None:
+        """Take one row, or nothing."""
+        self._block.extend(row)
+        if len(self._block) >= BLOCK_NUMBERS:
+            self._empty_block()
+
+    def extend(self, rows: Array) -> None:
+        """Take rows, shape (rows, width)."""
+        self._empty_block()
+        for i in self._kept:
+            self._columns[i].frombytes(np.ascontiguousarray(rows[:, i]).data.cast("B"))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the columns take."""
+        return sum(8 * len(self._columns[i]) for i in self._kept)
+
+    def _empty_block(self) -> None:
+        if self._block:
+            rows = np.frombuffer(self._block).reshape(-1, len(self._columns))
+            self._block = array("d")
+            self.extend(rows)
+
+    def finish(self) -> list[Array]:
+        """The columns, each of shape (rows,), once all lines were added."""
+        self._empty_block()
+        return [np.frombuffer(column, dtype=np.float64) if column else np.empty(0) for column in self._columns]
 
 
 class GatheredRows(Rows):
@@ -198,7 +257,7 @@ class GatheredRows(Rows):
             if self._row and self._belongs(row):
                 self._row = [b if math.isnan(a) else a for a, b in zip(self._row, row, strict=True)]
             else:
-                self.finish()
+                self.append(self._row)
                 self._row = list(row)
 
     def _belongs(self, row: tuple[float, ...]) -> bool:
@@ -210,10 +269,10 @@ class GatheredRows(Rows):
         pairs = enumerate(zip(self._row, row, strict=True))
         return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
 
-    def finish(self) -> None:
-        """The row at hand is complete."""
-        self.out.extend(self._row)
-        self._row = []
+    def finish(self) -> list[Array]:
+        """The columns, the row at hand in them."""
+        self.append(self._row)
+        return super().finish()
 
 
 def _kind_above_data(number: int, line: str, layout: Layout) -> Kind:

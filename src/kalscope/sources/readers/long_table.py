@@ -26,11 +26,11 @@ def is_long(layout: Layout) -> bool:
     return any(column.role == "series" for column in layout.columns)
 
 
-def widened(table: Array, tally: Tally, layout: Layout, part: str | None, name: str) -> Reading:
+def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, name: str) -> Reading:
     """One part of a long table, a column for each name.
 
     Args:
-        table: Its rows, shape (rows, columns), with the index of the name in the first "series" column.
+        table: Its columns, each of shape (rows,), with the index of the name in the first "series" one.
         tally: The account of its lines, with the names.
         layout: What its columns are.
         part: `ReadOptions.part`: a name.
@@ -40,9 +40,9 @@ def widened(table: Array, tally: Tally, layout: Layout, part: str | None, name: 
         BadFile: no name has a number.
         BadSetting: there is no such part.
     """
-    codes = table[:, next(i for i, column in enumerate(layout.columns) if column.role == "series")]
-    values = table[:, layout.channels[0]]
-    stamps = _counted(codes) if layout.time is None else table[:, layout.time.index]
+    codes = table[next(i for i, column in enumerate(layout.columns) if column.role == "series")]
+    values = table[layout.channels[0]]
+    stamps = _counted(codes) if layout.time is None else table[layout.time.index]
     known = [code for code in range(len(tally.series)) if np.isfinite(values[codes == code]).any()]
     groups = _groups({code: np.unique(stamps[codes == code]) for code in known})
     described = _described(tally.series, layout)

@@ -15,10 +15,13 @@ import io
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from kalscope.common.checks import above_zero
+from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress, Progress
+from kalscope.errors import NoMemory
 from kalscope.recording import Recording
 from kalscope.sources.containers.known import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.parts import refuse_part
@@ -44,6 +47,9 @@ from kalscope.sources.readers.text_file import (
 HEAD_BYTES = (65536, 1 << 20)
 """How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
 
+HEAD_LINES = 1 << 15
+"""Lines of them at most: a head of short lines would take seconds to be judged."""
+
 
 def read_recording(
     path: str | Path,
@@ -57,8 +63,8 @@ def read_recording(
 
     Text: encoding, delimiter, decimal mark, header, units, comments and the time column are detected, `.gz` and
     `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: zip, JSON,
-    LabVIEW `.lvm`, Parquet, MATLAB `.mat`; with `kalscope[formats]` spreadsheets, TDMS, HDF5, MCAP, ROS bags, ULog.
-    docs/reading-files.md says what is read, and how.
+    LabVIEW `.lvm`, MATLAB `.mat`; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5, MCAP, ROS bags, ULog.
+    docs/files/reading-files.md says what is read, and how.
 
     Args:
         path: The file.
@@ -76,22 +82,28 @@ def read_recording(
         BadFile: the file cannot be read, or holds no number.
         BadSetting: `sample_period` is no positive finite number; an option that this file cannot have.
         Cancelled: `cancelled()` was true.
+        NoMemory: it does not fit into the memory that is free.
     """
     if sample_period is not None:
         above_zero("sample_period", sample_period)
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
     path = storage_of(Path(path))
-    with open_raw(path, progress) as raw:
-        container = find_container(raw.head, name)
-        reading = (
-            _read_text(raw, options, progress)
-            if container is None
-            else _read_container(container, raw, options, progress)
-        )
-        recording = assemble(reading, options, sample_period, name)
-        # An absolute path, so that a tuning file reopens it from any folder.
-        return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.digest.result())
+    try:
+        with open_raw(path, progress) as raw:
+            container = find_container(raw.head, name)
+            reading = (
+                _read_text(raw, options, progress)
+                if container is None
+                else _read_container(container, raw, options, progress)
+            )
+            recording = assemble(reading, options, sample_period, name)
+            # An absolute path, so that a tuning file reopens it from any folder.
+            return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.digest.result())
+    except NoMemory:
+        raise
+    except MemoryError:
+        raise does_not_fit(name) from None
 
 
 def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:
@@ -110,7 +122,8 @@ def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Pro
     if is_long(layout):
         return widened(table, tally, layout, options.part, raw.name)
     refuse_part(options.part, raw.name)
-    columns = {i: table[:, i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
+    columns = {i: table[i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
+    table.clear()
     return Reading(columns, tally, layout, layout.period)
 
 
@@ -127,11 +140,12 @@ def _read_container(container: Container, raw: RawFile, options: ReadOptions, pr
 def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
     lines: list[str] = []
     for size in HEAD_BYTES:
-        lines = list(open_text(io.BytesIO(raw.head[:size]), encoding))
+        lines = list(islice(open_text(io.BytesIO(raw.head[:size]), encoding), HEAD_LINES))
         refuse_markup(raw.name, lines)
-        if raw.size > size and len(lines) > 1:
+        is_whole = raw.size <= size and len(lines) < HEAD_LINES
+        if not is_whole and len(lines) > 1:
             lines.pop()  # cut by us
-        samples = sample_lines(raw, encoding) if raw.size > size else ()
+        samples = () if is_whole else sample_lines(raw, encoding)
         layout = sniff([line.rstrip("\n") for line in lines], options, samples)
         if layout is not None:
             if layout.channels:

@@ -18,6 +18,7 @@ from typing import BinaryIO, TextIO
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
+from kalscope.sources.grammar.wide_text import wide_encoding
 from kalscope.sources.readers.archives import is_packed, unpacked
 
 HEAD_BYTES = 1 << 20
@@ -160,24 +161,13 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
     for magic, what in _FOREIGN.items():
         if head.startswith(magic):
             raise BadFile(f"{name} must be a text file (got {what})")
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    wide = _wide_encoding(head[:_HEAD])
+    wide = wide_encoding(head[:_HEAD])
     if wide is not None:
         return wide
     _require_text(head[:_HEAD], name)
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     return "utf-8" if _is_utf8(raw.path, progress) else "latin-1"
-
-
-def _wide_encoding(head: bytes) -> str | None:
-    """UTF-16 without a byte order mark: of text in it every second byte is NUL, and hardly another."""
-    pairs = len(head) // 2
-    even, odd = head[0 : 2 * pairs : 2].count(0), head[1 : 2 * pairs : 2].count(0)
-    if pairs and odd > 0.8 * pairs and even < 0.05 * pairs:
-        return "utf-16-le"
-    return "utf-16-be" if pairs and even > 0.8 * pairs and odd < 0.05 * pairs else None
 
 
 def _require_text(head: bytes, name: str) -> None:

@@ -22,7 +22,9 @@ _MAX_STRUCTS = 256
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _MAX_UNPACKED = 1 << 29
-"""Bytes of all compressed variables of a file with structs; numbers may be stored as bytes and grow when read."""
+"""Bytes of all compressed variables of a file, unless its variables have more numbers than that."""
+_MAX_NUMBER_BYTES = 16
+"""Bytes of one number at most: a complex one."""
 _PIECE = 1 << 22
 """Bytes that are read and unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
@@ -47,8 +49,8 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     size = sum(int(np.prod([min(n, MAX_NUMBERS) for n in shape], dtype=np.float64)) for _, shape, _ in listed)
     if size > MAX_NUMBERS:
         raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {size})")
-    if "struct" in {kind for _, _, kind in listed}:  # whose size says nothing of its fields
-        _check_unpacked(path, name, progress)
+    # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
+    _check_unpacked(path, name, max(_MAX_UNPACKED, int(_MAX_NUMBER_BYTES * size)), progress)
     progress(0.1, "reading")
     held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
     items: list[Item] = []
@@ -59,9 +61,9 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     return read_arrays(items, scalars, part, name, "a MATLAB file", progress.part(0.6, 1.0))
 
 
-def _check_unpacked(path: Path, name: str, progress: Progress) -> None:
-    """Refuse a file of version 5 whose compressed variables would fill the memory."""
-    left = _MAX_UNPACKED
+def _check_unpacked(path: Path, name: str, most: int, progress: Progress) -> None:
+    """Refuse a file of version 5 whose compressed variables unpack to more than `most` bytes."""
+    left = most
     with path.open("rb") as file:
         head = file.read(128)
         if 0 in head[:4]:  # version 4 compresses nothing
@@ -80,9 +82,7 @@ def _check_unpacked(path: Path, name: str, progress: Progress) -> None:
                     left -= len(unpacker.decompress(packed, _PIECE))
                     packed = unpacker.unconsumed_tail
             if left < 0:
-                raise BadFile(
-                    f"{name} must unpack to at most {_MAX_UNPACKED} bytes where it holds structs (got more)"
-                )
+                raise BadFile(f"{name} must unpack to at most {most} bytes (got more)")
 
 
 def _collect(

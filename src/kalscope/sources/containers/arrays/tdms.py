@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         BadSetting: there is no such part.
     """
     nptdms = load_library("nptdms", "npTDMS", name, "a TDMS file")
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # it would print to the terminal what is odd in a file
     # An open file, not its path: else an index file beside it would be believed.
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
         items = list(_items(file, path.stat().st_size))

@@ -83,7 +83,9 @@ def grown_width(
     long = [run for run in runs if run.lines >= MIN_NAMED_RUN and run.width > 1]
     widest = max((run.width for run in long), default=width)
     named = bool(long) and _is_named(split, rows, long[0], widest, kinds.decimal)
-    long = long if named else [run for run in long if run.lines >= MIN_RUN]
+    if not named:
+        long = [run for run in long if run.lines >= MIN_RUN]
+        widest = max((run.width for run in long), default=width)
     if len({run.width for run in long}) < 2 or width not in {run.width for run in long}:
         return width, frozenset()
     first = long[0] if named else next(run for run in long if run.width == widest)

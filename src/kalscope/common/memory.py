@@ -1,0 +1,57 @@
+"""How much memory is free: who is about to fill it refuses instead, before the system ends a program."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from kalscope.errors import NoMemory
+
+_MEMORY = Path("/proc/meminfo")
+_GROUPS = Path("/sys/fs/cgroup")
+_OWN_GROUP = Path("/proc/self/cgroup")
+_USED = Path("/proc/self/statm")
+
+
+def free_memory() -> int | None:
+    """Bytes that programs can still take without swapping, here and in the container; None where it is unknown.
+
+    It is known on Linux: what the kernel calls available, and what is left in each control group.
+    """
+    with suppress(OSError, ValueError):
+        fields = dict(line.split(":", 1) for line in _MEMORY.read_text().splitlines())
+        available = int(fields["MemAvailable"].split()[0]) << 10
+        return max(0, min(available, *_left_in_groups(), available))
+    return None
+
+
+def does_not_fit(name: str) -> NoMemory:
+    """What to say of something that was read until the memory was full."""
+    return NoMemory(f"{name} must fit into the memory that is free, and it does not: open a part of it")
+
+
+def _left_in_groups() -> Iterator[int]:
+    """What is left in the control group of this process and in those around it; caches of files are given back."""
+    with suppress(OSError, ValueError):
+        own = next(line[3:] for line in _OWN_GROUP.read_text().splitlines() if line.startswith("0::"))
+        folder = _GROUPS / own.strip("/")
+        for group in (folder, *folder.parents):
+            if not group.is_relative_to(_GROUPS):
+                return
+            with suppress(OSError, ValueError):  # no limit is written "max", and the outermost group has none
+                most = int((group / "memory.max").read_text())
+                kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+                yield most - int((group / "memory.current").read_text()) + int(kept["file"])
+
+
+def limit_memory(more: int) -> None:
+    """Let this process take so many bytes more; beyond that Python raises MemoryError. On Linux; else no limit."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        data = int(_USED.read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = data + more
+        resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))

@@ -1,0 +1,219 @@
+"""Names from outside in whatever Kalscope writes: each file is read back, compiled or parsed by its readers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+import re
+import shlex
+import shutil
+import subprocess
+import tomllib
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from each import each
+from hostile_names import MARKUP, NAMES
+from required import node, not_here
+
+from kalscope import ChannelTuning, Recording, Tuning, export_tuning, load_tuning, read_recording, save_tuning
+from kalscope.common.text import CONTROL
+from kalscope.export.filtered_csv import csv_header
+from kalscope.export.names import identifiers
+from kalscope.export.report.content import make_report
+from kalscope.export.report.page import as_html
+from kalscope.recording import LineIssue
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.layout.columns import Column
+from kalscope.sources.layout.sniffer import Layout
+from kalscope.sources.recorder.format import header_line, preamble, rejects_lines
+from kalscope_app.program.log_file import Lines
+from kalscope_app.session.opening import opened
+from kalscope_app.session.share import share_line
+from kalscope_app.views.export.command_line import with_tuning_file
+from kalscope_app.views.window.css import COMMAND
+
+SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
+"""The sketch reads at most six channels."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
+
+
+def tuning_of(names, text):
+    return Tuning(
+        tuple(ChannelTuning(name, text, 0.01, 0.25, how=text) for name in names),
+        source_name=text,
+        sha256=text,
+        sample_period=0.01,
+        tool=text,
+        date=text,
+    )
+
+
+def recording_of(name, source="log.csv"):
+    return Recording(np.arange(60) / 100, (name,), (name,), VALUES, 0.01, source=source, title=source)
+
+
+def written(names, target, folder):
+    """The files of an export, each text a hostile one; and those of a harmless export with the same identifiers."""
+    for place, words, text in (("hostile", names, names[0]), ("calm", identifiers(names), "calm")):
+        (folder / place).mkdir()
+        for file, content in export_tuning(tuning_of(words, text), target).items():
+            (folder / place / file).write_text(content, "ascii")
+    return sorted(path.name for path in (folder / "hostile").iterdir())
+
+
+def preprocessed(compiler, path):
+    """The program as the compiler sees it behind its preprocessor: without comments, with its lines joined."""
+    flags = ("-E", "-P", "-trigraphs", "-w", "-nostdinc", "-DKALSCOPE_UNITS_DONE", f"-I{path.parents[2] / 'empty'}")
+    language = "c" if compiler == "gcc" else "c++"
+    command = (compiler, *flags, "-x", language, str(path))
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("target", "compiler"), [("c", "gcc"), ("arduino", "avr-g++"), ("bachagas", "g++")])
+def test_a_compiler_sees_no_more_than_of_harmless_names(tmp_path, target, compiler):
+    if shutil.which(compiler) is None:
+        not_here(f"{compiler} is not installed")
+    (tmp_path / "empty").mkdir()
+    for header in ("Arduino", "EEPROM", "Kalman", "math", "stdint", "stddef", "string", "float", "stdbool"):
+        (tmp_path / "empty" / f"{header}.h").touch()
+    for i, names in enumerate(SIXES):
+        (folder := tmp_path / str(i)).mkdir()
+        files = written(names, target, folder)
+        assert files
+        for file in files:
+            hostile, calm = (preprocessed(compiler, folder / place / file) for place in ("hostile", "calm"))
+            assert hostile == calm, names
+
+
+LOAD = """\
+import { readFileSync } from "node:fs";
+for (const path of readFileSync(0, "utf8").trim().split("\\n")) {
+  const { filters } = await import(path);
+  console.log(JSON.stringify(Object.keys(filters)));
+}
+"""
+
+
+def test_node_loads_filters_of_the_names_that_are_identifiers(tmp_path):
+    paths = []
+    for i, names in enumerate(SIXES):
+        (folder := tmp_path / str(i)).mkdir()
+        paths += [f"./{i}/hostile/{file}" for file in written(names, "javascript", folder) if file.endswith("mjs")]
+    (tmp_path / "main.mjs").write_text(LOAD)
+    found = subprocess.run(
+        (node(), "main.mjs"), input="\n".join(paths), capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    loaded = [word for line in found.stdout.splitlines() for word in json.loads(line)]
+    assert [word.lower() for word in loaded] == [word for names in SIXES for word in identifiers(names)]
+
+
+def test_a_tuning_file_gives_the_names_back(tmp_path):
+    path = tmp_path / "tuning.toml"
+    for name in NAMES:
+        save_tuning(tuning_of([name], name), path)
+        whole = name.encode("utf-8", "replace").decode()
+        held = load_tuning(path).channels[0]
+        assert (held.name, held.how) == (whole, whole)
+        text = path.read_text("utf-8")
+        assert tomllib.loads(text)["channel"][0]["name"] == whole
+        assert not CONTROL.search(text)
+
+
+@each("name", NAMES)
+def test_a_filtered_csv_has_its_columns_and_no_formula(tmp_path, name):
+    header = csv_header([name, "b", name])
+    (cells,) = csv.reader(io.StringIO(header))
+    assert len(cells) == len(set(cells)) == 10
+    assert not any(cell.startswith(FORMULA) for cell in cells)
+    assert header.count("\n") == 1
+    assert not CONTROL.search(header)
+    path = tmp_path / "out.csv"
+    rows = "".join(",".join([f"{i / 100}", *(f"{(3 * i + k) % 7}.5" for k in range(9))]) + "\n" for i in range(30))
+    path.write_text(header + rows, "utf-8", errors="replace")
+    assert read_recording(path).values.shape == (30, 9)
+
+
+@each("name", NAMES)
+def test_a_recording_of_a_board_has_its_columns_and_no_formula(name):
+    columns = (Column(name, name), Column(name))
+    header = header_line(Layout(LineFormat(), columns, None, 1, frozenset(), (), ()))
+    (cells,) = csv.reader(io.StringIO(header))
+    assert len(cells) == len(set(cells)) == 3
+    rejects = rejects_lines(1.5, 7, name, [LineIssue(7, f"must be {name}", name, name)])
+    (said,) = csv.reader(io.StringIO(rejects))
+    assert len(said) == 5
+    above = preamble(name, 0.0)
+    assert all(line.startswith("#") for line in above.splitlines())
+    for text in (header, rejects, above):
+        assert not CONTROL.search(text)
+    assert not any(cell.startswith(FORMULA) for cell in cells)
+
+
+class Tags(HTMLParser):
+    """The elements of a page with their attributes' names, and its text."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.text = [], ""
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, *(name for name, _ in attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def tags_of(name):
+    page = as_html(make_report(recording_of(name, source=name), tuning_of([name], name), command=name))
+    found = Tags()
+    found.feed(page)
+    found.close()
+    return found
+
+
+@pytest.mark.slow
+def test_a_report_has_the_elements_of_a_harmless_one():
+    name = "".join(MARKUP)
+    found = tags_of(name)
+    assert found.tags == tags_of("calm").tags
+    assert name in found.text
+
+
+def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
+    """Read back by a real shell."""
+    lines = []
+    for name in NAMES:
+        recording = recording_of(name, source=name)
+        two = Recording(recording.time, (name, "b"), ("", ""), np.repeat(VALUES, 2, axis=1), 0.01, source=name)
+        lines += [share_line(opened(two)).line, share_line(opened(recording)).line]
+        for line in lines[-2:]:
+            assert line.isprintable()
+            assert shlex.split(line)[:2] == ["kalscope", "open"]
+    script = "kalscope() { printf '%s\\n' $#; }\n" + "\n".join(lines)
+    counts = subprocess.run(("sh",), input=script.encode(), capture_output=True, check=True, cwd=tmp_path).stdout
+    assert counts.decode().split() == [str(len(shlex.split(line)) - 1) for line in lines]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_line_in_markdown_stays_in_its_code():
+    for name in NAMES:
+        text = with_tuning_file(opened(recording_of("a", source=name)))
+        assert not CONTROL.search(text)
+        assert text.count("`") % 2 == 0
+        assert "<" not in re.sub("`[^`\n]*`", "", text).replace(COMMAND, "")
+
+
+def test_an_entry_of_the_log_is_one_line_of_plain_text():
+    form = Lines("%(levelname)s %(message)s", [], with_traceback=True)
+    for name in NAMES:
+        record = logging.LogRecord("a", logging.WARNING, "", 0, "opened %s", (name,), None)
+        first, *more = form.format(record).split("\n")
+        assert first.startswith("WARNING opened ")
+        assert all(line.startswith("    ") for line in more)
+        assert not CONTROL.search(first + "".join(more))

@@ -1,0 +1,103 @@
+"""Odd folders, limits and accounts: the program works, or says in one line what must hold; never a traceback."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from line_sender import line_sender
+from program import command, end, free_port, link_of, port_of, start, token_of
+from waiting import PATIENCE
+from wire import Guest
+
+from kalscope.cli.console import user_message
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits and /proc as Linux has them")
+
+POOR = """
+import os, resource, time
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+os.environ.update(LC_ALL="C", TZ="Nowhere/At:all;3", TMPDIR="/proc/none", HOME="/proc/none")
+time.tzset()
+"""
+"""64 files, 2 GB of addresses, no home, and neither a locale nor a time zone nor a temporary folder of its own."""
+FOLDER_GONE = "import os; os.rmdir(os.getcwd())\n"
+
+
+def test_settings_that_cannot_be_kept_cost_one_line_and_the_lasting_link(tmp_path):
+    (tmp_path / "file").write_text("")
+    env = {"KALSCOPE_CONFIG_DIR": str(tmp_path / "file" / "settings")}
+    with start(tmp_path, "--no-browser", "--port", str(free_port()), env=env) as program:
+        url = link_of(program)
+        with Guest(port_of(url), token_of(url)) as guest:
+            guest.read_until(lambda: "Save tuning file" in str(guest.widgets))
+        status, _, err = end(program)
+    (line,) = err.splitlines()
+    assert (status, line.count(f"'{tmp_path}/file/settings': Not a directory")) == (0, 1)
+
+
+def test_a_poor_account_has_the_dashboard(tmp_path):
+    with start(tmp_path, "--no-browser", "--port", "0", change=POOR) as program:
+        url = link_of(program)
+        with Guest(port_of(url), token_of(url)) as guest, Guest(port_of(url), token_of(url)):
+            guest.read_until(lambda: "Save tuning file" in str(guest.widgets))
+            guest.set(guest.find("Save tuning file"), True)
+            guest.read_until(lambda: guest.notices)
+        assert end(program)[::2] == (0, "")
+    assert (tmp_path / "tuning.toml").is_file()
+
+
+def run_here(folder, change, *arguments):
+    """Status and lines on stderr of a command that starts in this folder."""
+    with command(*arguments, cwd=folder, change=change) as program:
+        _, err = program.communicate(timeout=PATIENCE)
+    return program.returncode, err.splitlines()
+
+
+def test_a_poor_account_has_the_commands(tmp_path):
+    tuning = tmp_path / "tuning.toml"
+    assert run_here(tmp_path, POOR, "tune", "demo", "--lag-ms", "50", "-o", tuning) == (0, [])
+    assert run_here(tmp_path, POOR, "filter", "demo", "--config", tuning) == (0, [])
+    assert run_here(tmp_path, POOR, "export", tuning, "--to", "c", "-o", "code") == (0, [])
+    with line_sender() as url:
+        assert run_here(tmp_path, POOR, "record", url, "-o", "run.csv", "--lines", "20") == (0, [])
+
+
+def test_what_cannot_be_written_is_one_line(tmp_path):
+    nowhere = "/proc/none/out"
+    with line_sender() as url:
+        for change, arguments, reason in (
+            (FOLDER_GONE, ("tune", "demo", "-o", "out.toml"), "must exist"),
+            (FOLDER_GONE, ("record", url, "-o", "out.csv"), "No such file"),
+            ("", ("filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"), "'/dev/full': No space left"),
+            ("", ("tune", "demo", "-o", nowhere), f"'{nowhere}': No such file"),
+            ("", ("record", url, "-o", nowhere), f"'{nowhere}': No such file"),
+        ):
+            (tmp_path / "work").mkdir(exist_ok=True)
+            status, lines = run_here(tmp_path / "work", change, *arguments)
+            assert (status, len(lines)) == (2, 1), (arguments, lines)
+            assert reason in lines[0]
+
+
+def test_the_dashboard_prints_no_link_in_a_folder_that_is_gone(tmp_path):
+    (tmp_path / "work").mkdir()
+    with start(
+        tmp_path / "work", "--no-browser", change=f"import shutil; shutil.rmtree('{tmp_path}/work')"
+    ) as program:
+        out, err = program.communicate(timeout=PATIENCE)
+    assert (program.returncode, out) == (2, "")
+    assert err == "kalscope: the folder in which kalscope was started must exist (it was removed or renamed)\n"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        ImportError("x.so: failed to map segment from shared object"),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_memory_that_is_refused_is_no_mistake_of_the_program(error):
+    assert "ulimit -v" in user_message(error)
+    assert user_message(RuntimeError("other")) is None

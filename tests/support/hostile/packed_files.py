@@ -1,0 +1,381 @@
+"""Hostile archives and containers: what a small file unpacks to, claims to hold, or nests."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from hostile_case import Case
+from text_files import PLAIN, READ_ALL, Make, text
+
+MIB = 1 << 20
+Pack = Callable[[Iterator[bytes]], Iterator[bytes]]
+
+
+def gzipped(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    packer = zlib.compressobj(1, wbits=31)
+    yield from map(packer.compress, pieces)
+    yield packer.flush()
+
+
+def zstandard_packed(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    packer = zstandard.ZstdCompressor(19).compressobj()
+    yield from map(packer.compress, pieces)
+    yield packer.flush()
+
+
+def bomb(pack: Pack, run: bytes) -> Make:
+    """An archive of `run` again and again, of this unpacked size."""
+    piece = run * (MIB // len(run))
+
+    def make(path: Path, size: int) -> None:
+        with path.open("wb") as file:
+            file.writelines(pack(repeat(piece, max(1, size // MIB))))
+
+    return make
+
+
+def members(one: bytes) -> Make:
+    """A table behind `size` archives of nothing."""
+
+    def make(path: Path, size: int) -> None:
+        with path.open("wb") as file:
+            file.writelines(repeat(one, size))
+            file.write(
+                gzip.compress(PLAIN.encode()) if path.suffix == ".gz" else zstandard.compress(PLAIN.encode())
+            )
+
+    return make
+
+
+def nested(path: Path, size: int) -> None:
+    """An archive in an archive, and so on."""
+    data = PLAIN.encode()
+    for _ in range(size):
+        data = gzip.compress(data)
+    path.write_bytes(data)
+
+
+def zipped(files: Callable[[int], Iterator[tuple[str, bytes]]], lie: bool = False) -> Make:
+    """A zip archive of these files; `lie`: the size that it states of each is 100 bytes."""
+
+    def make(path: Path, size: int) -> None:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, data in files(size):
+                archive.writestr(name, data)
+            for info in archive.infolist():
+                info.file_size = 100 if lie else info.file_size
+
+    return make
+
+
+def xlsx(sheet: Callable[[int], str]) -> Make:
+    """A workbook with this XML as its only sheet."""
+    types = '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"/>'
+    book = (
+        '<workbook xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main" xmlns:r="http://schemas.'
+        'openxmlformats.org/officeDocument/2006/relationships"><sheets><sheet name="a" sheetId="1" r:id="r1"/>'
+        "</sheets></workbook>"
+    )
+    kind = "http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet"
+    links = (
+        '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Id="r1"'
+        f' Type="{kind}" Target="worksheets/sheet1.xml"/></Relationships>'
+    )
+
+    def files(size: int) -> Iterator[tuple[str, bytes]]:
+        yield "[Content_Types].xml", types.encode()
+        yield (
+            "_rels/.rels",
+            links.replace("worksheets/sheet1", "xl/workbook").replace("worksheet", "officeDocument").encode(),
+        )
+        yield "xl/workbook.xml", book.encode()
+        yield "xl/_rels/workbook.xml.rels", links.encode()
+        yield "xl/worksheets/sheet1.xml", sheet(size).encode()
+
+    return zipped(files)
+
+
+def entities(size: int) -> str:
+    """Entities of entities: a billion laughs."""
+    inner = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, size))
+    rows = "".join(
+        f'<row r="{i}"><c r="A{i}" t="inlineStr"><is><t>&e{size - 1};</t></is></c></row>' for i in (1, 2)
+    )
+    return f'<!DOCTYPE x [<!ENTITY e0 "1">{inner}]><worksheet><sheetData>{rows}</sheetData></worksheet>'
+
+
+def equal_cells(size: int) -> str:
+    rows = "".join(f'<row r="{i}"><c r="A{i}"><v>1</v></c></row>' for i in range(1, size + 1))
+    return f"<worksheet><sheetData>{rows}</sheetData></worksheet>"
+
+
+def parquet(select: str) -> Make:
+    """A Parquet file of one query over `size` rows."""
+
+    def make(path: Path, size: int) -> None:
+        import duckdb
+
+        with duckdb.connect(config={"preserve_insertion_order": False}) as connection:
+            connection.execute(
+                f"COPY ({select.format(size=size)}) TO '{path}' (FORMAT parquet, ROW_GROUP_SIZE 100000000)"
+            )
+
+    return make
+
+
+def wide_parquet(path: Path, size: int) -> None:
+    parquet("SELECT " + ", ".join(f"{i} AS c{i}" for i in range(size)))(path, size)
+
+
+def broken_parquet(place: slice, data: bytes) -> Make:
+    """A Parquet file whose footer is overwritten in this place."""
+
+    def make(path: Path, _: int) -> None:
+        parquet("SELECT i, sin(i) AS x FROM range(1000) r(i)")(path, 0)
+        whole = bytearray(path.read_bytes())
+        whole[place] = data
+        path.write_bytes(whole)
+
+    return make
+
+
+def hdf5(fill: Callable[[Any, int], object]) -> Make:
+    def make(path: Path, size: int) -> None:
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            fill(file, size)
+
+    return make
+
+
+def deep_groups(file: Any, size: int) -> None:
+    group = file
+    for _ in range(size):
+        group = group.create_group("g")
+    group["x"] = np.arange(10.0)
+
+
+def mat_element(path: Path, size: int) -> None:
+    """A variable of ten numbers whose compressed element unpacks to `size` bytes of zeros."""
+    flags = struct.pack("<IIII", 6, 8, 6, 0)
+    dims = struct.pack("<IIii", 5, 8, 10, 1)
+    name = struct.pack("<II8s", 1, 8, b"abcdefgh")
+    body = flags + dims + name + struct.pack("<II", 9, size)
+    packer = zlib.compressobj(9)
+    packed = packer.compress(struct.pack("<II", 14, len(body) + size) + body)
+    packed += b"".join(packer.compress(bytes(MIB)) for _ in range(size // MIB)) + packer.flush()
+    head = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + struct.pack("<H2s", 0x100, b"IM")
+    path.write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
+
+
+def tdms(path: Path, size: int) -> None:
+    """One channel that claims `size` numbers and has none."""
+
+    def string(value: bytes) -> bytes:
+        return struct.pack("<I", len(value)) + value
+
+    index = struct.pack("<IIIQ", 20, 10, 1, size)
+    meta = struct.pack("<I", 1) + string(b"/'g'/'c'") + index + struct.pack("<I", 0)
+    path.write_bytes(b"TDSm" + struct.pack("<IIQQ", 0x0E, 4713, len(meta) + 8 * size, len(meta)) + meta)
+
+
+def mcap_bomb(path: Path, size: int) -> None:
+    """One chunk that says what it unpacks to."""
+    packed = b"".join(zstandard_packed(repeat(bytes(MIB), size // MIB)))
+    chunk = struct.pack("<QQQII", 0, 0, size, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    record = struct.pack("<BQ", 6, len(chunk)) + chunk
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + record + b"\x89MCAP0\r\n")
+
+
+def bag_bomb(path: Path, size: int) -> None:
+    """A ROS 1 bag with one chunk of bzip2."""
+    import bz2
+
+    packer = bz2.BZ2Compressor()
+    packed = b"".join(packer.compress(bytes(MIB)) for _ in range(size // MIB)) + packer.flush()
+
+    def record(fields: dict[str, bytes], data: bytes) -> bytes:
+        pairs = [key.encode() + b"=" + value for key, value in fields.items()]
+        head = b"".join(struct.pack("<I", len(pair)) + pair for pair in pairs)
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    chunk = record({"op": b"\x05", "compression": b"bz2", "size": struct.pack("<I", size)}, packed)
+    info = {"op": b"\x06", "ver": struct.pack("<I", 1), "chunk_pos": struct.pack("<Q", 13 + 4096)}
+    info |= {"start_time": bytes(8), "end_time": bytes(8), "count": struct.pack("<I", 0)}
+    count = {"conn_count": struct.pack("<I", 0), "chunk_count": struct.pack("<I", 1)}
+    empty = record({"op": b"\x03", "index_pos": bytes(8), **count}, b"")
+    pad = b" " * (4096 - len(empty))
+    place = struct.pack("<Q", 13 + 4096 + len(chunk))
+    head = record({"op": b"\x03", "index_pos": place, **count}, pad)
+    path.write_bytes(b"#ROSBAG V2.0\n" + head + chunk + record(info, b""))
+
+
+def json_bomb(inner: str) -> Make:
+    """A list of `size` empty things."""
+
+    def make(path: Path, size: int) -> None:
+        path.write_text('[{"a": 1}, ' + ",".join(repeat(inner, size)) + "]")
+
+    return make
+
+
+def deep_json(begin: str, end: str) -> Make:
+    return lambda path, size: path.write_text(begin * size + "1" + end * size)
+
+
+def json_keys(path: Path, size: int) -> None:
+    path.write_text(json.dumps([{f"k{i}": i} for i in range(size)]))
+
+
+MANY = "refused: .* must unpack to at most"
+NO_ZIP = "refused: log.zip must hold a table of numbers"
+NO_PARQUET = "refused: log.parquet cannot be read as a Parquet file"
+ODD_JSON = '[{"x": ' + "9" * 5000 + '}, {"x": 1e999}, {"x": NaN}, {"x": 1.5}]'
+ROWS = b"0.5,1.25\n"
+GZIP_OF_NOTHING, ZSTD_OF_NOTHING = gzip.compress(b"", mtime=0), zstandard.compress(b"")
+INNER = io.BytesIO()
+with zipfile.ZipFile(INNER, "w") as _archive:
+    _archive.writestr("log.csv", PLAIN)
+
+
+def gz(name: str, make: Make, expected: str, small: int, big: int, then: str = "", mib: int = 40) -> Case:
+    return Case(name, make, expected, small, big, mib, mib, "log.csv.gz", then)
+
+
+def zst(name: str, make: Make, expected: str, small: int, big: int, then: str = "") -> Case:
+    return Case(name, make, expected, small, big, 80, 160, "log.csv.zst", then)
+
+
+def zip_of(
+    name: str,
+    files: Callable[[int], Iterator[tuple[str, bytes]]],
+    expected: str,
+    small: int,
+    big: int,
+    then: str = "",
+) -> Case:
+    return Case(f"zip of {name}", zipped(files), expected, small, big, 60, 100, "log.zip", then)
+
+
+def container(
+    name: str, file: str, make: Make, expected: str, small: int = 1, big: int = 1, big_mib: int = 100
+) -> Case:
+    return Case(name, make, expected, small, big, 80, big_mib, file)
+
+
+def never_written(file: Any, size: int) -> None:
+    file.create_dataset("x", (size,), "f8", chunks=(1024,))
+
+
+def packed_small(file: Any, size: int) -> None:
+    file.create_dataset("x", data=np.ones(size), compression="gzip", chunks=(min(size, 1 << 20),))
+
+
+NO_TEXT = "refused: .* must be a text file"
+PACKED = (
+    gz("gzip of zeros", bomb(gzipped, b"\0"), NO_TEXT, 16 * MIB, 2304 * MIB, MANY),
+    gz("gzip of rows", bomb(gzipped, ROWS), "read: ", MIB, 2304 * MIB, MANY),
+    gz("gzip of one line", bomb(gzipped, b"1,"), "refused: .* of at most 256 columns", 16 * MIB, 1024 * MIB),
+    gz("gzip of many members", members(GZIP_OF_NOTHING), READ_ALL, 2000, 1_000_000),
+    gz("gzip in gzip", nested, NO_TEXT, 5, 100),
+    zst("Zstandard of zeros", bomb(zstandard_packed, b"\0"), NO_TEXT, 32 * MIB, 2304 * MIB, MANY),
+    zst("Zstandard of rows", bomb(zstandard_packed, ROWS), "read: ", MIB, 2304 * MIB, MANY),
+    zst("Zstandard of many frames", members(ZSTD_OF_NOTHING), READ_ALL, 2000, 300_000),
+    zip_of("zeros", lambda n: iter([("a.csv", bytes(n))]), NO_ZIP, 16 * MIB, 256 * MIB),
+    zip_of(
+        "rows", lambda n: iter([("a.csv", ROWS * (n // 9))]), "read: ", MIB, 1100 * MIB, "refused: .* at most 1000"
+    ),
+    zip_of(
+        "many tables", lambda n: ((f"{i}.csv", b"") for i in range(n)), "refused: .* at most 1000", 1001, 20_000
+    ),
+    zip_of("many other files", lambda n: ((f"{i}", b"") for i in range(n)), NO_ZIP, 2000, 60_000),
+    zip_of("a zip", lambda _: iter([("log.zip", INNER.getvalue())]), NO_ZIP, 1, 1),
+    container(
+        "zip whose sizes lie",
+        "log.zip",
+        zipped(lambda n: iter([("a.csv", ROWS * (n // 9))]), lie=True),
+        "refused: .* CRC",
+        MIB,
+        1024 * MIB,
+    ),
+    container("spreadsheet of entities", "log.xlsx", xlsx(entities), "refused: .* entity", 10, 30),
+    container("spreadsheet of equal cells", "log.xlsx", xlsx(equal_cells), "read: ", 2000, 300_000, 300),
+    container("spreadsheet of zeros", "log.xlsx", xlsx(lambda n: "\0" * n), "refused: ", 8 * MIB, 600 * MIB),
+    container("Parquet cut in its footer", "log.parquet", broken_parquet(slice(-200, None), b""), NO_PARQUET),
+    container(
+        "Parquet with a footer too long",
+        "log.parquet",
+        broken_parquet(slice(-8, -4), b"\xff\xff\xff\x7f"),
+        NO_PARQUET,
+    ),
+    container(
+        "Parquet with noise in its footer",
+        "log.parquet",
+        broken_parquet(slice(-120, -20), b"\xa5" * 100),
+        NO_PARQUET,
+    ),
+    container(
+        "Parquet of one huge row group",
+        "log.parquet",
+        parquet("SELECT 1 AS x FROM range({size})"),
+        "read: ",
+        500_000,
+        1 << 25,
+        3000,
+    ),
+    container(
+        "Parquet of too many rows",
+        "log.parquet",
+        parquet("SELECT 1::TINYINT AS x FROM range({size})"),
+        "refused: .* must hold at most",
+        0,
+        (1 << 28) + 1,
+        200,
+    ),
+    container(
+        "Parquet of many columns", "log.parquet", wide_parquet, "refused: .* in 4096 columns", 0, 20_000, 600
+    ),
+    container(
+        "JSON nested deep", "log.json", deep_json("[", "]"), "refused: .* nested too deep", 50_000, 10_000_000, 200
+    ),
+    container(
+        "JSON of objects nested deep",
+        "log.json",
+        deep_json('{"a":', "}"),
+        "refused: .* nested too deep",
+        50_000,
+        10_000_000,
+        200,
+    ),
+    container("JSON of empty lists", "log.json", json_bomb("[]"), "refused: ", 100_000, 5_000_000, 1000),
+    container("JSON of empty objects", "log.json", json_bomb("{}"), "refused: ", 20_000, 2_000_000, 1500),
+    container("JSON of a new key each", "log.json", json_keys, "refused: ", 5000, 500_000, 600),
+    container("JSON of numbers that are none", "log.json", text(ODD_JSON), "read: 4 rows"),
+    container("HDF5 that was never written", "log.h5", hdf5(never_written), "read: ", 100_000, 1 << 25, 1200),
+    container(
+        "HDF5 that claims too much",
+        "log.h5",
+        hdf5(never_written),
+        "refused: .* must hold at most",
+        (1 << 28) + 1,
+        1 << 40,
+    ),
+    container("HDF5 nested deep", "log.h5", hdf5(deep_groups), "refused: ", 50, 2000),
+    container("HDF5 packed small", "log.h5", hdf5(packed_small), "read: ", 100_000, 1 << 25, 1200),
+    container("MATLAB element larger than said", "log.mat", mat_element, "refused: ", 8 * MIB, 1024 * MIB, 400),
+    container("TDMS that claims too much", "log.tdms", tdms, "refused: ", 1 << 20, 1 << 40),
+    container("MCAP chunk of zeros", "log.mcap", mcap_bomb, "refused: ", MIB // 2, 1024 * MIB, 300),
+    container("bag chunk of zeros", "log.bag", bag_bomb, "refused: ", 4 * MIB, 1024 * MIB, 400),
+)

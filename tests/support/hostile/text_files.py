@@ -1,0 +1,241 @@
+"""Hostile files of text: endless lines and widths, letters that are none, numbers that are none."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable
+from itertools import repeat
+from pathlib import Path
+
+from hostile_case import Case
+
+MIB = 1 << 20
+ROWS = [f"{i / 100:.2f},{20 + i % 7}.5,{i % 5}.25\n" for i in range(200)]
+READ = r"read: 200 rows, 2 channels, "
+READ_ALL = READ + "0 rejected"
+
+Make = Callable[[Path, int], object]
+
+
+def line_of(run: str, *, alone: bool) -> Make:
+    """One line of `size` characters; between rows, or alone and without an end."""
+
+    def make(path: Path, size: int) -> None:
+        pieces = repeat(run * max(1, 65536 // len(run)), max(1, size // 65536))
+        write(path, pieces if alone else (*ROWS[:100], *pieces, "x\n", *ROWS[100:]))
+
+    return make
+
+
+def lines_of(line: Callable[[int], str]) -> Make:
+    """`size` lines, each of its own."""
+
+    def make(path: Path, size: int) -> None:
+        write(path, map(line, range(size)))
+
+    return make
+
+
+def text(content: str | bytes) -> Make:
+    """This file."""
+
+    def make(path: Path, _: int) -> None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+
+    return make
+
+
+def write(path: Path, pieces: Iterable[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(pieces)
+
+
+def wide(name: Callable[[int], str]) -> Make:
+    """A header and three rows of `size` columns."""
+
+    def make(path: Path, size: int) -> None:
+        with path.open("w") as file:
+            file.write(",".join(map(name, range(size))) + "\n")
+            file.writelines(",".join(repeat(f"{row}.5", size)) + "\n" for row in range(3))
+
+    return make
+
+
+def noise(letters: bytes) -> Make:
+    """`size` random bytes of these."""
+
+    def make(path: Path, size: int) -> None:
+        draw = random.Random(7)
+        with path.open("wb") as file:
+            while size > 0:
+                piece = draw.randbytes(min(size, MIB))
+                file.write(piece.translate(bytes(letters[i % len(letters)] for i in range(256))))
+                size -= len(piece)
+
+    return make
+
+
+def table(cells: Iterable[str], name: str = "x") -> bytes:
+    """A table with plain rows around these cells of its last column."""
+    rows = [f"{i},{i % 9}.5\n" for i in range(60)]
+    odd = [f"{60 + i},{cell}\n" for i, cell in enumerate(cells)]
+    return "".join((f"i,{name}\n", *rows, *odd, *(f"{100 + i},{i}.5\n" for i in range(60)))).encode()
+
+
+def stamps(form: Callable[[int], str], odd: Iterable[str] = ()) -> bytes:
+    """A table with these stamps: plain ones, then those of `odd`."""
+    rows = [f"{form(i)},{i % 9}.5\n" for i in range(60)]
+    return "".join(("time,x\n", *rows, *(f"{stamp},1.5\n" for stamp in odd))).encode()
+
+
+PLAIN = "".join(ROWS)
+NUMBERS = (
+    "1e999",
+    "-1e999",
+    "nan(0x7ff)",
+    "-nan",
+    "NaN123",
+    "infinity",
+    "0x1p3",
+    "1_000",
+    "١٢",
+    "１２",
+    "½",
+    "--1",
+)
+NUMBERS += ("1e", "+", "1e+", ".", "1e-999", "5e-324", "1.7976931348623157e308", "²", "1e0000000000000000005")
+NUMBERS += ("9" * 5000, "1" + "0" * 400, "0." + "0" * 5000 + "1", "1e" + "9" * 5000, "0" * 5000 + "1")
+DATES = ("0000-01-01 00:00:00", "99999-01-01 00:00:00", "2024-02-30 00:00:00", "2024-13-01 00:00:00")
+DATES += ("2024-01-01 24:00:00", "2024-01-01 23:59:60", "2024-01-01 99:99:99", "2024-01-01T00:00:00+99:99")
+DATES += (
+    "-2024-01-01 00:00:00",
+    "2024-00-00 00:00:00",
+    "9999-12-31 23:59:59.9999999",
+    "1e308",
+    "nan",
+    "0001-01-01 00:00:00",
+)
+ZONES = ("9999-12-31T23:59:59-23:59", "0001-01-01T00:00:00+23:59")
+
+
+def day(i: int) -> str:
+    return f"2024-03-01 00:00:{i:02}"
+
+
+def one_line(run: str, expected: str) -> Case:
+    return Case(f"one line of `{run.strip() or 'blanks'}`", line_of(run, alone=True), expected, 2 * MIB, 500 * MIB)
+
+
+def between(run: str) -> Case:
+    make = line_of(run, alone=False)
+    return Case(
+        f"a line of `{run.strip() or 'blanks'}` between rows", make, READ + "1 rejected", 2 * MIB, 500 * MIB
+    )
+
+
+def endless(name: str, line: Callable[[int], str], expected: str, small: int, big: int, big_mib: int = 80) -> Case:
+    return Case(name, lines_of(line), expected, small, big, big_mib=big_mib, file="log.txt")
+
+
+def content(name: str, data: str | bytes, expected: str) -> Case:
+    return Case(name, text(data), expected)
+
+
+def with_name(path: Path, size: int) -> None:
+    """A table whose first column has a name of this length."""
+    write(path, ("n" * size + ",y\n", *(f"{i}.5,2\n" for i in range(50))))
+
+
+def unit_and_blanks(path: Path, size: int) -> None:
+    write(path, ("# unit" + " " * size + "x\n", PLAIN))
+
+
+def open_quote(path: Path, size: int) -> None:
+    write(path, (*ROWS[:50], '1,"2,3\n', *repeat(PLAIN, size)))
+
+
+WIDE = "refused: log.csv must be a table of numbers, of at most 256 columns"
+NO_TABLE = "refused: log.* must be a table of numbers, one sample a line"
+NO_ROWS = "refused: log.csv must hold numbers below its header"
+NO_LINES = "refused: log.* must hold lines of numbers"
+NO_TEXT = "refused: log.csv must be a text file"
+LETTERS = bytes(range(32, 127)) + b"\n\n\n"
+MARKS = b"0123456789.,;:-+eE\t\n\n\n\n"
+SHORT = (
+    "a\n",
+    "[]\n",
+    "1x\n",
+    "a:\n",
+    "a=1x\n",
+    '"\n',
+    ">a:1\n",
+    "$1*\n",
+    "-\n",
+    "1,2a\n1\n",
+    "12:00\n",
+    "\n",
+    "#\n",
+)
+WIDTHS = "".join(("1,2\n" * 10, "1,2,3\n" * 10, "1,2,3,4,5\n" * 4, "1,2,3\n" * 10, "1,2\n" * 10))
+TEXTS = (
+    one_line("1", "refused: log.csv must hold at least one number"),
+    one_line("1,", WIDE),
+    one_line(" ", NO_LINES),
+    one_line('"', NO_ROWS),
+    one_line('"1",', WIDE),
+    one_line("a:1 ", "refused: log.csv must hold a whole line of numbers"),
+    one_line("\0", NO_TEXT),
+    one_line("[", NO_ROWS),
+    *map(between, ("1", "1,", " ", '"', "a:1 ", "[")),
+    Case("`# unit`, blanks and x", unit_and_blanks, READ_ALL, 60_000, MIB - 60_000),
+    Case("many columns", wide("c{}".format), WIDE, 20_000, 100_000, then=NO_ROWS),
+    Case("many columns of one name", wide("a".format), WIDE, 20_000, 1_000_000, then=NO_ROWS),
+    Case("256 columns of one name", wide("a".format), "read: 3 rows, 256 channels, 0 rejected", 256, 256),
+    Case("a long name", with_name, "read: 50 rows, 2 channels", MIB // 2, 10 * MIB, then=NO_ROWS),
+    Case("an open quote", open_quote, "read: [0-9]+ rows, 3 channels, 0 rejected", 10, 20_000, big_mib=300),
+    endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 20_000, 1_000_000),
+    endless("a new name on each row", lambda i: f"{i},n{i},{i % 7}.5\n", "read: ", 20_000, 1_000_000),
+    endless("a new width on each line", lambda i: ",".join(repeat("1", i % 2000)) + "\n", NO_TABLE, 2000, 100_000),
+    endless("headers without end", "a{},b,c\n".format, NO_TABLE, 20_000, 5_000_000),
+    endless("comments without end", "# a{}\n".format, NO_LINES, 20_000, 5_000_000),
+    endless("text without end", "the {} quick brown foxes\n".format, "read: ", 20_000, 5_000_000, 400),
+    endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 20_000, 1_000_000, 200),
+    endless("quotes in quotes", lambda i: '"' * (i % 400) + f"{i},2\n", "read: ", 5000, 200_000),
+    *(
+        Case(
+            f"lines of `{line.strip().replace(chr(10), chr(32)) or chr(32)}`",
+            lines_of(lambda _, line=line: line),
+            ".*",
+            40_000,
+            500_000,
+            mib=60,
+            big_mib=200,
+        )
+        for line in SHORT
+    ),
+    content("rows of three widths in turn", WIDTHS, "read: "),
+    Case("random bytes", noise(bytes(range(256))), NO_TEXT, 2 * MIB, 100 * MIB),
+    Case("random letters", noise(LETTERS), "re(fus|a)", MIB // 16, 20 * MIB, big_mib=200),
+    Case("random marks of numbers", noise(MARKS), "re(fus|a)", MIB // 16, 4 * MIB, big_mib=200),
+    content("UTF-16 of odd length", PLAIN.encode("utf-16") + b"1", READ + "1 rejected"),
+    content("UTF-16 without its mark, of odd length", PLAIN.encode("utf-16-le") + b"1", READ + "1 rejected"),
+    content(
+        "UTF-16 with half a pair",
+        b"\xff\xfe" + PLAIN.encode("utf-16-le") + b"\0\xd8,\x001\0\n\0",
+        READ + "1 rejected",
+    ),
+    content("UTF-16 under the mark of the other", b"\xfe\xff" + PLAIN.encode("utf-16-le"), NO_ROWS),
+    content("the mark of UTF-16 alone", b"\xff\xfe", NO_LINES),
+    content("UTF-32", PLAIN.encode("utf-32"), NO_TABLE),
+    content("UTF-8 with half a pair", PLAIN + "\ud800,1,2\n", READ + "1 rejected"),
+    content("the mark of UTF-8 on each line", "\ufeff" + PLAIN.replace("\n", "\n\ufeff"), "read: 200 rows"),
+    content("numbers that are none", table(NUMBERS), "read: 146 rows, 2 channels, 0 rejected"),
+    content("stamps that are no dates", stamps(day, DATES), "read: 63 rows, 1 channels, 11 rejected"),
+    content("stamps at the ends of the calendar", stamps("2024-03-01T00:00:{:02}Z".format, ZONES), "read: 62 rows"),
+    content(
+        "dates of the years 0 and 99999", stamps("0000-00-{:02}".format) + stamps("99999-01-{:02}".format), "read: "
+    ),
+    content("stamps at the ends of float64", stamps(lambda i: f"{(-1) ** i}.7e308"), "read: 60 rows"),
+    content("samples at the ends of float64", table([f"{(-1) ** i}.7e308" for i in range(40)]), "read: 160 rows"),
+    content("stamps as fine as numbers go", stamps("{}e-320".format), "read: 60 rows"),
+)
