@@ -1,4 +1,4 @@
-"""One Chromium and one page for all browser tests of a worker. A missing tool is a skip, or a failure."""
+"""A Chromium and a page for all browser tests of a worker, a Firefox. A missing tool is a skip, or a failure."""
 
 from __future__ import annotations
 
@@ -10,27 +10,46 @@ from typing import TYPE_CHECKING
 
 import pytest
 from chromium import CHROMIUM, FLAGS
+from firefox import CHANNEL, FIREFOX, PREFERENCES
 from required import not_here
 from screen import Screen, dashboard
 from shared_page import SharedPage, shared_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Playwright
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium. Take a fresh `browser.new_context()` for each visitor: they share no cookies."""
+def playwright() -> Iterator[Playwright]:
+    """What drives browsers."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
         not_here("playwright is not installed")
+    with sync_playwright() as driver:
+        yield driver
+
+
+@pytest.fixture(scope="session")
+def browser(playwright: Playwright) -> Iterator[Browser]:
+    """A headless Chromium. Take a fresh `browser.new_context()` for each visitor: they share no cookies."""
     if CHROMIUM is None:
         not_here("Chromium is not installed")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        yield chromium
-        chromium.close()
+    chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+    yield chromium
+    chromium.close()
+
+
+@pytest.fixture(scope="module")
+def firefox(playwright: Playwright) -> Iterator[Browser]:
+    """A headless Firefox, to be used as the Chromium."""
+    if FIREFOX is None:
+        not_here("Firefox is not installed")
+    browser = playwright.firefox.launch(
+        channel=CHANNEL, executable_path=FIREFOX, firefox_user_prefs=dict(PREFERENCES)
+    )
+    yield browser
+    browser.close()
 
 
 @pytest.fixture(scope="session")

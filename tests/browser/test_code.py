@@ -7,6 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from axe import findings
 from waiting import wait_until
 
 from kalscope.export.registry import export_tuning
@@ -60,6 +61,7 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
         assert place["width"] > 900, "too narrow to read code in"
         assert place["height"] > 300, "too low to read code in"
         screen.page.get_by_role("button", name="Close").wait_for()
+    assert findings(screen.page) == []
     screen.shot("code-to-copy")
     close_window(screen)
 

@@ -326,7 +326,7 @@ def test_many_samples_are_thinned_for_drawing_only_and_that_is_said(start):
 
 
 def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
-    screen = start("synthetic:sine?n=3000&sigma=0.2&seed=1", own=True, width=390, height=844, canvas=True)
+    screen = start("synthetic:sine?n=3000&sigma=0.2&seed=1", own=True, width=390, height=844)
     for theme, palette in (("light", LIGHT), ("dark", DARK)):
         if theme == "dark":
             screen.tab("View")

@@ -1,8 +1,9 @@
-"""Every tab of both panels, at three sizes and in both themes: nothing cut, nothing empty."""
+"""Every tab of both panels, at three sizes and in both themes: nothing cut, empty or without a name."""
 
 from __future__ import annotations
 
 import pytest
+from axe import findings
 from screen import FIND, PICTURES
 
 pytestmark = pytest.mark.browser
@@ -99,17 +100,20 @@ def test_every_tab_fits_its_panel_and_has_something_to_show(start):
         screen.tab("Tune")
         screen.page.set_viewport_size({"width": width, "height": height})
         screen.wait_for_fit()
-        wrong += look_at_all(screen, f"tab-{width}x{height}-{theme}")
+        wrong += look_at_all(screen, f"tab-{width}x{height}-{theme}", axe=(width, height) != SIZES[0])
+    wrong += findings(screen.page)  # rules for pages as a whole, and the dark theme
     assert wrong == []
 
 
-def look_at_all(screen, name):
-    """Pictures of every tab as the window is now, and what is wrong on them."""
+def look_at_all(screen, name, axe):
+    """Pictures of every tab as the window is now, and what is wrong on them; `axe` also asks axe-core."""
     wrong = []
     for side, tabs in (("right", RIGHT_TABS), ("left", LEFT_TABS)):
         for tab in tabs:
             screen.tab(tab) if side == "left" else show_right(screen, tab)
             wrong += look(screen, side, f"{name}-{tab.lower()}")
+            found = findings(screen.page, f"[data-dock-region={side}]") if axe else []
+            wrong += [f"{name}-{tab}: {words}" for words in found]
         screen.tab(tabs[0])
     assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
     return wrong

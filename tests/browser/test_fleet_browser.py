@@ -11,7 +11,7 @@ from required import not_here
 from waiting import wait_until
 
 from kalscope.tuning.fleet.results.fleet import FleetReader
-from kalscope.tuning.fleet.results.reopen import reopen
+from kalscope.tuning.fleet.results.reopen import kept_at, reopen
 from kalscope_app.session.changes.fleet import at_device, open_fleet
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
@@ -82,7 +82,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     wait_until(lambda: values(screen) == pytest.approx(own, rel=1e-6), "the device at its own filter")
 
     page.get_by_text("at the filter for all").click()
-    state = open_fleet(fleet)(opened(reopen(fleet, NOISY)))
+    state = open_fleet(fleet)(opened(reopen(kept_at(fleet, NOISY))))
     state = at_device(fleet, NOISY)(state)
     shown = MapMaker()(state)
     frame = frame_for(*SIZE, shown.q, shown.r)

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 import viser
-from chromium import CHROMIUM, FLAGS, NO_CANVAS
+from chromium import CHROMIUM, FLAGS
 from waiting import PATIENCE
 
 from kalscope_app.guard.rules import Policy
 from kalscope_app.guard.server import GuardedServer, guarded_server
+from kalscope_app.views.window.page_script import page_script
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -32,7 +33,8 @@ HARMLESS = "'unsafe-eval' is not an allowed source"
 def dashboard() -> Iterator[SimpleNamespace]:
     """A guarded server with a number to set and an upload button, and what came of them."""
     changed, refused = queue.Queue(), queue.Queue()
-    with guarded_server(port=0, max_upload_bytes=2**20, on_refused=refused.put) as running:
+    served = guarded_server(port=0, max_upload_bytes=2**20, on_refused=refused.put, page_script=page_script())
+    with served as running:
         number = running.server.gui.add_number(LABEL, 0.5)
         number.on_update(lambda event: changed.put(event.target.value))
         running.server.gui.add_upload_button("Upload a recording")
@@ -42,7 +44,6 @@ def dashboard() -> Iterator[SimpleNamespace]:
 def new_context(browser: Browser) -> BrowserContext:
     context = browser.new_context(color_scheme="light")
     context.set_default_timeout(1000 * PATIENCE)
-    context.add_init_script(NO_CANVAS)
     return context
 
 
@@ -189,17 +190,6 @@ def chromium_with(browser: Browser) -> Iterator[Callable[[str], Browser]]:
     yield start
     for each in started:
         each.close()
-
-
-def test_without_webgl_a_plain_page_says_so_and_how_to_switch_it_on(dashboard, chromium_with, tmp_path):
-    """viser's own page stays blank there. Also after a reload, and by the address without the token."""
-    page = chromium_with("--disable-3d-apis").new_page()
-    page.goto(dashboard.running.url)
-    for _ in range(2):
-        page.get_by_role("heading", name="WebGL").wait_for(timeout=1000 * PATIENCE)
-        assert "webgl.force-enabled" in page.inner_text("body")
-        page.screenshot(path=tmp_path / "without-webgl.png")
-        page.get_by_role("link", name="Try again").click()
 
 
 # --- the attacker -----------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from axe import findings
 
 from kalscope_app.views.tour import STEPS
 
@@ -38,6 +39,7 @@ def test_every_action_is_a_command_and_every_heading_a_button_for_keys(start):
     screen.page.keyboard.press("Control+k")
     screen.page.locator("input.mantine-Spotlight-search").fill("dark theme")
     actions.get_by_text("Reset view", exact=True).wait_for(state="detached")  # only what was typed is listed
+    assert findings(screen.page) == []
     screen.shot("commands")
     screen.page.keyboard.press("Enter")
     screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")

@@ -27,6 +27,7 @@ def test_momentum_is_typed_dragged_seen_as_velocity_and_undone(start, demo):
     screen.wait_for_line("filtered", filtered(demo, 0.0).x, 1e-9)
     assert screen.text_box("momentum").count() == 0
     screen.page.get_by_text("Start and outliers", exact=True).click()
+    screen.pause()
     screen.page.get_by_role("button", name="Add momentum").click()
     screen.text_box("momentum").wait_for()
     screen.wait_for_line("filtered", filtered(demo, float(screen.text_box("momentum").input_value())).x, 1e-9)

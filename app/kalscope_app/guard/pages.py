@@ -11,13 +11,7 @@ from kalscope_app.guard.rules import Policy, Refuse
 
 OPEN_THE_LINK = "Open the link printed in the terminal"
 
-WITHOUT_WEBGL = "/without-webgl"
-"""The page for a browser that cannot show the dashboard, below the dashboard's own path."""
-
 _GO_ON = "location.replace(document.querySelector('a').href)"
-
-_TEST_WEBGL = f'if (!document.createElement("canvas").getContext("webgl2")) location.replace(".{WITHOUT_WEBGL}");'
-"""viser builds its widgets in the loop that draws its scene: without WebGL 2 its page stays blank."""
 
 _KEEP_ADDRESS = (
     "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
@@ -26,7 +20,8 @@ _KEEP_ADDRESS = (
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title><style>
+<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
+<title>{title}</title><style>
 :root {{ color-scheme: light dark;
   --ink: #1c2430; --dim: #5a6675; --paper: #f4f6f8; --card: #fff; --line: #d9dfe6 }}
 @media (prefers-color-scheme: dark) {{
@@ -76,26 +71,8 @@ def dashboard_page(stock: str, script: str = "") -> str:
     if stock.count(head) != 1 or stock.count(title) != 1:
         raise ValueError("viser's page has another head")
     return stock.replace(title, "<title>Kalscope</title>").replace(
-        head, f"{head}<script>{_TEST_WEBGL}{_KEEP_ADDRESS}{script}</script>"
+        head, f"{head}<script>{_KEEP_ADDRESS}{script}</script>"
     )
-
-
-def without_webgl_page() -> str:
-    """Says why the dashboard cannot be shown here, and how it can."""
-    return _PAGE.format(title="This browser has WebGL switched off", body=_HOW_TO_WEBGL)
-
-
-_HOW_TO_WEBGL = """<p>Kalscope's dashboard is drawn with WebGL 2, which every current browser has.</p>
-<ul><li><b>Chrome, Edge:</b> Settings → System → <i>Use graphics acceleration when available</i>, then restart
-the browser. <code>chrome://gpu</code> tells what is missing.</li>
-<li><b>Firefox:</b> in <code>about:config</code> set <code>webgl.disabled</code> to false, and
-<code>webgl.force-enabled</code> to true.</li>
-<li><b>Safari:</b> WebGL is off in Lockdown Mode; allow it for this address.</li>
-<li><b>A virtual machine or remote desktop without a graphics card:</b> start Chrome with
-<code>--enable-unsafe-swiftshader</code>.</li></ul>
-<p><a href="./">Try again</a></p>
-<p class=dim>Nothing else needs a browser: <code>kalscope tune FILE</code> finds q and r,
-<code>kalscope filter FILE</code> filters.</p>"""
 
 
 def inline_script_hashes(page: str) -> tuple[str, ...]:
@@ -123,7 +100,7 @@ def page_headers(csp: str) -> dict[str, str]:
 def small_page_csp() -> str:
     """The content policy of our own two small pages."""
     scripts = " ".join(inline_script_hashes(link_page()))
-    return f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; {_NO_FRAMES}"
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {scripts}; {_NO_FRAMES}"
 
 
 def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:

@@ -64,9 +64,7 @@ class RequestFilter:
         return _small_page(answer.status, pages.refusal_page(self._policy, answer))
 
     def _own_page(self, head: rules.RequestHead, request: Request) -> Response | None:
-        """The pages that are not viser's."""
-        if head.target == pages.WITHOUT_WEBGL and not head.is_upgrade:
-            return _small_page(200, pages.without_webgl_page())
+        """The page of viser with our script; None for all else."""
         if head.target.partition("?")[0] != "/" or head.is_upgrade:
             return None
         headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page

@@ -1,7 +1,7 @@
 """The self-test: the attacks that every new server must withstand before its link is printed.
 
-The rows carry the numbers of the table in docs/security.md. Sockets that the rules allow are still answered 503,
-because the filter opens to them after the test.
+The rows carry the numbers of the table in docs/project/security.md. Sockets that the rules allow are still answered
+503, because the filter opens to them after the test.
 """
 
 from __future__ import annotations

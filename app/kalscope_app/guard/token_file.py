@@ -8,11 +8,12 @@ import secrets
 import stat
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 
 from kalscope.common.files import write_private
+from kalscope.errors import describe
 from kalscope_app.guard.rules import is_token
 from kalscope_app.program.user_settings import state_folder
 
@@ -36,7 +37,8 @@ def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) ->
     token = secrets.token_urlsafe(32)
     try:
         folder = state_folder() if folder is None else folder
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700, parents=True)
         _check_folder(folder)
         file = folder / f"token-{port}"
         known = None if renew else _read_private(file)
@@ -44,7 +46,7 @@ def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) ->
             return known
         write_private(file, token.encode())
     except OSError as error:
-        _log.warning("The link changes with each start, because its token cannot be kept: %s", error)
+        _log.warning("The link changes with each start, because its token cannot be kept: %s", describe(error))
     return token
 
 
@@ -69,8 +71,10 @@ def opening_page(url: str) -> Generator[Path]:
 def _check_folder(folder: Path) -> None:
     """Refuse a folder in which another user could exchange the file."""
     found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode):
+    if stat.S_ISLNK(found.st_mode):
         raise OSError(f"{str(folder)!r} must be a folder, not a link")
+    if not stat.S_ISDIR(found.st_mode):
+        raise OSError(f"{str(folder)!r} must be a folder, not a file")
     if _IS_POSIX and found.st_uid != os.geteuid():
         raise OSError(f"{str(folder)!r} must belong to you")
     if _IS_POSIX and found.st_mode & 0o022:

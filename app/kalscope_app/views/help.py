@@ -35,4 +35,4 @@ class HelpView:
 def card() -> str:
     """The keys as markdown."""
     rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS)
-    return f"| keys and mouse | |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl."
+    return f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl."

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from attack_table import ATTACKS, kalscope, seen_by
 
-DOCS = Path(__file__).parents[3] / "docs" / "security.md"
+DOCS = Path(__file__).parents[3] / "docs" / "project" / "security.md"
 
 
 @pytest.fixture(scope="module")

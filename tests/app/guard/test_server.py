@@ -22,7 +22,6 @@ from kalscope_app.guard.pages import (
     page_headers,
     refusal_page,
     small_page_csp,
-    without_webgl_page,
 )
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.rules import (
@@ -247,7 +246,6 @@ def test_the_path_follows_from_the_token_and_does_not_tell_it():
     [
         ("", "/"),  # the websocket of viser's page
         ("/", "/"),
-        ("/without-webgl", "/without-webgl"),
         ("/?token=x", "/?token=x"),
         ("/a/../b", "/a/../b"),
     ],
@@ -353,21 +351,14 @@ def test_the_link_page_goes_on_and_only_its_own_script_may_run():
     assert f"script-src {own_hash};" in small_page_csp()
 
 
-def test_the_dashboard_page_tests_for_webgl_before_viser_runs():
+def test_the_dashboard_page_runs_our_script_before_visers():
     stock = "<html><head><title>Viser</title><script>viser()</script></head><body></body></html>"
-    ours = dashboard_page(stock)
-    assert ours.index("webgl2") < ours.index("viser()")
+    ours = dashboard_page(stock, "first()")
+    assert ours.index("first()") < ours.index("viser()")
     assert "<title>Kalscope</title>" in ours
     assert inline_script_hashes(ours)[1:] == inline_script_hashes(stock)
     with pytest.raises(ValueError, match="another head"):
         dashboard_page("<html><title>New</title></html>")
-
-
-def test_the_page_without_webgl_says_what_and_how():
-    shown = without_webgl_page()
-    for word in ("WebGL", "Chrome", "Firefox", "Safari", 'href="./"', "kalscope tune"):
-        assert word in shown
-    assert "<script" not in shown
 
 
 def test_script_hash_is_the_one_of_the_csp_specification():

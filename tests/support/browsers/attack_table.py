@@ -1,4 +1,4 @@
-"""The attacks of docs/security.md, each as one row: who does what, and what must be seen.
+"""The attacks of docs/project/security.md, each as one row: who does what, and what must be seen.
 
 `test_attacks.py` carries them out against the real program; run as a script, this module does the same against
 stock viser as well and prints both as a table.
@@ -271,7 +271,7 @@ def seen_by(attack: Attack, victim: Victim) -> str:
 
 
 def main() -> None:
-    """Print the table of docs/security.md."""
+    """Print the table of docs/project/security.md."""
     print("| | attack | stock viser | expected | Kalscope |\n|---|---|---|---|---|")
     with stock_viser() as stock, kalscope() as ours:
         for number, attack in ATTACKS.items():

@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-from chromium import NO_CANVAS, NO_SMOOTHING
 from PIL import Image
 from program import end, running
 from waiting import PATIENCE, wait_until
@@ -19,8 +18,12 @@ from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 ARTEFACTS = Path(__file__).parents[2] / "artefacts"
 PICTURES = bool(os.environ.get("KALSCOPE_PICTURES"))
 """Whether every step of the browser tests leaves a picture in `ARTEFACTS`."""
-KNOWN_PAGE_ERROR = "'unsafe-eval' is not an allowed source"
-"""viser's splat sorter probes for eval and does without it; the guard's policy refuses it."""
+KNOWN_PAGE_ERRORS = (
+    "'unsafe-eval' is not an allowed source",
+    "blocked a JavaScript eval",
+    "call to Function() blocked by CSP",
+)
+"""viser's splat sorter probes for eval and does without it; the guard's policy refuses it. Of both browsers."""
 
 FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
     .find(chart => chart.series.some(series => series.label === label))"""
@@ -57,13 +60,10 @@ def settings_in(folder, *, tour_seen=True):
 
 
 class Screen:
-    """One page on the program; viser's scene, which only a phone shows, is drawn where `canvas` says so."""
+    """One page on the program, in either browser."""
 
-    def __init__(self, browser, url, width=1600, height=900, canvas=False, script=""):
+    def __init__(self, browser, url, width=1600, height=900, script=""):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
-        self.context.add_init_script(NO_SMOOTHING)
-        if not canvas:
-            self.context.add_init_script(NO_CANVAS)
         if script:
             self.context.add_init_script(script)
         self.page = self.context.new_page()
@@ -81,11 +81,8 @@ class Screen:
         self.close()
 
     def ready(self):
-        """Charts are drawn, the browser is known to the server, and viser's own notice is closed."""
+        """Charts are drawn."""
         self.wait(f"() => ({FIND})('filtered') && ({FIND})('innovation')")
-        notice = self.page.locator(".mantine-Notification-root", has_text="Software WebGL")
-        notice.locator("button").click()
-        notice.wait_for(state="detached")
 
     def wait(self, condition, argument=None):
         self.page.wait_for_function(condition, arg=argument, polling=50)  # ms; else at every frame
@@ -162,7 +159,7 @@ class Screen:
         return self.page.locator(".mantine-Notification-root", has_text=text)
 
     def wait_for_picture(self, holds):
-        """Until `holds` is true of the page's pixels, (height, width, 3): no script can read what WebGL drew."""
+        """Until `holds` is true of the page's pixels, (height, width, 3)."""
         wait_until(lambda: holds(pixels(self.page.screenshot())), "the picture", pause=0.2)  # a look is much work
 
     def shot(self, name):
@@ -178,7 +175,7 @@ class Screen:
 
     def check(self):
         """No script of the page has failed."""
-        unknown = [error for error in self.page_errors if KNOWN_PAGE_ERROR not in error]
+        unknown = [error for error in self.page_errors if not any(known in error for known in KNOWN_PAGE_ERRORS)]
         assert unknown == []
 
 

@@ -38,6 +38,18 @@ def printable(text: str) -> str:
     return "".join(letter if letter == "²" or known(letter) else "?" for letter in text)
 
 
+def luminance(colour: str) -> float:
+    """Relative luminance of a colour, #rrggbb: 0 = black, 1 = white (WCAG 2.2)."""
+    parts = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    linear = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return sum(weight * part for weight, part in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def ink_on(colour: str) -> str:
+    """Black or white, whichever can be read on a colour: by 4.5 : 1 or more."""
+    return "#000000" if luminance(colour) > 0.18 else "#ffffff"
+
+
 class Pen:
     """Draws on one picture."""
 
@@ -83,7 +95,7 @@ class Pen:
         """A filled disc with a letter."""
         box = [self._scale * v for v in (at[0] - 8, at[1] - 8, at[0] + 8, at[1] + 8)]
         self.draw.ellipse(box, fill=colour, outline=edge, width=round(1.5 * self._scale))
-        self.text(at, name[:1], "#ffffff", 11, "mm")
+        self.text(at, name[:1], ink_on(colour), 11, "mm")
 
     def disc(self, at: Point, radius: float, fill: Colour, edge: Colour) -> None:
         """A filled disc."""

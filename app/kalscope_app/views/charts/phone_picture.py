@@ -101,8 +101,13 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     pen.text((margin, margin), f"{frame.state.tuning.name[:24]}: {reach}", ink, 24, "la")
     span = range_text(first, last)
     pen.text((margin, bottom + 10), f"{span} {clock.unit}", ink, 24, "la")
-    pen.text((WIDTH - margin - 110, bottom + 10), "raw", palette.raw, 24, "ra")
-    pen.text((WIDTH - margin, bottom + 10), "fused" if frame.sensors else "filtered", palette.filtered, 24, "ra")
+    for x, name, colour in (
+        (WIDTH - margin - 170, "raw", palette.raw),
+        (WIDTH - margin, "fused" if frame.sensors else "filtered", palette.filtered),
+    ):
+        pen.text((x, bottom + 10), name, ink, 24, "ra")
+        start = x - pen.width(name, 24) - 12
+        pen.line([(start - 28, bottom + 24), (start, bottom + 24)], colour, 5)
     _write_numbers(pen, frame, ink, (margin, round(VISIBLE * image.height) + 2 * margin))
     return np.asarray(image)
 

@@ -1,12 +1,9 @@
 // Shows the tuning map between the panels and says where in it the user points; see page_script.py, which defines
 // `sizes` before this text.
 //
-// In viser's scene the map would be drawn again for each move of its mark, which takes 100 to 600 ms without a graphics
-// card and holds up the charts. Here picture and mark are plain images. The scene is moved out of sight, where viser
-// draws nothing; only a phone, which has no map, shows its signal there. Without the map the chart panel covers the
-// strip that viser keeps between its panels, from the first picture on: so these rules do not wait for the server.
-
-const SCENE = 'canvas[width="0"] + div:not([class])';
+// Picture and mark are plain images: in viser's scene the map would be drawn again for each move of its mark, which takes
+// 100 to 600 ms without a graphics card and holds up the charts. Without the map the chart panel covers the strip that
+// viser keeps between its panels, from the first picture on: so these rules do not wait for the server.
 
 const rules = document.head.appendChild(document.createElement("style"));
 rules.textContent = `
@@ -21,7 +18,6 @@ rules.textContent = `
 .kalscope-no-map [data-dock-region="right"] > div:not([data-dock-region-resize]) { margin-left: -116px; }
 .kalscope-no-map [data-dock-region="right"] > div > div:has([data-dock-column]) { width: 100% !important; }
 @media not all and ${sizes.phoneWidth} {
-  ${SCENE} { transform: translateX(-300vw); }
   .kalscope-map { display: grid; }
   .kalscope-no-map .kalscope-map > div { display: none; }
 }`;
@@ -31,6 +27,8 @@ const sheet = map.appendChild(document.createElement("div"));
 const picture = sheet.appendChild(new Image());
 const mark = sheet.appendChild(new Image());
 map.className = "kalscope-map";
+picture.alt = "Map of q and r: which pairs suit the recording";
+mark.alt = "Where q and r are now";
 sheet.style.visibility = mark.style.visibility = "hidden";
 
 const widgets = new Map(); // uuid -> kind of message and label of a hidden widget of the map
@@ -143,7 +141,7 @@ window.Worker = class extends Worker {
     super.onmessage = (event) => {
       if (event.data?.type === "connected") widgets.clear();
       else if (event.data?.type === "message_batch") event.data.messages.forEach(take);
-      if (!map.isConnected) document.querySelector(SCENE)?.after(map);
+      if (!map.isConnected) document.querySelector(sizes.scene)?.after(map);
       handler(event);
     };
   }

@@ -22,8 +22,8 @@ MAX_UNBROKEN = 20
 """Letters from which a cell of the table may break: the words of a chain."""
 
 EMPTY = (
-    "Nothing is pinned on this channel yet. **Pin**, below the sliders, keeps the current q, r, "
-    "momentum and initial state as A, so that you can compare later settings with it. "
+    "Nothing is pinned on this channel yet. **Pin**, in the Tune tab, keeps the current filter "
+    "as A, so that you can compare later settings with it. "
     f"Up to {MAX_VARIANTS} can be pinned."
 )
 

@@ -1,17 +1,69 @@
 // Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
-// the thumbs of sliders bear the names of their rows; see page_script.py.
+// every control bears the name of its row and its hint, which viser shows under the mouse; see page_script.py.
 
 const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
 
-const label = () => {
+const FOCUSABLE = ":is(button, input, textarea, [tabindex]):not([tabindex='-1'])";
+
+const UNNAMED = {
+  "button:has(> span > .tabler-icon-list-search)": "Commands",
+  "button:has(> span > .tabler-icon-adjustments)": "Settings of the viewer",
+  ".mantine-Notification-closeButton": "Dismiss",
+  ".mantine-Spotlight-content": "Commands",
+}; // parts without a text
+
+const hints = new Map(); // uuid -> what a control is for
+
+const describe = (control, name, hint) => {
+  if (control.ariaLabel !== name) control.ariaLabel = name;
+  if (hint && control.ariaDescription !== hint) control.ariaDescription = hint;
+};
+
+const nameHeadings = () => {
   for (const heading of document.querySelectorAll(HEADING)) {
     heading.tabIndex = 0;
     heading.role = "button";
     heading.ariaExpanded = String(!!heading.querySelector(".tabler-icon-chevron-up"));
   }
-  for (const row of document.querySelectorAll("label[for]")) {
-    const thumbs = document.getElementById(row.htmlFor)?.querySelectorAll("[role=slider]") ?? [];
-    for (const thumb of thumbs) if (thumb.ariaLabel !== row.textContent) thumb.ariaLabel = row.textContent;
+};
+
+// Only some of viser's controls bear the id that their label is for.
+const nameControls = () => {
+  for (const row of document.querySelectorAll("p > label[for]")) {
+    const beside = row.closest("p").parentElement.nextElementSibling;
+    for (const control of beside?.querySelectorAll("input:not([type=hidden]), textarea, [role=slider]") ?? [])
+      describe(control, row.textContent, hints.get(row.htmlFor));
+  }
+};
+
+const nameTheRest = () => {
+  for (const [parts, name] of Object.entries(UNNAMED))
+    for (const part of document.querySelectorAll(parts)) describe(part, name);
+  for (const chart of document.querySelectorAll(".uplot")) {
+    const plot = chart.querySelector(".u-wrap"); // what is drawn; the legend beside it can be read
+    plot.role = "img";
+    describe(plot, `Chart of ${[...chart.querySelectorAll(".u-legend .u-label")].map((one) => one.textContent).join(", ")}`);
+  }
+  for (const view of document.querySelectorAll(".mantine-ScrollArea-viewport"))
+    if (!view.querySelector(FOCUSABLE)) view.tabIndex = 0; // else no key scrolls it
+  for (const cell of document.querySelectorAll("th:empty:not([role])")) cell.role = "cell"; // heads no column
+  for (const title of document.querySelectorAll("h3.mantine-Title-root")) title.ariaLevel = "2"; // below the page's
+  for (const title of document.querySelectorAll("[data-dock-header] div:not(:has(*))"))
+    if (title.textContent === "Kalscope") Object.assign(title, { role: "heading", ariaLevel: "1" });
+};
+
+const label = () => {
+  nameHeadings();
+  nameControls();
+  nameTheRest();
+};
+
+window.Worker = class extends Worker {
+  set onmessage(handler) {
+    super.onmessage = (event) => {
+      for (const { uuid, props } of event.data?.messages ?? []) if (props?.hint) hints.set(uuid, props.hint);
+      handler(event);
+    };
   }
 };
 
@@ -29,6 +81,8 @@ addEventListener("DOMContentLoaded", () =>
     if (event.key.startsWith("Arrow") && event.target.matches("[role=slider], [role=tab]")) event.stopPropagation();
   }),
 );
+
+addEventListener("DOMContentLoaded", () => (document.getElementById("root").role = "main"));
 
 let waiting = 0;
 const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));

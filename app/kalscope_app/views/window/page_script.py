@@ -8,7 +8,7 @@ It also lets the charts write the numbers under the mouse to six digits; uPlot i
 0 for whatever is below 0.0005, and marks a sample that is missing in the corner of the chart.
 
 `text_boxes.js` decides when a typed text counts and what may be written over it, `keyboard.js` makes the page work
-without a mouse, and `map.js` beside `views/map/view.py` shows the tuning map without viser's scene.
+without a mouse, `scene.js` without WebGL, and `map.js` beside `views/map/view.py` shows the tuning map.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
 """Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
 
 SIZES = {
+    "scene": 'canvas[width="0"] + div:not([class])',  # the box of viser's 3-D scene
     "phone": PHONE_CHECKBOX,
     "zoom": ZOOM_SLIDER,
     "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
@@ -78,6 +79,6 @@ SIZES = {
 def page_script() -> str:
     """The script for the head of the page."""
     views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
-    names = "window/page_script", "window/text_boxes", "window/keyboard", "map/map"
+    names = "window/scene", "window/page_script", "window/text_boxes", "window/keyboard", "map/map"
     parts = (views.joinpath(f"{name}.js").read_text("utf-8") for name in names)
     return APPLY_RULES + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)

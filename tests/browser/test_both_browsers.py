@@ -1,0 +1,131 @@
+"""The main journey of a user, the same in Chromium and in Firefox, both without WebGL."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from axe import findings
+from line_sender import line_sender
+from screen import FIND, Screen, dashboard
+
+from kalscope import FilterParams, kalman_filter, open_source, starting_params, steady_state
+from kalscope.common.text import lag_text
+from kalscope.tuning.tuning_file import load_tuning
+from kalscope_app.views.charts.style import DARK
+
+pytestmark = pytest.mark.browser
+DEMO = open_source("demo")
+
+
+@pytest.fixture(params=["chromium", "firefox"])
+def screen(request, tmp_path):
+    """The demo at the printed link in one of the browsers."""
+    with dashboard("demo", cwd=tmp_path) as url:
+        browser = request.getfixturevalue("browser" if request.param == "chromium" else "firefox")
+        with Screen(browser, url, width=1280, height=720) as page:
+            page.name = request.param
+            yield page
+
+
+def press(screen, name):
+    screen.page.get_by_role("button", name=name, exact=True).click()
+
+
+def filtered(z, **changed):
+    start = starting_params(z)
+    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **changed})).x
+
+
+def test_the_main_journey_from_the_link_to_a_phone(screen, tmp_path):
+    z = DEMO.values[:, 0]
+    np.testing.assert_array_equal(screen.line("raw")[1], z)
+    screen.wait_for_line("filtered", filtered(z))
+    screen.shot(f"{screen.name}-1-demo")
+    move_the_slider_of_q(screen, z)
+    names, columns = write_log(tmp_path / "log.csv")
+    open_the_file_and_a_channel(screen, names, columns)
+    export_and_save(screen, columns[1], tmp_path)
+    watch_a_board(screen)
+    turn_into_a_phone(screen)
+
+
+def move_the_slider_of_q(screen, z):
+    """Drag it; the numbers of the header follow, and Undo takes it back."""
+    thumb = screen.slider("q").bounding_box()
+    x, y = thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2
+    before = screen.text_box("process noise q").input_value()
+    screen.page.mouse.move(x, y)
+    screen.page.mouse.down()
+    screen.page.mouse.move(x + 25, y, steps=3)
+    screen.page.mouse.up()
+    q = float(f"{10.0 ** float(screen.slider('q').get_attribute('aria-valuenow')):.2e}")
+    screen.wait_for_line("filtered", filtered(z, q=q), tolerance=1e-9)
+    lag = float(steady_state(FilterParams(q, starting_params(z).r)).lag_samples)
+    assert q > 10 * float(before)
+    screen.page.get_by_text(f"lag {lag_text(lag, DEMO.sample_period)} · noise").first.wait_for()
+    screen.shot(f"{screen.name}-2-slider")
+    press(screen, "Undo")
+    screen.wait_for_value("process noise q", before)
+    screen.wait_for_line("filtered", filtered(z))
+
+
+def write_log(path):
+    """A log of two channels: their names and values."""
+    rng = np.random.default_rng(5)
+    names, columns = ("near", "far"), np.round(np.cumsum(rng.normal(0, 1, (2, 400)), axis=1), 3)
+    rows = (f"{i / 100:.2f},{a},{b}\n" for i, (a, b) in enumerate(columns.T.tolist()))
+    path.write_text(f"time_s,{','.join(names)}\n{''.join(rows)}")
+    return names, columns
+
+
+def open_the_file_and_a_channel(screen, names, columns):
+    screen.tab("Source")
+    screen.type("path", "log.csv")
+    screen.wait_for_line("raw", columns[0])
+    screen.choose("channel", names[1])
+    screen.wait_for_line("raw", columns[1])
+    screen.wait_for_line("filtered", filtered(columns[1]))
+
+
+def export_and_save(screen, z, folder):
+    """Look at the code of the board, then save the tuning of a q that was typed."""
+    screen.tab("Tune")
+    screen.type("process noise q", "0.25")
+    screen.wait_for_line("filtered", filtered(z, q=0.25))
+    screen.tab("Export")
+    press(screen, "Preview code")
+    dialog = screen.page.get_by_role("dialog")
+    dialog.locator("textarea:visible").wait_for()
+    assert "0.25f" in dialog.locator("textarea:visible").input_value()
+    screen.shot(f"{screen.name}-3-code")
+    press(screen, "Close")
+    dialog.wait_for(state="detached")
+    press(screen, "Save tuning file")
+    screen.notification("Saved").wait_for()
+    saved = {channel.name: channel.q for channel in load_tuning(folder / "tuning.toml").channels}
+    assert saved["far"] == 0.25
+
+
+def watch_a_board(screen):
+    with line_sender(200.0) as address:
+        screen.tab("Source")
+        screen.choose("port", "Other address …")
+        screen.type("address", address)
+        press(screen, "Connect")
+        screen.wait(f"() => ({FIND})('raw')?.data[1].filter(Boolean).length > 100")
+        screen.shot(f"{screen.name}-4-live")
+        press(screen, "Disconnect")
+        screen.page.get_by_role("button", name="Connect", exact=True).wait_for()
+
+
+def turn_into_a_phone(screen):
+    """The signal stands behind the controls, in the dark theme too."""
+    screen.tab("View")
+    screen.page.get_by_text("dark theme").click()
+    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    screen.page.set_viewport_size({"width": 390, "height": 844})
+    orange = np.array([int(DARK.filtered[i : i + 2], 16) for i in (1, 3, 5)])
+    screen.wait_for_picture(lambda rgb: (np.abs(rgb[:300] - orange).max(axis=2) < 40).sum() > 300)
+    assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+    assert findings(screen.page) == []
+    screen.shot(f"{screen.name}-5-phone")
