@@ -3,17 +3,20 @@ PYTHON ?= python3
 BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 
 # Packages of the system that tests need, and how to tell that they are there.
-SYSTEM_PACKAGES := chromium octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev \
+SYSTEM_PACKAGES := chromium firefox-esr octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev \
   gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf \
-  gcc-xtensa-lx106 picolibc-xtensa-lx106-elf
+  gcc-xtensa-lx106 picolibc-xtensa-lx106-elf mosquitto openssl openssh-client openssh-server
 HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v google-chrome) >/dev/null 2>&1 \
+  && (command -v firefox-esr || command -v firefox) >/dev/null 2>&1 \
   && command -v octave >/dev/null 2>&1 && command -v gcc >/dev/null 2>&1 && command -v g++ >/dev/null 2>&1 \
   && command -v avr-gcc >/dev/null 2>&1 && test -d /usr/share/arduino/hardware/arduino/avr \
   && test -e /usr/include/simavr/sim_avr.h && command -v arm-none-eabi-gcc >/dev/null 2>&1 \
   && command -v qemu-system-arm >/dev/null 2>&1 && command -v riscv64-unknown-elf-gcc >/dev/null 2>&1 \
-  && test -e /usr/lib/xtensa-lx106-elf/picolibc.specs
+  && test -e /usr/lib/xtensa-lx106-elf/picolibc.specs \
+  && PATH="$$PATH:/usr/sbin" command -v mosquitto >/dev/null 2>&1 && command -v openssl >/dev/null 2>&1 \
+  && test -x /usr/sbin/sshd && command -v ssh >/dev/null 2>&1
 
-.PHONY: run test test-fast check docs packages release format bench soak system can-test clean
+.PHONY: run test test-fast check docs pictures packages release format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -46,6 +49,10 @@ check: .venv/check.stamp
 docs: .venv/docs.stamp
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
+# The pictures of docs, from the real dashboard. A test fails where one shows a former screen.
+pictures: can-test .venv/test.stamp
+	PYTHONPATH=$(subst $(eval) ,:,$(wildcard tests/support tests/support/*)) $(BIN)/python tests/support/browsers/pictures.py
+
 # sdist and wheel, each installed in empty environments of every Python at hand and tried outside of the checkout.
 packages: .venv/release.stamp
 	$(BIN)/python packaging/try_packages.py
@@ -62,11 +69,13 @@ bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour of a live board (MINUTES=2 for a look), then every random test at 25 times its usual effort or more.
+# Half an hour of a live board (MINUTES=2 for a look), a minute of one behind an ssh server, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
+	$(BIN)/python benchmarks/network.py
 	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES)
+	$(BIN)/python benchmarks/live.py --ssh --rate 1000
 	KALSCOPE_FUZZ=25 KALSCOPE_DRAG=60 $(PYTEST) -o timeout=3600 $(RANDOM_TESTS)
 
 system:
@@ -77,7 +86,7 @@ system:
 can-test:
 	@if $(HAVE_SYSTEM); then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \
-	else echo "Chromium, Octave, QEMU, simavr or a compiler is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
+	else echo "Chromium, Firefox, Octave, QEMU, simavr, mosquitto or a compiler is missing: the tests that need it will be skipped; 'make system' as root installs all."; fi
 
 .venv/pyvenv.cfg:
 	$(PYTHON) -m venv .venv

@@ -1,8 +1,8 @@
 """Build sdist and wheel and install each in empty environments: python packaging/try_packages.py.
 
-In each environment, outside the checkout, a recording is tuned and exported, and the dashboard of the demo is
-opened and ended. The wheel is tried with every Python at hand, the sdist with the first. Prints a table; ends with
-1 where something fails.
+In each environment, outside the checkout, a recording is tuned and exported, a file that needs an extra is refused,
+and the dashboard of the demo is opened and ended. The wheel is tried with every Python at hand, the sdist with the
+first. Prints a table, and what the largest packages take; ends with 1 where something fails.
 """
 
 from __future__ import annotations
@@ -20,6 +20,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.11", "3.12", "3.13")
+WEIGH = """
+import importlib.metadata
+for package in importlib.metadata.distributions():
+    files = (file.locate() for file in package.files or ())
+    print(sum(file.stat().st_size for file in files if file.is_file()), package.metadata["Name"])
+"""
+MIN_WEIGHT = 5e6
+"""Bytes of a package that is named."""
 
 
 def interpreters() -> list[str]:
@@ -43,15 +51,23 @@ def build(folder: Path) -> list[Path]:
 def attempt(python: str, package: Path, folder: Path) -> list[str]:
     """Install the package and use it; what to print of it."""
     run([python, "-m", "venv", folder / "env"], folder)
-    bin_folder = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
+    bin_folder = binaries(folder)
     run([bin_folder / "python", "-m", "pip", "install", "--quiet", package], folder)
     kalscope = bin_folder / "kalscope"
     answer = run([kalscope, "tune", "demo", "--lag-ms", "50", "-o", "tuning.toml"], folder)
     run([kalscope, "export", "tuning.toml", "--to", "arduino", "-o", "kalscope_filter"], folder)
+    (folder / "log.parquet").write_bytes(b"PAR1" + bytes(200) + b"PAR1")
+    if 'pip install "kalscope[formats]"' not in run([kalscope, "tune", "log.parquet"], folder, expected=2):
+        raise RuntimeError("without an extra a Parquet file must be refused with the extra's name")
     size = sum(file.stat().st_size for file in (folder / "env").rglob("*") if file.is_file()) / 1e6
     version = run([bin_folder / "python", "-V"], folder).split()[1]
     lag = next(line.split(",")[0] for line in answer.splitlines() if line.startswith("lag"))
     return [version, package.suffix.strip("."), f"{size:.0f} MB", lag, open_demo(kalscope, folder)]
+
+
+def binaries(folder: Path) -> Path:
+    """Where the programs of the environment in a folder are."""
+    return folder / "env" / ("Scripts" if os.name == "nt" else "bin")
 
 
 def open_demo(kalscope: Path, folder: Path) -> str:
@@ -72,14 +88,21 @@ def open_demo(kalscope: Path, folder: Path) -> str:
     return f"page of {size / 1e3:.0f} kB, ended with {status}"
 
 
-def run(command: Sequence[str | Path], folder: Path) -> str:
-    """Run a command outside the checkout; what it printed. CalledProcessError where it fails."""
+def largest(python: Path) -> str:
+    """What the largest packages of an environment take, compiled Python included."""
+    sizes = [line.split() for line in run([python, "-c", WEIGH], python.parent).splitlines()]
+    found = sorted(((int(size), name) for size, name in sizes if int(size) >= MIN_WEIGHT), reverse=True)
+    return ", ".join(f"{name} {size / 1e6:.0f} MB" for size, name in found)
+
+
+def run(command: Sequence[str | Path], folder: Path, *, expected: int = 0) -> str:
+    """Run a command outside the checkout; what it printed. CalledProcessError where it ends with another status."""
     clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     done = subprocess.run([*map(str, command)], cwd=folder, env=clean, capture_output=True, text=True, check=False)
-    if done.returncode:
+    if done.returncode != expected:
         sys.stderr.write(done.stdout + done.stderr)
-        done.check_returncode()
-    return done.stdout
+        raise subprocess.CalledProcessError(done.returncode, command)
+    return done.stdout if not expected else done.stderr
 
 
 def main() -> None:
@@ -88,11 +111,14 @@ def main() -> None:
     parser.add_argument("--python", action="append", help="an interpreter; default: each supported one at hand")
     pythons = parser.parse_args().python or interpreters()
     print("| Python | package | environment | tune demo --lag-ms 50 | open demo |\n|---|---|---|---|---|")
+    weights = ""
     with tempfile.TemporaryDirectory() as folder:
         packages = build(Path(folder))
         for python, package in [*((python, packages[0]) for python in pythons), (pythons[0], packages[1])]:
             with tempfile.TemporaryDirectory(dir=folder) as own:
                 print(f"| {' | '.join(attempt(python, package, Path(own)))} |", flush=True)
+                weights = largest(binaries(Path(own)) / "python")
+        print(f"\nThe last one: {weights}")
 
 
 if __name__ == "__main__":

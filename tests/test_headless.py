@@ -59,7 +59,7 @@ def test_the_dashboard_does_not_load_matplotlib_and_its_first_picture_not_the_co
 
 def test_filtering_a_small_file_does_not_load_the_compiler():
     code = (
-        "import sys; from kalscope_app.main import run; "
+        "import sys; from kalscope_app.commands import run; "
         "run(['filter', 'sample:nile', '--q', '1469', '--r', '15100']); print(*sys.modules)"
     )
     loaded = python(code).splitlines()

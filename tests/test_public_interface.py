@@ -18,7 +18,7 @@ import pytest
 import typer
 
 import kalscope
-from kalscope_app.main import app
+from kalscope_app.commands import app
 
 ROOT = Path(__file__).parents[1]
 LISTED = (Path(__file__).parent / "public_interface.txt").read_text(encoding="utf-8").splitlines()
@@ -50,7 +50,7 @@ def test_every_name_can_be_imported_listed_and_starred():
 
 
 def test_the_page_for_python_documents_every_name():
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^::: kalscope\.(\w+)$", page, re.MULTILINE)) == sorted(kalscope.__all__)
 
 

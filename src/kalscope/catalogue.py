@@ -3,9 +3,10 @@ r"""Everything that can become a Recording, and the one grammar that names it.
     demo                                     the sample for a first look
     sample:NAME                              a recording of sample_data
     synthetic:SHAPE?n=2000&sigma=1.5&seed=3  a made-up sensor
+    file:PATH                                a file that is followed elsewhere: read once, as far as it is written
     anything else                            the path of a file (C:\x.csv is one)
 
-Live sources, `serial:PORT@BAUD` and pyserial URLs, never end: `is_live` knows them, `sources.live` opens them.
+Other live sources, such as `serial:PORT@BAUD`, never end: `is_live` knows them, `sources.live` opens them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.port_spec import is_live
+from kalscope.sources.port.transports.transport import quoted
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample
 from kalscope.sources.synthetic import SignalSettings, synthesize
@@ -69,12 +71,15 @@ def open_source(
         from kalscope.papers.experiments import open_experiment  # which reads the samples through this module
 
         return open_experiment(match[2])[0]
-    if is_live(spec):
+    is_url = match is not None and match[2].startswith("//")
+    if match and scheme == "file" and not is_url:
+        spec = match[2]  # read once, as far as it is written
+    elif is_live(spec) and scheme != "file":
         raise BadSetting(
-            f"source must be a file or another finished recording (got {spec!r}, a board that streams: first"
+            f"source must be a file or another finished recording (got {quoted(spec)}, a board that streams: first"
             " kalscope record PORT -o FILE.csv, or kalscope open PORT to tune it live)"
         )
-    if match and match[2].startswith("//"):
+    elif is_url:
         raise BadSetting(f"source must be a file to be read (got {spec!r}, a web address)")
     return read_recording(spec, options, sample_period=sample_period, progress=progress, cancelled=cancelled)
 
