@@ -23,7 +23,7 @@ PROGRAM = Path(sys.executable).with_name("kalscope")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
     "--no-sandbox",
-    "--use-gl=angle",  # viser draws no widget without WebGL: draw it in software
+    "--use-gl=angle",  # stock viser draws no widget without WebGL: draw it in software
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-accelerated-2d-canvas",  # but the charts on the CPU: through the software GL one takes 0.8 s
@@ -125,17 +125,13 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def dashboard_page(browser: Browser, url: str, *, live: bool = False) -> Iterator[Page]:
-    """A page on the dashboard, charts drawn, viser's own notice closed, nothing but a board still moving."""
+    """A page on the dashboard, charts drawn, nothing but a board still moving."""
     context = browser.new_context(viewport={"width": 1600, "height": 900})
     try:
         page = context.new_page()
         page.set_default_timeout(30_000)
         page.goto(url)
         page.wait_for_function(f"() => {SIGNAL_CHART}?.data[0].length > 2")
-        notice = page.locator(".mantine-Notification-root", has_text="Software WebGL")
-        # no click of the mouse: it waits for a frame of the scene, which takes its time in software
-        notice.locator(".mantine-Notification-closeButton").dispatch_event("click")
-        notice.wait_for(state="detached")
         if not live:
             wait_until_quiet(page)
         yield page

@@ -1,4 +1,4 @@
-"""What viser itself costs a slider over a chart, one small case each: the figures of docs/viser-performance.md.
+"""What viser itself costs a slider over a chart, one small case each: docs/project/viser-performance.md.
 
 A stock viser server runs in this process, a Chromium beside it; nothing of the dashboard is in the way. Each case
 prints its own table.

@@ -43,7 +43,7 @@ FUSION = FusionTuning(
     "level", "V", ("a", "b", "c"), 4.0, (90.0, 25.0, 400.0), (0.0, 12.5, -30.0), (1.0, 1.05, 0.9),
     gate=9.0, momentum=20.0,
 )  # fmt: skip
-DOCS = Path(__file__).parents[2] / "docs/devices.md"
+DOCS = Path(__file__).parents[2] / "docs/boards/devices.md"
 
 
 @pytest.fixture(params=PROCESSORS, ids=lambda processor: processor.name)
@@ -119,7 +119,7 @@ def test_the_cpp_class_and_fixed_gains_compile_without_a_warning(processor, tmp_
 
 
 def test_the_stated_costs_are_true(processor, tmp_path):
-    """The table of docs/devices.md, to 5 %: compilers differ a little from version to version."""
+    """The table of docs/boards/devices.md, to 5 %: compilers differ a little from version to version."""
     stated = dict(re.findall(r"^\| ([\w+-]+) \|(.*)\|$", DOCS.read_text(), re.MULTILINE))[processor.name]
     for cell, channel in zip(stated.split("|")[1:], (CHANNELS[0], WITH_MOMENTUM[0]), strict=True):
         figures = cost(processor, tmp_path, channel)

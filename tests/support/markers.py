@@ -18,9 +18,18 @@ from types import CodeType, FunctionType
 
 import pytest
 
-FIXTURES = {"browser": "browser", "workshop": "device"}
+FIXTURES = {"browser": "browser", "firefox": "browser", "workshop": "device"}
 """Markers by the fixture that starts the thing."""
-STARTERS = {"attack_table", "forked", "kalscope_app.guard.server", "program", "viser._viser", "wire"}
+STARTERS = {
+    "attack_table",
+    "forked",
+    "kalscope_app.guard.server",
+    "kalscope_app.worker.worker",
+    "program",
+    "ssh_server",
+    "viser._viser",
+    "wire",
+}
 """Modules whose functions and classes start or meet a server or the program."""
 UNTRACED = ("browser", "device", "slow")
 """Markers of tests in which coverage is not measured."""

@@ -44,9 +44,9 @@ def start(folder, *arguments, change="", env=None, source="demo", fresh=False):
 
 COMMAND = """
 import sys
-from kalscope.cli.app import run
+from kalscope.cli.__main__ import main
 sys.argv = {argv!r}
-sys.exit(run())
+main()
 """
 
 
@@ -110,11 +110,12 @@ def is_free(port):
     return True
 
 
-def free_port():
-    """A port that stays free: below those that the system gives to whoever asks for any."""
+def free_port(kind=socket.SOCK_STREAM):
+    """A port that stays free: below those that the system gives to a program that asks for any."""
     while True:
         port = random.randrange(10_000, 30_000)
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, kind) as probe:
+            probe.bind(("127.0.0.1", port))
             return port
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import serial.tools.list_ports  # noqa: F401
 
 import kalscope_app.dashboard
-import kalscope_app.guard.server  # noqa: F401 (what `open` imports)
+import kalscope_app.guard.server
 from kalscope.catalogue import open_source
 from kalscope.export import device_limits  # noqa: F401
+from kalscope_app.commands import run
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.main import run
 from kalscope_app.session.opening import opened
 from kalscope_app.studies import alternatives, channels_overview, checks, spectra, tuning_map, variant_table
 
@@ -34,5 +34,6 @@ demo = opened(open_source("demo"))
 for study in STUDIES:
     study(demo)
 imageio.v3.imwrite("<bytes>", np.zeros((2, 2), np.uint8), extension=".png")  # as viser makes pictures
+kalscope_app.dashboard.WARM_UP_AFTER_S = 1e6  # the worker of a forked program starts with its first task
 with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
