@@ -13,7 +13,16 @@ from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, starting_params
+from kalscope import (
+    BadSetting,
+    FilterParams,
+    FusionFilter,
+    FusionParams,
+    KalmanFilter,
+    denoise,
+    kalman_filter,
+    starting_params,
+)
 from kalscope.filtering.kernels import GATE_LIMIT
 
 NILE_Q, NILE_R = 1469.1, 15099.0
@@ -341,6 +350,9 @@ def test_a_masked_sample_is_missing():
         (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a float64 array"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf), "finite, or NaN where missing (got inf)"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt=-1), "dt must be finite and not negative"),
+        (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt="a"), "dt must be finite and not negative"),
+        (lambda: FusionFilter(FusionParams(1, [1, 1])).update([1.0, 1.0], dt="a"), "dt must be finite"),
+        (lambda: kalman_filter([1.0], FilterParams(1, 1), dt=["a"]), "dt must be an array of numbers"),
     ],
 )
 def test_what_cannot_be_filtered_is_refused_with_its_reason(call, message):

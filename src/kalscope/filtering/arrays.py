@@ -67,12 +67,26 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
     """The steps dt as the kernels need it: empty for regular sampling."""
     if dt is None:
         return np.empty(0)
-    steps = np.ascontiguousarray(dt, dtype=np.float64)
+    try:
+        steps = np.ascontiguousarray(dt, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadSetting("dt must be an array of numbers (got something else)") from None
     if steps.shape != (n,):
         raise BadSetting(f"dt must have one value a sample, shape ({n},) (got {steps.shape})")
     if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
         raise BadSetting(f"dt must be finite and not negative (got {steps.min()} to {steps.max()})")
     return steps
+
+
+def step_of(dt: float | None) -> float:
+    """One step dt as the kernels need it: 1 where it is None."""
+    try:
+        step = 1.0 if dt is None else float(dt)
+    except (TypeError, ValueError):
+        step = math.nan
+    if not (0.0 <= step < math.inf):
+        raise BadSetting(f"dt must be finite and not negative (got {dt!r})")
+    return step
 
 
 def refuse_infinite(columns: Array) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.arrays import samples_of, step_of
 from kalscope.filtering.channels import ChannelFilter, channel_filters
 from kalscope.filtering.params import FilterParams
 
@@ -56,9 +56,7 @@ class KalmanFilter:
         Raises:
             BadSetting: z is infinite or has another number of channels; dt is negative. The state stays.
         """
-        step = 1.0 if dt is None else float(dt)
-        if not (0.0 <= step < math.inf):
-            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        step = step_of(dt)
         if self._scalar and isinstance(z, float) and not math.isinf(z):  # the usual case, without arrays
             state = self._states[0]
             state.take(z, step)

@@ -56,3 +56,9 @@ def test_some_sensors_are_a_fused_filter_too():
     params = FusionParams(1.0, [1.0, 2.0, 4.0], [0.0, 1.0, 2.0], [1.0, -1.0, 2.0], 3.0, 0.5, 9.0, 7.0)
     assert params.only([2, 0]) == FusionParams(1.0, [4.0, 1.0], [2.0, 0.0], [2.0, 1.0], 3.0, 0.5, 9.0, 7.0)
     assert params.shares.tolist() == pytest.approx([0.4, 0.2, 0.4])
+
+
+@each("indices", [[9], [-3], []])
+def test_sensors_that_are_not_there_are_refused(indices):
+    with pytest.raises(BadSetting, match="indices must be those of sensors, 0 to 1"):
+        FusionParams(1.0, R).only(indices)

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import columns_of, refuse_infinite, samples_of, scalar, shaped_like, steps_of
+from kalscope.filtering.arrays import (
+    columns_of,
+    refuse_infinite,
+    samples_of,
+    scalar,
+    shaped_like,
+    step_of,
+    steps_of,
+)
 from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.response import at_period, chain_response
@@ -140,9 +148,7 @@ class ChainStream:
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
         """Take one sample and return the filtered value; arguments and errors as `KalmanFilter.update`."""
-        step = 1.0 if dt is None else float(dt)
-        if not (0.0 <= step < math.inf):
-            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        step = step_of(dt)
         samples = samples_of(z)
         if samples.ndim > 1 or samples.size == 0:
             raise BadSetting(f"z must be a number or hold one value a channel (got shape {samples.shape})")

@@ -111,8 +111,14 @@ class FusionParams:
         return FilterParams(self.q, r, self.p0, self.x0, momentum=self.momentum)
 
     def only(self, indices: Sequence[int]) -> FusionParams:
-        """The same quantity from the sensors of these indices only, in this order."""
+        """The same quantity from the sensors of these indices only, in this order.
+
+        Raises:
+            BadSetting: there is no index, or one that no sensor has.
+        """
         chosen = list(indices)
+        if not chosen or not all(-self.sensors <= one < self.sensors for one in chosen):
+            raise BadSetting(f"indices must be those of sensors, 0 to {self.sensors - 1} (got {chosen})")
         return FusionParams(
             self.q,
             self.r[chosen],

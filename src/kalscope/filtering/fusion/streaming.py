@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import samples_of
+from kalscope.filtering.arrays import samples_of, step_of
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_readings
 
@@ -57,9 +55,7 @@ class FusionFilter:
             BadSetting: a reading is infinite, their number differs from that of the sensors, or dt is negative. The
                 state stays.
         """
-        step = 1.0 if dt is None else float(dt)
-        if not (0.0 <= step < math.inf):
-            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        step = step_of(dt)
         readings = checked_readings(np.atleast_2d(samples_of(row)), self.params)
         if len(readings) != 1:
             raise BadSetting(f"row must have shape ({self.params.sensors},) (got {np.shape(row)})")

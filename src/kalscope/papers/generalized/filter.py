@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, steps_of
+from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, step_of, steps_of
 from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
@@ -211,8 +211,7 @@ class GeneralizedFilter:
         """
         if self._kalman is not None:
             return self._kalman.update(z, dt)
-        if dt is not None and not (0.0 <= float(dt) < math.inf):
-            raise BadSetting(f"dt must be finite and not negative (got {dt})")
+        step_of(dt)
         samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
         if np.isinf(samples).any():
             raise BadSetting(f"z must be finite, or NaN where missing (got {z})")
