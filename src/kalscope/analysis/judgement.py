@@ -9,7 +9,7 @@ from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.analysis.fit.findings import Findings
 from kalscope.analysis.fit.goal import Choice, Finding
-from kalscope.analysis.fit.words import CHOOSE, NO_FAULT, Known, findings_in_words
+from kalscope.analysis.fit.words import CHOOSE, KEEP, NO_FAULT, Known, findings_in_words
 from kalscope.analysis.headlines import HEADLINES, NO_PAIR, NO_PAIR_HEADLINES, WORDS, Tone
 from kalscope.analysis.held_out import halves_differ, held_out_clause, small_misfit
 from kalscope.common.text import count, decibels, number
@@ -129,7 +129,7 @@ def _judged(
     if not said:
         said = _beyond_residuals(held_out, estimate, "" if choice.goal else disagreement)
     if known.estimated and estimate is not None:
-        said = _with_next_step(said, estimate)
+        said = _with_next_step(said, estimate, residuals.findings.lag_costs)
     if not said:
         return _without_misfit(residuals, held_out, choice, halves)
     status, first = said[0]
@@ -141,7 +141,7 @@ def _judged(
     )
 
 
-def _with_next_step(said: list[Finding], estimate: Estimate) -> list[Finding]:
+def _with_next_step(said: list[Finding], estimate: Estimate, lag_costs: bool) -> list[Finding]:
     """The findings on the best fit, which end with something to do where it may look worse than what was before."""
     told = any(advice.action is not None or status in ("start", "constant") for status, advice in said)
     if estimate.params is None or told:
@@ -150,10 +150,10 @@ def _with_next_step(said: list[Finding], estimate: Estimate) -> list[Finding]:
     reason = (
         f": the best statistical fit removes only {decibels(removed)} of the noise" if removed < HARDLY_DB else ""
     )
-    if not said and not reason:
+    if not reason and (lag_costs or not said):
         return said
-    step: Finding = (said[0][0] if said else "weak", Advice(f"{CHOOSE}{reason}", ChooseFilter()))
-    return [*said[: MAX_ADVICE - 1], step]
+    step = Advice(f"{KEEP}{reason}") if lag_costs else Advice(f"{CHOOSE}{reason}", ChooseFilter())
+    return [*said[: MAX_ADVICE - 1], (said[0][0] if said else "weak", step)]
 
 
 def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice: Choice, halves: str) -> Judgement:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
-from kalscope.analysis.fit.record import Indices, Record
+from kalscope.analysis.fit.record import Indices, Record, lost_by_lag
 from kalscope.analysis.fit.run import Run
 from kalscope.analysis.fit.spikes import CLEAR, MAX_OUTLIERS, Spikes, burst_of
 from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
@@ -61,6 +61,8 @@ class Findings:
     """Better q and r."""
     structure: Structure | None = None
     """What no q and r can remove; with momentum what the filter leaves."""
+    lag_costs: bool = False
+    """Whether the filter has momentum, and a lag of five samples without it would add more error than the noise."""
     change: float = 1.0
     """Largest over least variance of the residuals among the parts of the record, where that is a misfit."""
 
@@ -123,6 +125,7 @@ def find_misfits(
         refused_in_a_row=in_a_row,
         correction=correction,
         structure=structure,
+        lag_costs=momentum and lost_by_lag(record) > 1.0,
         change=change,
     )
 

@@ -23,6 +23,9 @@ MAX_SEARCHED = 40_000
 MAX_SCALE = 1e150
 """Changes larger than so many √r are as large as these: their squares must fit a double."""
 
+LAG = 5.0
+"""Samples of lag in the example of a filter that is chosen by its lag."""
+
 STRETCHES = 4
 """Those stretches; they are spread evenly and leave the start of the record out."""
 
@@ -105,6 +108,19 @@ class Record:
         seen = finite(e)
         size = math.sqrt(float(np.einsum("i,i", seen, seen)) / max(len(seen), 1))
         return np.divide(e, size, out=e) if size > 0.0 else e
+
+
+def lost_by_lag(record: Record) -> float:
+    """What a filter with a lag of `LAG` samples and no momentum loses of the signal, in units of the noise r.
+
+    Its innovation is white on a signal that it can follow; on one that it cannot, neighbouring innovations share
+    their error, whose size is the mean of their products. Above 1 a raw reading is nearer than the filtered one.
+    """
+    gain = 1.0 / (1.0 + LAG)
+    errors = np.empty(len(record.z))
+    for first, piece in filter_pieces(record.z, FilterParams(gain * gain / (1.0 - gain), 1.0), record.dt):
+        errors[first : first + len(piece.x)] = piece.innovation
+    return float(np.nanmean(errors[1:] * errors[:-1]))
 
 
 def finite(values: Array) -> Array:

@@ -30,6 +30,9 @@ NO_FAULT = "no misfit worth correcting"
 CHOOSE = "choose the lag that you can accept"
 """What to do where no q and r describe the signal; the reason follows."""
 
+KEEP = "keep this filter: a lag of 5 samples would add more error than the noise"
+"""What to do where the movement that the filter follows is larger; the reason why it may look worse follows."""
+
 FAR = 100.0
 """Factor of r beyond which it is wrong whatever the rounding."""
 
@@ -239,9 +242,11 @@ def _structure(found: Findings, known: Known) -> Finding | None:
         size = f"a momentum of about {number(left.momentum, 1)} samples"
         text += f"; try {size}" if left.whole else f"; {size} explains part of it"
         return "structure", Advice(text, AllowMomentum(left.momentum))
-    if known.estimated:
-        return "structure", Advice(f"{CHOOSE}: {text}", ChooseFilter())
-    return "structure", Advice(text)
+    if not known.estimated:
+        return "structure", Advice(text)
+    if found.lag_costs:
+        return "structure", Advice(f"{KEEP}; {text}")
+    return "structure", Advice(f"{CHOOSE}: {text}", ChooseFilter())
 
 
 def _shape(found: Findings, known: Known) -> Finding | None:
