@@ -43,17 +43,19 @@ def open_dashboard(
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
     allow_host: Annotated[
-        list[str] | None, typer.Option(help="Name by which a browser may call this machine, for --host 0.0.0.0.")
+        list[str] | None, typer.Option(help="Name of this machine that browsers may use, for --host 0.0.0.0.")
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
     behind: Annotated[
-        str | None, typer.Option(metavar="URL", help="https://NAME of a reverse proxy that shows the dashboard.")
+        str | None, typer.Option(metavar="URL", help="https://NAME of the reverse proxy in front of the dashboard.")
     ] = None,
-    new_link: Annotated[bool, typer.Option("--new-link", help="Make the old link of this port useless.")] = False,
+    new_link: Annotated[
+        bool, typer.Option("--new-link", help="Make a new link; the old one of this port no longer works.")
+    ] = False,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a detailed log to this file.")] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log on the terminal what happens.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print the log on the terminal.")] = False,
     channel: Annotated[str | None, typer.Option(help="Channel to show: its name, or its number from 1.")] = None,
     q: Annotated[str | None, typer.Option(help="Process noise q of that channel, a variance.")] = None,
     r: Annotated[str | None, typer.Option(help="Its measurement noise r, a variance.")] = None,

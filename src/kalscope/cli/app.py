@@ -15,57 +15,42 @@ from kalscope.cli.offers import Function, OfferedCommands, offers
 from kalscope.common.stopping import INTERRUPTED
 
 
-@offers(
-    "tune",
-    "Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise.",
-)
+@offers("tune", "Find q and r for a recording, and say why.")
 def _tune() -> Function:
     from kalscope.cli.tune.command import tune_command
 
     return tune_command
 
 
-@offers(
-    "fleet",
-    "Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies.",
-)
+@offers("fleet", "Tune many recordings, on all cores or a Dask cluster.")
 def _fleet() -> Function:
     from kalscope.cli.tune.fleet import fleet_command
 
     return fleet_command
 
 
-@offers(
-    "filter",
-    "Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.",
-)
+@offers("filter", "Filter a recording, or lines on stdin.")
 def _filter() -> Function:
     from kalscope.cli.filter.command import filter_command
 
     return filter_command
 
 
-@offers("export", "Export the tuned filter for the device or the program that will run it.")
+@offers("export", "Write a tuned filter as code for a device or a program.")
 def _export() -> Function:
     from kalscope.cli.export import export_command
 
     return export_command
 
 
-@offers(
-    "reproduce",
-    "Reproduce the tables and figures of the three source documents: index.html and results.json in DIR.",
-)
+@offers("reproduce", "Reproduce the results of the three source documents.")
 def _reproduce() -> Function:
     from kalscope.cli.reproduce import reproduce_command
 
     return reproduce_command
 
 
-@offers(
-    "record",
-    "Record a board: FILE.csv with every line as received, FILE.rejects with the lines that are not data.",
-)
+@offers("record", "Record a board, without the dashboard.")
 def _record() -> Function:
     from kalscope.cli.board.record import record_command
 
@@ -79,31 +64,28 @@ def _ports() -> Function:
     return ports_command
 
 
-@offers("calibrate", "Let a board measure r while its input is still, and compare with the same samples here.")
+@offers("calibrate", "Let a board measure its own noise r.")
 def _calibrate() -> Function:
     from kalscope.cli.board.calibrate import calibrate_command
 
     return calibrate_command
 
 
-@offers("demo-board", "Pretend to be a board: send a recording over a port, at its true rate, until Ctrl-C.")
+@offers("demo-board", "Send a recording over a port, as a board would.")
 def _demo_board() -> Function:
     from kalscope.cli.board.demo_board import demo_board_command
 
     return demo_board_command
 
 
-@offers(
-    "report",
-    "Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it.",
-)
+@offers("report", "Write a one-page report of a tuned recording.")
 def _report() -> Function:
     from kalscope.cli.report import report_command
 
     return report_command
 
 
-@offers("bench", "Measure the speed of the filter against numpy, scipy and other Kalman libraries, as ratios.")
+@offers("bench", "Compare the filter's speed with other libraries.")
 def _bench() -> Function:
     from kalscope.cli.bench.command import bench_command
 
@@ -113,7 +95,8 @@ def _bench() -> Function:
 app = typer.Typer(
     name="kalscope",
     cls=OfferedCommands,
-    help="Kalscope, an oscilloscope for the scalar Kalman noise filter.",
+    help="Kalscope, an oscilloscope for the scalar Kalman noise filter.\n\n"
+    "Without a command it opens the dashboard on the demo recording.",
     add_completion=False,
     rich_markup_mode=None,  # plain help: importing rich takes longer than all the rest
     pretty_exceptions_enable=False,

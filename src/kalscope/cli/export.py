@@ -44,7 +44,7 @@ def export_command(
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
-    """Export the tuned filter for the device or the program that will run it."""
+    """Write a tuned filter as code for a device or a program."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, write_output
     from kalscope.export.registry import export_tuning

@@ -41,7 +41,10 @@ def report_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
-    """Write a page for the lab book: chart, parameters, what they do, whether they fit, and how to reopen it."""
+    """Write a one-page report of a tuned recording.
+
+    It shows the chart, the parameters, what they do, whether they fit, and the command that reopens it.
+    """
     from dataclasses import replace
 
     import numpy as np

@@ -20,7 +20,9 @@ def reproduce_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON too.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
 ) -> None:
-    """Reproduce the tables and figures of the three source documents: index.html and results.json in DIR.
+    """Reproduce the results of the three source documents.
+
+    Writes their tables and figures to index.html and results.json in DIR.
 
     Exit status 1 where a reproduced number leaves its tolerance.
     """

@@ -57,7 +57,10 @@ def bench_command(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Less work and fewer turns, rougher figures.")] = False,
 ) -> None:
-    """Measure the speed of the filter against numpy, scipy and other Kalman libraries, as ratios."""
+    """Compare the filter's speed with other libraries.
+
+    The peers are numpy, scipy and other Kalman libraries; the figures are ratios.
+    """
     sizes = QUICK if quick else FULL
     rows = run_bench(sizes if samples is None else replace(sizes, samples=samples))
     if as_json:

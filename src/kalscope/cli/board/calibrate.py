@@ -42,7 +42,9 @@ def calibrate_command(
         bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
     ] = False,
 ) -> None:
-    """Let a board measure r while its input is still, and compare with the same samples here.
+    """Let a board measure its own noise r.
+
+    Its input must not change meanwhile. The result is compared with the same samples computed here.
 
     The sketch on it must be exported with --calibration. Status 1 where the board refused, and keeps its values.
     """

@@ -185,7 +185,10 @@ def demo_board_command(
         bool, typer.Option("--checksum", help="End each line with *XX, as NMEA 0183 does.")
     ] = False,
 ) -> None:
-    """Pretend to be a board: send a recording over a port, at its true rate, until Ctrl-C."""
+    """Send a recording over a port, as a board would.
+
+    At its true rate, until Ctrl+C.
+    """
     from kalscope.catalogue import open_source
 
     recording = open_source(source)

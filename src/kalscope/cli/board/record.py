@@ -54,7 +54,9 @@ def record_command(
         bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
     ] = False,
 ) -> None:
-    """Record a board: FILE.csv with every line as received, FILE.rejects with the lines that are not data.
+    """Record a board, without the dashboard.
+
+    FILE.csv gets every line as received, FILE.rejects the lines that are not data.
 
     Ctrl+C, SIGTERM and SIGHUP end the recording with its account as a last comment: status 0, or 1 where the
     disk did not take all lines.

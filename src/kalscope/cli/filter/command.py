@@ -46,10 +46,12 @@ def filter_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     report: Annotated[
-        bool, typer.Option("--report", help="Report on stderr how SOURCE was read, every line accounted for.")
+        bool, typer.Option("--report", help="Print on stderr how SOURCE was read, with a count of every line.")
     ] = False,
 ) -> None:
-    """Filter a recording: a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
+    """Filter a recording, or lines on stdin.
+
+    The answer is a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
 
     With --fuse, or where --config has a fusion and no --channel is named, the columns are those of the sensors, the
     fused value and its variance.

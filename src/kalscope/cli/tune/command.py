@@ -35,14 +35,17 @@ def tune_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
-        bool, typer.Option("--details", help="Print how it was found, second opinions and tests, too.")
+        bool, typer.Option("--details", help="Print also how it was found, the tests and four other methods.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Save the tuning to this file.")
     ] = None,
 ) -> None:
-    """Find q and r for a recording and say why: by estimation, by a specified lag or cut-off, or by known noise."""
+    """Find q and r for a recording, and say why.
+
+    By estimation, by a lag, cut-off or noise reduction that is asked for, or from known noise.
+    """
     from kalscope.analysis.channel_kinds import default_channel
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say, tell_compiling, write_output

@@ -42,7 +42,10 @@ def fleet_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
-    """Tune many recordings on all cores or a Dask cluster: a table, one row a recording, whatever fails or dies."""
+    """Tune many recordings, on all cores or a Dask cluster.
+
+    Writes a table with one row per recording, also for those that cannot be read, and one filter for all.
+    """
     from kalscope.cli.console import TerminalLine, say, write_output
     from kalscope.common.stopping import MAX_STOP_S, stop_signals, stopped_by
     from kalscope.tuning.fleet.answer.answer import answer_for
