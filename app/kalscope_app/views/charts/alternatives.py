@@ -88,7 +88,9 @@ class AlternativesView:
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
         self._to_export = None if compared is None else compared.to_export
-        self._export.visible = self._to_export is not None
+        put(self._export, visible=self._to_export is not None)
+        for control in (self._match, self._alternative):
+            put(control, visible=compared is not None)
         if compared is None:
             self._verdict.content, self._table.content = NOTHING, ""
             self._chart.hide()

@@ -15,7 +15,7 @@ from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.momentum_profile import MomentumProfile, momentum_profile
-from kalscope_app.views.binding import on_user
+from kalscope_app.views.binding import on_user, put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.spectra import log_axes
 from kalscope_app.views.charts.style import DARK, LIGHT, dots, line
@@ -33,11 +33,12 @@ class MomentumProfileView:
         self._profile: MomentumProfile | None = None
         self._shown: object = None
         self._stop = threading.Event()
-        gui.add_markdown("### Momentum")
+        heading = gui.add_markdown("### Momentum")
         draw = gui.add_button("Draw the momentum profile", hint="Searches q and r at 25 values of the momentum.")
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and draw nothing.")
         self._said = gui.add_markdown(LEAD)
+        self._of_one_channel = heading, draw, self._said
         self._chart = Chart(gui, 0.3)
         self._chart.hide()
         on_user(draw.on_click, lambda _client: self._start())
@@ -57,6 +58,8 @@ class MomentumProfileView:
     def show(self, frame: Frame) -> None:
         """Draw the profile and mark the present momentum; that of another channel is taken off the screen."""
         state, profile = frame.state, self._profile
+        for part in self._of_one_channel:
+            put(part, visible=state.fusion is None)
         present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.measured
         if present == self._shown:
             return

@@ -18,7 +18,7 @@ from kalscope_app.views.tune.advice import label_of, take
 from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.window.css import VERDICT
 
-UNJUDGED = "These tests are for the Kalman filter of one channel, alone."
+UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
 
 COLOURS = {"good": (0, 122, 90), "note": (176, 98, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""

@@ -28,6 +28,16 @@ const written = (_chart, value) => {
   return short.replace("e+", "e").replace("-", "−");
 };
 
+// As the texts beside the charts: thin spaces between thousands, a minus sign; and no tick of 1e-6 is written as 0.
+const ticks = (_chart, at, _axis, _space, step) =>
+  at.map((value) => {
+    const exact = +(Math.round((value / step) * 1000) * (step / 1000)).toPrecision(12);
+    const size = Math.abs(exact);
+    if (size !== 0 && (size < 1e-4 || size >= 1e7)) return written(null, exact);
+    const [whole, ...part] = String(exact).replace("-", "−").split(".");
+    return [whole.replace(/\B(?=(\d{3})+$)/g, "\u202f"), ...part].join(".");
+  });
+
 const notInGaps = (chart, line, index) => (Number.isNaN(chart.data[line][index]) ? null : index);
 
 // A drag over a chart of the recording magnifies it at once, and then asks the server for that window.
@@ -51,6 +61,7 @@ const tellPhone = (uuid) =>
 const fit = (message) => {
   const { type, uuid, props, updates } = message;
   (props ?? updates)?.series?.forEach?.((series) => (series.value = written));
+  (props ?? updates)?.axes?.forEach?.((axis) => (axis.values ??= ticks));
   const cursor = (props ?? updates)?.cursor;
   if (cursor) cursor.dataIdx = notInGaps;
   if (cursor?.window) cursor.bind = { mouseup: dragged };

@@ -4,8 +4,9 @@ viser has fixed sizes only, the same for every browser. The script runs before v
 sizes in the server's messages as they arrive, so the first picture already fills the window. When the window is
 resized it repeats those messages with new sizes. Without the script the layout fits a window of 1440 × 900 px.
 
-It also lets the charts write the numbers under the mouse to six digits; uPlot itself writes three decimals, and so
-0 for whatever is below 0.0005, and marks a sample that is missing in the corner of the chart.
+It also lets the charts write the numbers under the mouse to six digits, and their ticks as the texts write numbers;
+uPlot itself writes three decimals, and so 0 for whatever is below 0.0005, and marks a sample that is missing in the
+corner of the chart.
 
 `text_boxes.js` decides when a typed text counts and what may be written over it, `keyboard.js` makes the page work
 without a mouse, `scene.js` without WebGL, and `map.js` beside `views/map/view.py` shows the tuning map.

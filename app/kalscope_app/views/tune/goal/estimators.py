@@ -19,7 +19,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes.parameters import set_method_comparison
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
-from kalscope_app.views.binding import on_user
+from kalscope_app.views.binding import on_user, put
 from kalscope_app.views.slow_job import SlowJobProgress
 
 FIVE_METHODS = (
@@ -37,11 +37,12 @@ class EstimatorsView:
         self._session, self._jobs = session, jobs
         self._stop = threading.Event()
         with check_tab:
-            gui.add_markdown("### Compare estimators")
+            heading = gui.add_markdown("### Compare estimators")
             compare = gui.add_button("Run five methods", hint="Four other methods beside maximum likelihood.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and compare nothing.")
             self._comparison = gui.add_markdown("")
+        self._of_one_channel = heading, compare, self._comparison
         on_user(compare.on_click, lambda _client: self._start())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
 
@@ -57,7 +58,9 @@ class EstimatorsView:
         self._session.request(set_method_comparison(state.recording, state.channel, opinions))
 
     def show(self, frame: Frame) -> None:
-        """Write the table."""
+        """Write the table; fused sensors have none."""
+        for part in self._of_one_channel:
+            put(part, visible=frame.state.fusion is None)
         self._comparison.content = comparison_text(frame.state)
 
 
