@@ -20,6 +20,10 @@ from effort import EXAMPLES, FUZZ
 from hypothesis import settings
 from markers import mark
 from traced import trace
+from waiting import PATIENCE
+
+from kalscope.export.board import measuring
+from kalscope.sources.live import command_channel
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -109,6 +113,15 @@ def one_command_line() -> Iterator[None]:
     built = cache(lambda app, _commands: build(app))  # the dashboard adds a command of its own when it is imported
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", lambda app: built(app, len(app.registered_commands)))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient_with_boards() -> Iterator[None]:
+    """Wait for the answer of a board as long as for everything else: a busy machine is no board that is silent."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command_channel, "ANSWER_S", PATIENCE)
+        patch.setattr(measuring, "_CANCEL_S", PATIENCE)
         yield
 
 

@@ -64,7 +64,8 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
 
 
 def test_ctrl_c_ends_it_and_the_board_keeps_its_values(board):
-    with command("calibrate", board.port, "--seconds", "1000") as process:
+    patient = "from kalscope.export.board import measuring; measuring._CANCEL_S = 120\n"
+    with command("calibrate", board.port, "--seconds", "1000", change=patient) as process:
         wait_until(lambda: "c 1000" in board.asked)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(PATIENCE)

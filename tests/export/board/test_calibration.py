@@ -111,9 +111,8 @@ def test_commands_name_their_channel_and_an_impossible_time_is_refused():
 
 
 @pytest.fixture
-def connected(monkeypatch):
+def connected():
     """A board, and the source that reads it."""
-    monkeypatch.setattr(measuring, "_ANSWER_S", PATIENCE)  # a busy machine is no board that is silent
     opened = []
 
     def connect(*args, **options):

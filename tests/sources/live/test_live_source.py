@@ -198,6 +198,13 @@ def test_a_line_sent_is_answered_by_the_next_line_with_a_hash(board, live, wait_
     np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(14))
 
 
+def test_a_board_that_goes_before_it_answers_is_not_waited_for(board, live):
+    board.say(lines(0, 10))
+    threading.Thread(target=lambda: (board.heard(), board.unplug())).start()
+    with pytest.raises(BadDevice, match="was disconnected before it answered"):
+        live.send("q0.01", timeout=PATIENCE)
+
+
 def test_no_answer_is_the_fault_of_the_device(live):
     with pytest.raises(BadDevice, match="did not answer within"):
         live.send("hello", timeout=0.1)

@@ -23,6 +23,7 @@ from kalscope.export.board.calibration import (
     NotUnderstood,
 )
 from kalscope.export.board.connected import board_filter, filtered_channels, values_in_use
+from kalscope.sources.live import command_channel
 
 if TYPE_CHECKING:
     from kalscope.sources.live.command_channel import Remark
@@ -33,8 +34,6 @@ MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
 """Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
 MAX_LATE_ROWS = 200
 """Samples after the end within which the answer must have come: those missing at the start make it later."""
-_ANSWER_S = 5.0
-"""Seconds within which a board obeys."""
 _CANCEL_S = 1.0
 """Seconds to wait for it to confirm that it has stopped: Ctrl+C ends a command within 2 s."""
 _TICK = 0.1
@@ -100,7 +99,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         run = _Run(
             source, heard, len(names), {answer.name: name for answer, name in zip(said, channels, strict=True)}
         )
-        source.send(calibration.start(seconds, number), _ANSWER_S)
+        run.begin(calibration.start(seconds, number))
         try:
             return run.until_done(progress)
         except Cancelled:
@@ -114,8 +113,8 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
         BadDevice: it cannot, did not answer, or its memory is worn.
     """
     with source.commands.listen() as heard:
-        source.send(calibration.KEEP if kept else calibration.FORGET, _ANSWER_S)
-        end = time.monotonic() + _ANSWER_S
+        source.send(calibration.KEEP if kept else calibration.FORGET)
+        end = time.monotonic() + command_channel.ANSWER_S
         while (left := end - time.monotonic()) > 0.0:
             with suppress(Empty):
                 answer = calibration.read_answer(heard.get(timeout=left).text)
@@ -125,7 +124,7 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
                     raise BadDevice(CANNOT)
                 if isinstance(answer, NotKept):
                     raise BadDevice(f"the board could not store its values: {answer.reason}")
-    raise BadDevice(f"the board did not say within {_ANSWER_S:g} s that it did so")
+    raise BadDevice(f"the board did not say within {command_channel.ANSWER_S:g} s that it did so")
 
 
 class _Run:
@@ -140,6 +139,14 @@ class _Run:
         self._rows: int = self._row()
         self._row_at = time.monotonic()
         self._asked = self._row_at
+
+    def begin(self, command: str) -> None:
+        """Tell the board to; BadDevice where it does not answer or has gone."""
+        try:
+            self._source.send(command)
+        except BadDevice:
+            self._check_connection(self._source.status())
+            raise
 
     def until_done(self, progress: Progress) -> tuple[Measurement, ...]:
         """Wait for the answers; the arguments and errors of `measure`."""
@@ -223,11 +230,8 @@ class _Run:
 
     def _check(self, status: LiveStatus, rows: int) -> None:
         """Refuse to wait any longer where no answer can come; `rows` have come."""
+        self._check_connection(status)
         now = time.monotonic()
-        if status.word == "closed":
-            raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
-        if status.word != "connected" or status.reconnects != self._reconnects:
-            raise BadDevice(f"the board was unplugged while it measured. {_STARTS_WITH}")
         if rows != self._rows:
             self._rows, self._row_at = rows, now
         silence = max(MAX_SILENCE_S, MAX_SILENT_PERIODS * (status.period or 0.0))
@@ -242,3 +246,10 @@ class _Run:
         late = [row + answer.rows + MAX_LATE_ROWS for row, answer in self._begun.values()]
         if late and rows > max(late):
             raise BadDevice("the board's answer was lost on the way: what it uses now is not known. Measure again")
+
+    def _check_connection(self, status: LiveStatus) -> None:
+        """Refuse to wait for a board that has gone, or has started again since."""
+        if status.word == "closed":
+            raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
+        if status.word != "connected" or status.reconnects != self._reconnects:
+            raise BadDevice(f"the board was unplugged while it measured. {_STARTS_WITH}")

@@ -14,9 +14,11 @@ from kalscope.sources.lines.line_reader import LineEvent
 
 MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
-_REPLY_PAUSE = 0.25
-"""Seconds without another line with # after which a reply is complete."""
-_MAX_REPLY_S = 1.0
+ANSWER_S = 5.0
+"""Seconds within which a board answers."""
+_REPLY_PAUSE = 1.0
+"""Seconds without any line after which a reply is complete; the next sample completes it at once."""
+_MAX_REPLY_S = 2.0
 """Seconds after which it is taken as complete anyway: a board may say something without end."""
 _MAX_REMARKS = 1000
 """Remarks that wait for a listener; what comes on top is left out."""
@@ -43,10 +45,11 @@ class CommandChannel:
         self._one_at_a_time = threading.Lock()
         self._replies: list[str] = []
         self._is_pending = False
+        self._is_complete = False  # nothing more can come in reply
         self._replied = threading.Condition()
         self._listeners: tuple[Queue[Remark], ...] = ()
 
-    def send(self, line: str, timeout: float) -> tuple[str, ...]:
+    def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
         """Send a line and wait for the reply; arguments and errors as `LiveSource.send`."""
         data = line.encode("utf-8") + b"\n"
         if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
@@ -57,10 +60,11 @@ class CommandChannel:
         with self._one_at_a_time:
             with self._replied:
                 self._replies.clear()
+                self._is_complete = False
                 self._is_pending = True
             try:
                 self._write(data)
-                return self._reply(timeout)
+                return self._reply(ANSWER_S if timeout is None else timeout)
             finally:
                 self._is_pending = False
 
@@ -85,26 +89,37 @@ class CommandChannel:
         if not (self._is_pending or self._listeners):
             return
         found: list[Remark] = []
+        is_complete = False
         for event in events:
             if event.kind == "row":
                 row += len(event.rows)
+                is_complete = is_complete or bool(found or self._replies)
             elif event.kind == "comment" and event.text.startswith("#"):
                 found.append(Remark(event.text, row, generation))
         for remark in found:
             for heard in self._listeners:
                 with suppress(Full):
                     heard.put_nowait(remark)
-        if found and self._is_pending:
+        if (found or is_complete) and self._is_pending:
             with self._replied:
                 self._replies += [remark.text for remark in found]
+                self._is_complete = self._is_complete or is_complete
                 self._replied.notify_all()
+
+    def on_disconnected(self) -> None:
+        """End the wait for a reply that cannot come."""
+        with self._replied:
+            self._is_complete = True
+            self._replied.notify_all()
 
     def _reply(self, timeout: float) -> tuple[str, ...]:
         with self._replied:
-            if not self._replied.wait_for(lambda: bool(self._replies), timeout):
+            if not self._replied.wait_for(lambda: bool(self._replies) or self._is_complete, timeout):
                 raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
+            if not self._replies:
+                raise BadDevice("the board was disconnected before it answered")
             known, end = 0, time.monotonic() + _MAX_REPLY_S
-            while len(self._replies) > known and time.monotonic() < end:
+            while len(self._replies) > known and not self._is_complete and time.monotonic() < end:
                 known = len(self._replies)
                 self._replied.wait(_REPLY_PAUSE)
             return tuple(self._replies)

@@ -134,6 +134,7 @@ class LiveSource:
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()
+        self.commands.on_disconnected()
         self.stop_recording()
 
     def __enter__(self) -> Self:
@@ -188,15 +189,15 @@ class LiveSource:
         """End the recording and close its file; does nothing if none is active."""
         self._slot.end()
 
-    def send(self, line: str, timeout: float = 2.0) -> tuple[str, ...]:
+    def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
         """Send one line to the board and wait for its answer, the next line that begins with #.
 
         Args:
             line: At most 62 bytes, without newline: an AVR loses what comes in faster than it reads.
-            timeout: Seconds to wait.
+            timeout: Seconds to wait; None = 5 s.
 
         Returns:
-            The line, and those with # that follow it at once.
+            The line, and those with # that follow it before the next sample.
 
         Raises:
             BadSetting: `line` is too long or holds a newline.
@@ -251,6 +252,7 @@ class LiveSource:
         self._disconnected_at = event.at
         with self._lock:
             self._lines.disconnected()
+        self.commands.on_disconnected()
         self._report_drops()
 
     def _take(self, received: BytesReceived) -> None:
