@@ -70,7 +70,7 @@ def open_dashboard(
     from kalscope_app.guard.token_file import kept_token
     from kalscope_app.program.log_file import logging_to
     from kalscope_app.session.share import apply_options
-    from kalscope_app.views.window.page_script import page_script
+    from kalscope_app.views.window.page.page_script import page_script
 
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)

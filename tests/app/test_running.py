@@ -14,7 +14,7 @@ from waiting import PATIENCE, wait_until
 from wire import Guest
 
 from kalscope_app.session.session import Failed
-from kalscope_app.views.window.page_script import MAP_POINTED
+from kalscope_app.views.window.page.page_script import MAP_POINTED
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
 

@@ -17,7 +17,7 @@ from waiting import PATIENCE
 
 from kalscope_app.guard.rules import Policy
 from kalscope_app.guard.server import GuardedServer, guarded_server
-from kalscope_app.views.window.page_script import page_script
+from kalscope_app.views.window.page.page_script import page_script
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

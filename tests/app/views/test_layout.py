@@ -15,7 +15,7 @@ from kalscope_app.views.window.layout import (
     WINDOW_HEIGHT,
     height_of,
 )
-from kalscope_app.views.window.page_script import PHONE_CHECKBOX, SIZES, page_script
+from kalscope_app.views.window.page.page_script import PHONE_CHECKBOX, SIZES, page_script
 
 
 def test_the_charts_of_the_signal_tab_fill_its_height():

@@ -19,7 +19,7 @@ from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy,
 from kalscope_app.views.charts.time_axis import time_label
 from kalscope_app.views.scales import scale_for, time_scale_for
 from kalscope_app.views.text import capitalised, escape_markdown
-from kalscope_app.views.window.page_script import EXPORT_BUTTON
+from kalscope_app.views.window.page.page_script import EXPORT_BUTTON
 
 NAMES: tuple[str, ...] = (
     "Moving average",

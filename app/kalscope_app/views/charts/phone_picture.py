@@ -19,7 +19,7 @@ from kalscope_app.views.charts.style import DARK, LIGHT, SENSORS, Palette
 from kalscope_app.views.charts.time_axis import time_axis
 from kalscope_app.views.scales import range_text, scale_for
 from kalscope_app.views.window.layout import shape_of
-from kalscope_app.views.window.page_script import PHONE_CHECKBOX
+from kalscope_app.views.window.page.page_script import PHONE_CHECKBOX
 
 if TYPE_CHECKING:
     from PIL import ImageDraw

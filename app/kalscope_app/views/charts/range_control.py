@@ -16,7 +16,7 @@ from kalscope_app.views.binding import bind, on_user
 from kalscope_app.views.charts.time_axis import time_points
 from kalscope_app.views.scales import Scale, time_scale_for
 from kalscope_app.views.window.css import ONE_BUTTON
-from kalscope_app.views.window.page_script import ZOOM_SLIDER
+from kalscope_app.views.window.page.page_script import ZOOM_SLIDER
 
 WINDOW = (0.0, 1.0)
 """The present window in shares of itself. A double click asks for more: it means the whole recording."""

@@ -26,7 +26,7 @@ from kalscope_app.studies.map_geometry import MapFrame, Point, frame_for
 from kalscope_app.studies.tuning_map import TuningMap, exponents_of, nothing
 from kalscope_app.views.binding import bind, offer, on_user, put
 from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_picture, draw_ring
-from kalscope_app.views.window.page_script import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
+from kalscope_app.views.window.page.page_script import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet

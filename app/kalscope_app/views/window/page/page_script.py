@@ -8,8 +8,9 @@ It also lets the charts write the numbers under the mouse to six digits, and the
 uPlot itself writes three decimals, and so 0 for whatever is below 0.0005, and marks a sample that is missing in the
 corner of the chart.
 
-`text_boxes.js` decides when a typed text counts and what may be written over it, `keyboard.js` makes the page work
-without a mouse, `scene.js` without WebGL, and `map.js` beside `views/map/view.py` shows the tuning map.
+`keep_up.js` keeps a slow browser from falling behind a board, `text_boxes.js` decides when a typed text counts and
+what may be written over it, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL, and
+`map.js` beside `views/map/view.py` shows the tuning map.
 """
 
 from __future__ import annotations
@@ -77,9 +78,13 @@ SIZES = {
 }
 
 
+NAMES = "keep_up", "scene", "page_script", "text_boxes", "keyboard"
+"""The scripts beside this module, in the order in which they get each message."""
+
+
 def page_script() -> str:
     """The script for the head of the page."""
     views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
-    names = "window/scene", "window/page_script", "window/text_boxes", "window/keyboard", "map/map"
-    parts = (views.joinpath(f"{name}.js").read_text("utf-8") for name in names)
+    scripts = *(f"window/page/{name}.js" for name in NAMES), "map/map.js"
+    parts = (views.joinpath(script).read_text("utf-8") for script in scripts)
     return APPLY_RULES + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
