@@ -1,11 +1,12 @@
 """A board that floods `kalscope record` and a recording dashboard: memory, the account of every line, and the end.
 
-Each run sends lines for some seconds, at 10 MB/s or as fast as they are taken, in turns. In odd runs the flood ends
-first, and received = written + rejected + dropped must be the lines that were sent; in even ones SIGTERM comes
-in the flood. Exit status 1 where a line is not accounted for, the end takes more than 2 s, or the memory of the
-second half grows by more than the samples that the dashboard keeps.
+Each run sends lines for some seconds. In odd runs the flood ends first, and received = written + rejected + dropped
+must be the lines that were sent; in even ones SIGTERM comes in the flood. The dashboard has a page whose messages
+are read, or, in every second pair of runs, one that stops reading; with `--chromium` a real one. Exit status 1
+where a line is not accounted for, the end takes more than 2 s, or the memory of the second half grows by more than
+the samples that the dashboard keeps.
 
-    python benchmarks/flooded.py [--seconds 60] [--times 20] [--only record] [--json]
+    python benchmarks/flooded.py [--seconds 60] [--times 20] [--rate 10] [--only record] [--chromium] [--json]
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import logging
 import re
 import signal
 import statistics
@@ -20,12 +22,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from dashboard_page import PROGRAM, Program
+from dashboard_page import PROGRAM, Program, chromium, dashboard_page
 from machine import rss_mb
 
 _SUPPORT = Path(__file__).resolve().parents[1] / "tests/support"
@@ -36,8 +38,8 @@ LIMIT_S = 2.0
 """Longest time from SIGTERM to the end that passes, s."""
 GROWTH_MB = {"record": 20.0, "open": 100.0}
 """Growth of the memory in the second half that passes, MB: the dashboard keeps a million samples a channel."""
-RATES = (10e6, None)
-"""Bytes a second; None = as fast as they are taken."""
+PAGES = ("reads", "stops")
+"""What a page of which only the messages are read does with them."""
 ACCOUNT = re.compile(r"received (\d+) lines = (\d+) written \+ (\d+) rejected \+ (\d+) dropped")
 
 
@@ -46,7 +48,10 @@ class Row:
     """What one run showed."""
 
     command: str
+    page: str
+    """What is connected to the dashboard."""
     rate: float | None
+    """Bytes a second; None = as fast as they are taken."""
     ends_first: bool
     """Whether the flood ended before the command."""
     sent: int
@@ -75,7 +80,7 @@ class Row:
 
 @contextmanager
 def recorder(port: str, folder: Path) -> Generator[subprocess.Popen[str]]:
-    """`kalscope record`."""
+    """`kalscope record`, started."""
     with subprocess.Popen(
         [PROGRAM, "record", port, "-o", "recording.csv"],
         cwd=folder,
@@ -83,35 +88,35 @@ def recorder(port: str, folder: Path) -> Generator[subprocess.Popen[str]]:
         stderr=subprocess.DEVNULL,
         text=True,
     ) as process:
+        time.sleep(2.0)
         yield process
 
 
 @contextmanager
-def dashboard(port: str, folder: Path) -> Generator[subprocess.Popen[str]]:
-    """`kalscope open` with a page of which only the messages are read, and the recorder on."""
+def dashboard(port: str, folder: Path, page: str) -> Generator[subprocess.Popen[str]]:
+    """`kalscope open` with a page, and the recorder on."""
     guest_of = importlib.import_module("wire").Guest
-    with Program(port, folder=folder) as program:
+    with Program(port, folder=folder) as program, ExitStack() as pages:
         number, token = re.findall(r":(\d+)/\?token=(\S+)", program.url)[0]
-        with guest_of(int(number), token) as guest:
-            guest.read_until(
-                lambda: "Record" in [made.get("props", {}).get("label") for made in guest.widgets.values()]
-            )
-            guest.set(guest.find("Record"), True)
-            guest.read_until((folder / "recording.csv").exists)
+        guest = pages.enter_context(guest_of(int(number), token))
+        guest.read_until(
+            lambda: "Record" in [made.get("props", {}).get("label") for made in guest.widgets.values()]
+        )
+        guest.set(guest.find("Record"), True)
+        guest.read_until((folder / "recording.csv").exists)
+        if page == "stops":
+            pages.enter_context(guest.connection.recv_flow_control)  # holding it, nothing more is read
+        elif page == "chromium":
+            pages.enter_context(dashboard_page(pages.enter_context(chromium()), program.url, live=True))
         yield program.process
 
 
-COMMANDS: dict[str, Callable[[str, Path], object]] = {"record": recorder, "open": dashboard}
-
-
-def run(command: str, rate: float | None, seconds: float, *, ends_first: bool) -> Row:
+def run(command: str, page: str, rate: float | None, seconds: float, *, ends_first: bool) -> Row:
     """One flood."""
     with tempfile.TemporaryDirectory(prefix="flooded-") as name, Flood(LINES, rate=rate) as flood:
-        folder, memory = Path(name), list[float]()
-        start = recorder if command == "record" else dashboard
+        folder, memory, port = Path(name), list[float](), f"socket://127.0.0.1:{flood.port}"
         flood.pause()
-        with start(f"socket://127.0.0.1:{flood.port}", folder) as process:
-            time.sleep(2.0 if command == "record" else 0.0)  # it has started
+        with recorder(port, folder) if command == "record" else dashboard(port, folder, page) as process:
             flood.resume()
             end = time.monotonic() + seconds
             for quarter in (3, 2, 1, 0):
@@ -128,15 +133,16 @@ def run(command: str, rate: float | None, seconds: float, *, ends_first: bool) -
         sent = (flood.sent + len(LINES) - 1) // len(LINES) * LINES.count(b"\n")
         found = ACCOUNT.search((folder / "recording.csv").read_text()[-1000:])
         received, written, rejected, dropped = map(int, found.groups() if found else "1000")
-    return Row(command, rate, ends_first, sent, received, written, rejected, dropped, tuple(memory), took)
+    return Row(command, page, rate, ends_first, sent, received, written, rejected, dropped, tuple(memory), took)
 
 
 def text_of(row: Row) -> str:
     """One line of the table."""
     rate = "any" if row.rate is None else f"{row.rate / 1e6:.0f}"
     memory = " ".join(f"{one:5.0f}" for one in row.memory_mb)
+    page = row.page if row.command == "open" else ""
     return (
-        f"{row.command:7} {rate:>4} {'yes' if row.ends_first else 'no':5} {row.sent:11,} {row.written:11,}"
+        f"{row.command:7} {page:8} {rate:>4} {'yes' if row.ends_first else 'no':5} {row.sent:11,} {row.written:11,}"
         f" {row.rejected:9,} {row.dropped:11,} {row.sent - row.received:9,}  {memory}  {row.end_s:5.2f}"
         f"  {'; '.join(row.faults) or 'ok'}"
     )
@@ -147,15 +153,21 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--times", type=int, default=20, help="runs of each command")
-    parser.add_argument("--only", choices=COMMANDS, help="only this command")
+    parser.add_argument("--only", choices=GROWTH_MB, help="only this command")
+    parser.add_argument("--rate", type=float, default=10.0, help="MB/s; 0 = as fast as they are taken")
+    parser.add_argument("--chromium", action="store_true", help="the page of the dashboard is a real one")
     options = parser.parse_args()
+    logging.getLogger("websockets").setLevel(
+        logging.CRITICAL
+    )  # a page that stops reading is disconnected after 40 s
     if not options.json:
-        print("command MB/s first; lines sent, written, rejected, dropped, unread; MB after each quarter; end s")
+        print("command page MB/s first; lines sent, written, rejected, dropped, unread; MB in each quarter; end s")
+    rate = options.rate * 1e6 or None
     rows: list[Row] = []
     for number in range(options.times):
-        for command in [options.only] if options.only else COMMANDS:
-            rate, ends_first = RATES[number // 2 % 2], number % 2 == 0
-            rows.append(run(command, rate, options.seconds, ends_first=ends_first))
+        page = "chromium" if options.chromium else PAGES[number // 2 % 2]
+        for command in [options.only] if options.only else GROWTH_MB:
+            rows.append(run(command, page, rate, options.seconds, ends_first=number % 2 == 0))
             if not options.json:
                 print(text_of(rows[-1]), flush=True)
     faults = sum(bool(row.faults) for row in rows)
