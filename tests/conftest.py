@@ -42,13 +42,16 @@ settings.load_profile("kalscope")
 
 
 def pytest_configure() -> None:
-    """Restore SIGINT, which a shell ignores in background jobs: every program that a test starts inherits it.
+    """Restore the signals that this run was started to ignore: every program that a test starts inherits that.
 
-    While tests are collected almost nothing becomes garbage: looking for it takes a quarter of the time.
+    A shell starts its background jobs with SIGINT ignored, and nohup its command with SIGHUP. While tests are
+    collected almost nothing becomes garbage: looking for it takes a quarter of the time.
     """
     gc.disable()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if os.name == "posix" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(trylast=True)
