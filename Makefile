@@ -104,9 +104,18 @@ can-test:
 	$(BIN)/python -m pip install --quiet --editable ".[$*]"
 	touch $@
 
-# In a fresh checkout every worker would compile the same kernels and tests, all at the same time.
-.venv/warm.stamp: .venv/test.stamp
-	$(BIN)/python tests/support/starting/warm_program.py & $(BIN)/python -m pytest --collect-only -qqq >/dev/null; wait
+# In a fresh checkout every worker would compile the same kernels and tests, all at the same time. The kernels need
+# nothing but the program: they are compiled while pip installs what only tests need.
+.venv/warm.stamp: .venv/run.stamp
+	$(MAKE) -j2 .venv/kernels.stamp .venv/collected.stamp
+	touch $@
+
+.venv/kernels.stamp: .venv/run.stamp
+	$(BIN)/python tests/support/starting/warm_kernels.py
+	touch $@
+
+.venv/collected.stamp: .venv/test.stamp
+	$(BIN)/python -m pytest --collect-only -qqq >/dev/null
 	touch $@
 
 .venv/check.stamp: .venv/test.stamp .venv/bench.stamp

@@ -1,0 +1,64 @@
+"""Compile every loop that takes long to, before a test needs it: else each worker that comes to it compiles it.
+
+A minute of one core. `make test` spends it while pip installs what only tests need, so this needs nothing of that.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import warm_program  # noqa: F401  # the loops of the dashboard
+
+from kalscope import (
+    FilterParams,
+    FusionParams,
+    denoise,
+    estimate,
+    estimate_fusion,
+    estimate_many,
+    fuse,
+    kalman_filter,
+    read_recording,
+    smooth,
+)
+from kalscope.estimation.fleet.held_out import held_out
+from kalscope.estimation.fleet.pool import pool_of
+from kalscope.export.board.fusion import fuse_float32
+from kalscope.export.float32 import filter_float32
+from kalscope.filtering.pieces.chosen import filter_at
+from kalscope.papers.generalized import filter as generalized
+
+SAMPLES = 30_000
+"""More than a loop takes as plain Python."""
+PLAIN, MOVING = FilterParams(0.1, 1.0), FilterParams(0.1, 1.0, momentum=5.0)
+TWO = {"r": [1.0, 2.0], "offset": [0.0, 0.5], "gain": [1.0, 1.0]}
+
+rng = np.random.default_rng(1)
+z = np.cumsum(0.3 * rng.standard_normal(SAMPLES)) + rng.standard_normal(SAMPLES)
+spiky = z[:400].copy()
+spiky[[50, 170, 320]] += 40.0
+pair = z[:, None] + rng.standard_normal((SAMPLES, 2))
+
+for params in (PLAIN, MOVING):
+    denoise(z, params)
+    kalman_filter(z, params)
+    smooth(z, params)
+    filter_float32(z, params)
+    filter_at(z, params, np.arange(0, SAMPLES, 100))
+for method in ("ml", "em", "als"):
+    estimate(spiky, method=method)
+estimate_many([z[:400], spiky])
+generalized.generalized_filter(z, generalized.GeneralizedParams(1.0, reading="without_slip"))
+pool_of([z[:400], spiky])
+held_out([z[:400], spiky])
+for momentum in (0.0, 5.0):
+    fused = FusionParams(0.1, **TWO, momentum=momentum)
+    fuse(pair, fused)
+    fuse_float32(pair, fused)
+    estimate_fusion(pair[:400], momentum=momentum)
+with tempfile.TemporaryDirectory() as folder:
+    log = Path(folder) / "log.csv"
+    log.write_text("a,b\n" + "".join(f"{a:.3f},{b:.3f}\n" for a, b in pair.tolist()))
+    read_recording(log)
