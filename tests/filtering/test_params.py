@@ -26,7 +26,7 @@ from kalscope import BadSetting, FilterParams, starting_params
         ({"q": 1, "r": 1, "x0": 1}, "x0 needs p0"),
         ({"q": 1, "r": 1, "p0": 1, "x0": math.nan}, "x0 must be a finite number"),
         ({"q": 1, "r": 1, "gate": 0}, "gate must be a finite threshold"),
-        ({"q": [1, 2], "r": [1, 2, 3]}, "one value a channel (got [2, 3] values)"),
+        ({"q": [1, 2], "r": [1, 2, 3]}, "one value per channel (got [2, 3] values)"),
         ({"q": [[1]], "r": 1}, "q must be a finite variance"),
         ({"q": [], "r": 1}, "q must be a finite variance"),
     ],

@@ -83,8 +83,8 @@ def test_arrays_become_numbers() -> None:
     ("changed", "says"),
     [
         ({"sensors": ("a", "a")}, r"sensors of a fusion must have distinct names \(got \['a', 'a'\]\)"),
-        ({"sensors": ("a",)}, r"one value a sensor \(got 2 for 1 sensors\)"),
-        ({"sensors": ()}, "one value a sensor"),
+        ({"sensors": ("a",)}, r"one value per sensor \(got 2 for 1 sensors\)"),
+        ({"sensors": ()}, "one value per sensor"),
         ({"r": (0.0, 0.0)}, "^at most one r may be 0"),
         ({"r": (1.0, 2.0, 3.0)}, "number a sensor"),
         ({"r": (1.0, -1.0)}, "^r must"),

@@ -97,6 +97,6 @@ def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:
     if period is None or tuning.sample_period is None or same_period(period, tuning.sample_period):
         return []
     return [
-        f"the test vectors filter one row a step as the device will; their rows are {period:.6g} s apart, the"
+        f"the test vectors filter one row per step as the device will; their rows are {period:.6g} s apart, the"
         f" tuning is for {tuning.sample_period:.6g} s"
     ]

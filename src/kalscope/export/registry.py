@@ -36,7 +36,7 @@ class Target:
     calibration: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the filter and what measures r on the device; None = the target has no such option."""
     fused: Callable[[FusionJob], dict[str, str]] | None = None
-    """Writes the filter that fuses several sensors; None = the target takes one reading a sample."""
+    """Writes the filter that fuses several sensors; None = the target takes one reading per sample."""
     chains: bool = False
     """Whether it can hold a chain or a classic filter in place of the Kalman filter."""
     is_offered: bool = True

@@ -72,7 +72,7 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
     except (TypeError, ValueError):
         raise BadSetting("dt must be an array of numbers (got something else)") from None
     if steps.shape != (n,):
-        raise BadSetting(f"dt must have one value a sample, shape ({n},) (got {steps.shape})")
+        raise BadSetting(f"dt must have one value per sample, shape ({n},) (got {steps.shape})")
     if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
         raise BadSetting(f"dt must be finite and not negative (got {steps.min()} to {steps.max()})")
     return steps

@@ -72,7 +72,7 @@ class FilterParams:
             raise BadSetting(f"x0 needs p0, the variance of that first estimate (got x0 = {self.x0} alone)")
         lengths = {len(v) for v in checked.values() if isinstance(v, np.ndarray)}
         if len(lengths) > 1:
-            raise BadSetting(f"parameters must have one value a channel (got {sorted(lengths)} values)")
+            raise BadSetting(f"parameters must have one value per channel (got {sorted(lengths)} values)")
         if np.any((np.asarray(checked["q"]) == 0.0) & (np.asarray(checked["r"]) == 0.0)):
             raise BadSetting("q and r must not both be 0: their ratio decides the filter (got q = 0, r = 0)")
         for name, value in checked.items():

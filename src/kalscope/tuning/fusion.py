@@ -55,7 +55,8 @@ class FusionTuning:
         params = self.params
         if params.sensors != len(self.sensors):
             raise BadSetting(
-                f"r of a fusion must have one value a sensor (got {params.sensors} for {len(self.sensors)} sensors)"
+                f"r of a fusion must have one value per sensor "
+                f"(got {params.sensors} for {len(self.sensors)} sensors)"
             )
         for name in ("q", "p0", "x0", "gate", "momentum"):
             object.__setattr__(self, name, getattr(params, name))

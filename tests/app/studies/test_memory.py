@@ -23,7 +23,7 @@ from kalscope_app.studies.variant_table import VariantTable
 
 SHORT, LONG = 150_000, 300_000
 COLUMN = 8 * (LONG - SHORT)
-"""Bytes by which one number a sample differs."""
+"""Bytes by which one number per sample differs."""
 
 MAX_COLUMNS = 10
 """Six times the samples' bytes, values and time, less these samples themselves."""

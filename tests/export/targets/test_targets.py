@@ -50,7 +50,7 @@ def write(files, folder):
 
 
 def lines_of(recording):
-    """The samples as a program reads them, one row a line, digits that read back bit for bit."""
+    """The samples as a program reads them, one row per line, digits that read back bit for bit."""
     return "".join(" ".join(map(repr, row)) + "\n" for row in recording.values.tolist())
 
 

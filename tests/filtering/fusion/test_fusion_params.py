@@ -14,7 +14,7 @@ R = np.array([1.0, 4.0])
 @each(
     ("wrong", "message"),
     [
-        ({"r": 1.0}, "r must be one variance a sensor"),
+        ({"r": 1.0}, "r must be one variance per sensor"),
         ({"r": []}, "r must be"),
         ({"r": [1.0, -1.0]}, "r must be a finite variance"),
         ({"r": [[1.0]]}, "r must be"),
@@ -24,7 +24,7 @@ R = np.array([1.0, 4.0])
         ({"gate": np.array([9.0, 9.0])}, "gate must be one number for all sensors"),
         ({"x0": 1.0}, "x0 needs p0"),
         ({"momentum": -1.0}, "momentum must be"),
-        ({"offset": [1.0]}, r"offset must be one number a sensor, shape \(2,\)"),
+        ({"offset": [1.0]}, r"offset must be one number per sensor, shape \(2,\)"),
         ({"offset": [1.0, np.nan]}, "offset must be"),
         ({"offset": "ab"}, "offset must be one finite number"),
         ({"gain": [1.0, 0.0]}, "gain must not be 0"),

@@ -1,4 +1,4 @@
-"""Long tables: one value a row, beside its name, as Home Assistant, InfluxDB and databases export them."""
+"""Long tables: one value per row, beside its name, as Home Assistant, InfluxDB and databases export them."""
 
 import json
 

@@ -155,7 +155,7 @@ def open_quote(path: Path, size: int) -> None:
 
 
 WIDE = "refused: log.csv must be a table of numbers, of at most 256 columns"
-NO_TABLE = "refused: log.* must be a table of numbers, one sample a line"
+NO_TABLE = "refused: log.* must be a table of numbers, one sample per line"
 NO_ROWS = "refused: log.csv must hold numbers below its header"
 NO_LINES = "refused: log.* must hold lines of numbers"
 NO_TEXT = "refused: log.csv must be a text file"

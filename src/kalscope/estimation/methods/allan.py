@@ -51,7 +51,7 @@ def allan_variances(
 ) -> tuple[Array, Array, Array]:
     """M, overlapping Allan variances, and their degrees of freedom; shape (k,) each.
 
-    `row` has one value a sample period, `there` says which exist; windows with a missing sample are left out.
+    `row` has one value per sample period, `there` says which exist; windows with a missing sample are left out.
     `sizes` are the M asked for, ascending; None = powers of two. Those with too few windows are left out.
     """
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, row, 0.0))])

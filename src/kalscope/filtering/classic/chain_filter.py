@@ -151,7 +151,7 @@ class ChainStream:
         step = step_of(dt)
         samples = samples_of(z)
         if samples.ndim > 1 or samples.size == 0:
-            raise BadSetting(f"z must be a number or hold one value a channel (got shape {samples.shape})")
+            raise BadSetting(f"z must be a number or hold one value per channel (got shape {samples.shape})")
         each = np.atleast_1d(samples)
         if np.isinf(each).any():
             raise BadSetting(f"z must be finite, or NaN where missing (got {z})")

@@ -21,7 +21,7 @@ FIRST_CAPACITY = 4096
 
 @dataclass(frozen=True)
 class FusedSignal:
-    """What a chart draws of fused sensors, one value a row."""
+    """What a chart draws of fused sensors, one value per row."""
 
     x: Array
     """Fused value, unit."""

@@ -52,7 +52,7 @@ class FusionParams:
     def __post_init__(self) -> None:
         one = FilterParams(self.q, self.r, self.p0, self.x0, self.gate, self.momentum)
         if one.channels is None or not isinstance(one.r, np.ndarray):
-            raise BadSetting(f"r must be one variance a sensor, shape (sensors,) (got {self.r!r})")
+            raise BadSetting(f"r must be one variance per sensor, shape (sensors,) (got {self.r!r})")
         checked: dict[str, Any] = {
             "r": one.r,
             "offset": _each("offset", self.offset, 0.0, one.channels),
@@ -146,10 +146,10 @@ def _each(name: str, value: Any, missing: float, sensors: int) -> Array:
     try:
         array = np.array(np.full(sensors, missing) if value is None else value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be one finite number a sensor (got {value!r})") from None
+        raise BadSetting(f"{name} must be one finite number per sensor (got {value!r})") from None
     if array.shape != (sensors,) or not np.all(np.abs(array) <= MAX_OFFSET):
         raise BadSetting(
-            f"{name} must be one number a sensor, shape ({sensors},) as r, of a size up to 1e200 (got {value})"
+            f"{name} must be one number per sensor, shape ({sensors},) as r, of a size up to 1e200 (got {value})"
         )
     array.setflags(write=False)
     return array

@@ -35,7 +35,7 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
     """
     size = path.stat().st_size
     if size > MAX_BYTES:
-        raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object a line (got {size} bytes)")
+        raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object per line (got {size} bytes)")
     progress(0.0, "reading")
     data = path.read_bytes()
     document = load_json(data.decode(json.detect_encoding(data), "replace"))

@@ -22,7 +22,7 @@ OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
 """What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
-"""First lines that show whether a file is one JSON document or has one object a line."""
+"""First lines that show whether a file is one JSON document or has one object per line."""
 
 Recogniser = Callable[[bytes, str], bool]
 """Whether the head of a file, and its name in lower case, are of a kind."""

@@ -1,4 +1,4 @@
-"""Parquet files, read by DuckDB: one row a sample, the file gives the column types."""
+"""Parquet files, read by DuckDB: one row per sample, the file gives the column types."""
 
 from __future__ import annotations
 

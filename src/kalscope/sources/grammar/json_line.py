@@ -1,4 +1,4 @@
-"""JSON as pairs of a name and a text: one object a line, as boards and MQTT loggers write it."""
+"""JSON as pairs of a name and a text: one object per line, as boards and MQTT loggers write it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long ("tidy") tables: one value a row, beside the name of what was measured, as databases export them.
+"""Long ("tidy") tables: one value per row, beside the name of what was measured, as databases export them.
 
 Home Assistant writes `entity_id,state,last_changed`, InfluxDB `_time,_value,_field,_measurement` and tags, others
 time, name, value and perhaps the unit.

@@ -59,7 +59,8 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     return BadFile(
-        f"{name} must be a table of numbers, one sample a line, all of one width (got {_closest(said)}): {instead}"
+        f"{name} must be a table of numbers, one sample per line, all of one width "
+        f"(got {_closest(said)}): {instead}"
     )
 
 

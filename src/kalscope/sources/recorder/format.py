@@ -1,6 +1,6 @@
 """How a recording of a live source is written: its header, its rows, its rejected lines. Pure functions on text.
 
-One comment line says one thing; then come a CSV header and one row a line. Every name survives a round trip
+One comment line says one thing; then come a CSV header and one row per line. Every name survives a round trip
 through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
 """
 

@@ -74,7 +74,7 @@ def series_of(
         return Series(_writeable(values), starts, np.empty(0))
     steps, others = _joined(dt, "dt")
     if not np.array_equal(starts, others):
-        raise BadSetting("dt must have one value a sample of each series (got other lengths)")
+        raise BadSetting("dt must have one value per sample of each series (got other lengths)")
     return Series(_writeable(values), starts, _writeable(steps))
 
 

@@ -52,7 +52,7 @@ def refusal_of_fusion(job: FusionJob, target: str, able: Iterable[str]) -> BadSe
         filtered = f"{_mean_text(fusion)} with q = {single.q:.6g} and r = {single.r:.6g}"
         instead += f"; or, if all sensors always answer, give it {filtered}"
     return BadSetting(
-        f"target must be a filter of several sensors (got {target}, which takes one reading a sample)."
+        f"target must be a filter of several sensors (got {target}, which takes one reading per sample)."
         f" Export {', '.join(able)}; {instead}"
     )
 
