@@ -45,7 +45,7 @@ p > code { overflow-wrap: anywhere; }
 p:has(> .kalscope-command) > code { display: inline-block; max-width: 100%; padding: 0; }
 th:not(:empty) { padding-bottom: 0.15em; }
 :is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
-@media (max-width: 36em) { table { display: block; overflow-x: auto; } }
+@media (max-width: 36em) { table { display: block; overflow-x: auto; font-size: 0.9em; } }
 .mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]) {
   background: transparent; border: 1px solid var(--mantine-primary-color-filled); color: var(--mantine-color-text);
 }

@@ -42,6 +42,7 @@ signal.alt = "The signal: raw and filtered";
 
 const show = ({ format, rgb_data: data }) => {
   URL.revokeObjectURL(signal.src);
+  if (!data?.byteLength) return signal.remove(); // none yet, and no broken picture in its place
   signal.src = URL.createObjectURL(new Blob([data], { type: `image/${format}` }));
   if (!signal.isConnected) document.querySelector(sizes.scene)?.after(signal);
 };
