@@ -11,8 +11,9 @@ from waiting import wait_until
 
 pytestmark = pytest.mark.browser
 
-LONG = {"goal", "fleet", "live"} if FUZZ == 1 else set()
-"""Left to `make soak`: a fleet takes half a minute, a board ten seconds, the goal is nearly the first picture."""
+LONG = {"dark", "phone", "goal", "fleet", "live"} if FUZZ == 1 else set()
+"""Left to `make soak`: a fleet and a board take ten seconds each; the goal, the dark theme and the phone show what
+the first picture shows, and `make pictures` makes all of them."""
 
 
 @pytest.mark.parametrize("name", [name for name in PICTURES if name not in LONG])

@@ -20,16 +20,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from chromium import CHROMIUM, FLAGS
-from fleet_folder import finished_fleet
+from fleet_folder import FleetRun
 from PIL import Image
 from program import command, next_line
 from screen import FIND, Screen, dashboard
 from shared_page import SharedPage, shared_page
 
+from kalscope.cli.tune.options import TuneOptions
+from kalscope.tuning.fleet.work.asked import Asked
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
+DOCS = Path(__file__).parents[3] / "docs"
+FOLDER = DOCS / "pictures"
 STAMPS = FOLDER / "stamps.json"
 WIDTH, HEIGHT = 1440, 900
 SETTLED_MS = 3000
@@ -55,6 +59,8 @@ class Picture:
     """What is open; a board where it is `BOARD`."""
     steps: Callable[[Screen], None]
     """From what `kalscope open SOURCE` shows to what is to be seen."""
+    size: tuple[int, int] = (WIDTH, HEIGHT)
+    """Of the window."""
 
 
 BOARD = "board"
@@ -69,6 +75,21 @@ def goal(lag_ms: str) -> Callable[[Screen], None]:
         screen.page.get_by_text(re.compile("leaves")).first.wait_for()
 
     return steps
+
+
+def in_the_dark(screen: Screen) -> None:
+    """The goal *maximum lag* is applied, in the dark theme."""
+    goal("50")(screen)
+    screen.tab("View")
+    screen.page.get_by_text("dark theme").click()
+    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    screen.tab("Tune")
+
+
+def on_a_phone(screen: Screen) -> None:
+    """The goal *maximum lag* is applied, in the window of a phone."""
+    goal("50")(screen)
+    screen.page.locator(".kalscope-phone").wait_for()
 
 
 def best_fit(screen: Screen) -> None:
@@ -107,8 +128,17 @@ def fleet(screen: Screen) -> None:
     screen.type("fleet folder", "result", enter=False)
     press(screen, "Open fleet")
     screen.page.locator(".kalscope-map > div").wait_for()
-    screen.choose("open device", "1. dev03.csv")
-    screen.wait(f"() => ({FIND})('raw')?.data[0].length === 300")
+    screen.choose("open device", "1. dev20.csv")
+    screen.page.get_by_text("dev20.csv").first.wait_for()
+
+
+def fleet_of_the_guide(folder: Path) -> None:
+    """The logs that the program of the guide makes, tuned as its command does, but without Dask."""
+    program = re.search(r"```python run\n(.*?)```", (DOCS / "guide" / "fleet.md").read_text("utf-8"), re.DOTALL)
+    assert program is not None
+    with contextlib.chdir(folder):
+        exec(compile(program[1], "fleet.md", "exec"), {})
+    FleetRun(folder / "logs", folder / "result", Asked(TuneOptions(momentum=0.0))).do().finish()
 
 
 def live(screen: Screen) -> None:
@@ -129,6 +159,8 @@ def tuning_map(screen: Screen) -> None:
 SPIKY = "synthetic:sine?n=1000&sample_period=0.02&amplitude=20&period=8&sigma=2&outliers=0.02&outlier_size=50"
 PICTURES = {
     "screenshot": Picture("demo", goal("50")),
+    "dark": Picture("demo", in_the_dark),
+    "phone": Picture("demo", on_a_phone, (390, 844)),
     "goal": Picture("demo", goal("100")),
     "momentum": Picture("sample:flex_sensor", overshoot),
     "spikes": Picture(SPIKY, best_fit),
@@ -157,8 +189,8 @@ def on_screen(picture: Picture, browser: Browser, page: SharedPage, folder: Path
     """The screen of a picture, on the page that serves all or, for a board, on one of its own."""
     if picture.source != BOARD:
         if picture.steps is fleet:
-            finished_fleet(folder)
-        page.open(picture.source, width=WIDTH, height=HEIGHT)
+            fleet_of_the_guide(folder)
+        page.open(picture.source, *picture.size)
         picture.steps(page)
         yield page
         return
