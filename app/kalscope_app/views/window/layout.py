@@ -16,7 +16,7 @@ RIGHT_WIDTH_WITHOUT_MAP = 965
 WINDOW_HEIGHT = 900
 """Height of the window that all heights below hold for, px."""
 
-CHROME_HEIGHT = 165
+CHROME_HEIGHT = 166
 """Height of everything above and below the charts of the Signal tab: tab bar, range, heading; px. Firefox draws the
 tab bar and the heading 2 px higher than Chromium."""
 
