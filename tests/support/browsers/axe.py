@@ -8,18 +8,18 @@ NAMED = "() => new Promise((done) => setTimeout(done, 250))"
 """Until the page has named what is new: it does so by a timer of 200 ms, which was set before this one."""
 
 
-def findings(page, part="html", rules=()):
-    """Each violation in a part of the page, a CSS selector: the rule, the element, and what is wrong with it.
+def findings(page, rules=()):
+    """Each violation on the page of these rules, () = all: the rule, the element, and what is wrong with it.
 
-    Only these rules are asked; () = all.
+    The work is nearly the same for a part of the page as for all of it.
     """
     if not page.evaluate("() => !!window.axe"):
         page.evaluate(AXE_SCRIPT)
     page.evaluate(NAMED)
     violations = page.evaluate(
-        "([part, rules]) => axe.run(part, {resultTypes: ['violations'], ...(rules.length && {runOnly: rules})})"
+        "(rules) => axe.run({resultTypes: ['violations'], ...(rules.length && {runOnly: rules})})"
         ".then((found) => found.violations)",
-        [part, list(rules)],
+        list(rules),
     )
     return [
         f"{violation['id']}: {node['html'][:120]} {' '.join(check['message'] for check in node['any'])}"
