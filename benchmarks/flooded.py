@@ -27,7 +27,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from dashboard_page import PROGRAM, Program, chromium, dashboard_page
+from dashboard_page import PROGRAM, Program, chromium
 from machine import rss_mb
 
 _SUPPORT = Path(__file__).resolve().parents[1] / "tests/support"
@@ -107,7 +107,9 @@ def dashboard(port: str, folder: Path, page: str) -> Generator[subprocess.Popen[
         if page == "stops":
             pages.enter_context(guest.connection.recv_flow_control)  # holding it, nothing more is read
         elif page == "chromium":
-            pages.enter_context(dashboard_page(pages.enter_context(chromium()), program.url, live=True))
+            opened = pages.enter_context(chromium()).new_page()
+            opened.goto(program.url)
+            opened.get_by_role("tab", name="Source").wait_for(timeout=120_000)
         yield program.process
 
 

@@ -207,10 +207,15 @@ class Dashboard:
         with contextlib.suppress(OSError):  # the first task tries again, and says why it cannot be
             self._worker.warm_up()
 
-    def stop(self) -> None:
-        """Finish a recording and free the port, then end the engine: a frame may take longer than is left."""
+    def finish_recording(self) -> None:
+        """Finish a recording and free the port; no further frame is computed meanwhile."""
         self.notifications.is_ending = True
+        self.engine.end()
         self._connection.close(timeout=0.3)
+
+    def stop(self) -> None:
+        """Finish a recording, then end the worker and the engine, whose last frame may take longer than is left."""
+        self.finish_recording()
         self._worker.close()
         self.engine.stop()
 

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from kalscope_app.program.log_file import Log
     from kalscope_app.session.state import State
 
+MAX_RECORDING_S = 2.5
+"""Longest time to finish a recording, s: it takes 0.6 s unless the machine is busy or the disk hangs."""
+
 
 @reads_source
 def open_dashboard(
@@ -129,7 +132,8 @@ def serve(
             finally:
                 errors.is_ending = True
                 if dashboard is not None:
-                    end_within(1.0, "dashboard", dashboard.stop)
+                    end_within(MAX_RECORDING_S, "recording", dashboard.finish_recording)
+                    end_within(0.5, "dashboard", dashboard.stop)
                 end_within(0.7, "server", guarded.stop)
 
 

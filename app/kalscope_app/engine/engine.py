@@ -83,10 +83,14 @@ class Engine:
         self._session.wakeup.set()
         self._thread.start()
 
-    def stop(self) -> None:
-        """End the thread; returns when it has ended, or after 2 s."""
+    def end(self) -> None:
+        """Let the thread end after what it does now."""
         self._stopping.set()
         self._session.wakeup.set()
+
+    def stop(self) -> None:
+        """End the thread; returns when it has ended, or after 2 s."""
+        self.end()
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:

@@ -41,7 +41,7 @@ from kalscope.sources.recorder.recorder import Recorder
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
 MAX_CLOSE_S = 0.5
-"""Seconds in which `close` takes lines that wait; it leaves out the rest, and counts them."""
+"""Seconds from the call of `close` in which lines that wait are taken; the rest is left out, and counted."""
 _SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
 """Seconds before a read at most in which its first line may have begun to come."""
@@ -128,8 +128,8 @@ class LiveSource:
         Args:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
         """
-        self._reader.close(timeout)
         self._end_by = self._clock.monotonic() + MAX_CLOSE_S
+        self._reader.close(timeout)
         self._stop.set()
         thread, self._thread = self._thread, None
         if thread is not None:
