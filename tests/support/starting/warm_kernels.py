@@ -12,8 +12,14 @@ import numpy as np
 import warm_program  # noqa: F401  # the loops of the dashboard
 
 from kalscope import (
+    Butterworth,
+    Exponential,
     FilterParams,
     FusionParams,
+    KalmanFilter,
+    Median,
+    MovingAverage,
+    OneEuro,
     denoise,
     estimate,
     estimate_fusion,
@@ -27,6 +33,7 @@ from kalscope.estimation.fleet.held_out import held_out
 from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
+from kalscope.filtering.classic.running import RunningStages
 from kalscope.filtering.pieces.chosen import filter_at
 from kalscope.papers.generalized import filter as generalized
 
@@ -45,12 +52,15 @@ for params in (PLAIN, MOVING):
     denoise(z, params)
     kalman_filter(z, params)
     smooth(z, params)
+    KalmanFilter(params).update(1.0)
     filter_float32(z, params)
     filter_at(z, params, np.arange(0, SAMPLES, 100))
+classic = Median(5), MovingAverage(5), Exponential(0.1), Butterworth(0.1), OneEuro(0.1, 0.1, 0.1)
+RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
 for method in ("ml", "em", "als"):
     estimate(spiky, method=method)
 estimate_many([z[:400], spiky])
-generalized.generalized_filter(z, generalized.GeneralizedParams(1.0, reading="without_slip"))
+generalized.generalized_filter(np.abs(z) + 1.0, generalized.GeneralizedParams(1.0))
 pool_of([z[:400], spiky])
 held_out([z[:400], spiky])
 for momentum in (0.0, 5.0):
