@@ -186,18 +186,25 @@ def said(screen: Screen, picture: Picture) -> list[str]:
 
 @contextmanager
 def on_screen(picture: Picture, browser: Browser, page: SharedPage, folder: Path) -> Iterator[Screen]:
-    """The screen of a picture, on the page that serves all or, for a board, on one of its own."""
-    if picture.source != BOARD:
+    """The screen of a picture, on the page that serves all, or on one of its own for a board and for a phone.
+
+    A page that was a phone's has a narrower panel in a wide window.
+    """
+    if picture.source != BOARD and picture.size == (WIDTH, HEIGHT):
         if picture.steps is fleet:
             fleet_of_the_guide(folder)
-        page.open(picture.source, *picture.size)
+        page.open(picture.source, width=WIDTH, height=HEIGHT)
         picture.steps(page)
         yield page
         return
-    with command("demo-board", "--socket", "0") as board, ExitStack() as until:
-        until.callback(board.kill)
-        url = until.enter_context(dashboard(next_line(board).split()[-1], cwd=folder))
-        screen = until.enter_context(Screen(browser, url, width=WIDTH, height=HEIGHT))
+    with ExitStack() as until:
+        source = picture.source
+        if source == BOARD:
+            board = until.enter_context(command("demo-board", "--socket", "0"))
+            until.callback(board.kill)
+            source = next_line(board).split()[-1]
+        url = until.enter_context(dashboard(source, cwd=folder))
+        screen = until.enter_context(Screen(browser, url, *picture.size))
         picture.steps(screen)
         yield screen
 
