@@ -26,6 +26,8 @@ from kalscope.analysis.judgement import judge
 from kalscope.common.text import decibels, number
 from kalscope.estimation.finding import Noise, Request, find_parameters
 
+pytestmark = pytest.mark.slow
+
 row = cache(row_of)
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 
@@ -386,7 +388,6 @@ def test_a_best_fit_that_follows_everything_says_how_little_it_removes():
     assert said.advice[0].text.endswith(f": the best statistical fit removes only {removed} of the noise")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("place", ["nile", "putty_pressure", "sea_surface_temp", "ppg_arduino", "hcsr04_short"])
 def test_a_best_fit_of_a_real_record_that_may_look_worse_says_what_to_do(place):
     paths = sorted(path for path in (SHARED / place).glob("*") if path.suffix in (".csv", ".log"))

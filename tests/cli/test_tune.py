@@ -116,6 +116,7 @@ def test_the_filter_that_is_offered_is_written_in_plain_digits(
 # ---- the page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -257,6 +258,7 @@ def moving(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_momentum_is_found_and_its_gain_and_cost_are_told(moving: Path, capsys: Captured) -> None:
     assert run(["tune", str(moving), "--details"]) == 0
     out = capsys.readouterr().out
@@ -271,6 +273,7 @@ def test_momentum_is_found_and_its_gain_and_cost_are_told(moving: Path, capsys: 
     assert said["prediction_gain"] > 0.02
 
 
+@pytest.mark.slow
 def test_a_given_momentum_is_kept_and_none_is_the_random_walk(moving: Path, capsys: Captured) -> None:
     z = read_recording(moving).channel("z")
     for text, momentum in (("0", 0.0), ("7.5", 7.5)):

@@ -96,6 +96,7 @@ def calm_code(target):
     return {name: without_names(code_of(target, name, text)) for name, text in files.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", WRITING)
 def test_hostile_texts_stay_in_comments_and_strings(target):
     for hostile in NAMES:
@@ -110,6 +111,7 @@ def test_any_text_stays_in_comments_and_strings(target, hostile):
     same_code(target, hostile)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", WRITING)
 def test_hostile_channel_names_are_only_identifiers(target):
     """The code with hostile names is the code with the names that they become."""

@@ -79,6 +79,7 @@ def test_a_long_record_is_simulated_shorter_and_still_contradicts():
 # --- where it does --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "ratio", "missing"), [(80, 0.1, 0.0), (400, 3.0, 0.2), (7000, 0.01, 0.0)])
 def test_chance_explains_the_answers_to_records_of_the_model(n, ratio, missing):
     for seed in range(4 if n < 1000 else 1):
