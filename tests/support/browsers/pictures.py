@@ -1,6 +1,6 @@
 """The pictures of the documentation: how each screen is reached.
 
-Run as a script (`make pictures`) it makes them, or those that are named. With each docs/pictures/stamps.json
+Run as a script (`make pictures`) it makes them, or those that are named. With each picture_stamps.json
 keeps the words that stood on the screen, and their colours. `test_pictures.py` takes the same steps and compares: a
 picture of a former screen fails there.
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 DOCS = Path(__file__).parents[3] / "docs"
 FOLDER = DOCS / "pictures"
-STAMPS = FOLDER / "stamps.json"
+STAMPS = Path(__file__).with_name("picture_stamps.json")
 WIDTH, HEIGHT = 1440, 900
 SETTLED_MS = 3000
 """How long a screen stays the same before its picture is taken."""
