@@ -9,11 +9,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hostile_names import TERMINAL
 from program import command
 from waiting import PATIENCE
 
 from kalscope.cli import app as cli
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
+from kalscope.common.text import CONTROL
 from kalscope.papers import reproduction
 from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
 from kalscope.papers.page.page import page
@@ -126,8 +128,11 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monke
     monkeypatch.setattr(reproduction.generalized_page, "chapter", lambda *_: others[0])
     monkeypatch.setattr(reproduction.lis302dl_page, "chapter", lambda *_: others[1])
     monkeypatch.setattr(noise_reducer_page, "TABLE_TOLERANCE", 1e-6)
+    tmp_path /= "".join(TERMINAL).replace("\0", "")
     assert cli.run(["reproduce", "-o", str(tmp_path), "--quick"]) == 1
     out, err = capsys.readouterr()
+    assert "]52;c;ZXZpbA==" in out
+    assert not CONTROL.search(out)
     assert err.count("\n") == 1
     assert re.match(r"kalscope: 10 of \d+ numbers left their tolerance: Table 1, row 1 .*got 26\.", err)
     assert "26.0677" in out

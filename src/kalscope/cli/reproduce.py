@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import CHECK_FAILED, progress_line, say
+from kalscope.cli.console import CHECK_FAILED, progress_line, say, write_output
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def reproduce_command(
         done = reproduce(quick, progress=progress)
     write_atomic(output / "results.json", done.json.encode())
     write_atomic(output / "index.html", done.html.encode())
-    sys.stdout.write(done.json if as_json else summary(done, output))
+    write_output(iter([done.json if as_json else summary(done, output)]), None)
     if done.failed:
         names = "; ".join(map(str, done.failed))
         say(f"{len(done.failed)} of {len(done.checks)} numbers left their tolerance: {names}")
@@ -45,11 +44,13 @@ def reproduce_command(
 
 def summary(done: Reproduction, folder: Path) -> str:
     """Table 1 and where the page lies, as text."""
+    from kalscope.common.text import one_line
+
     lines = [f"{'R':>6} {'Q':>6} {'printed':>10} {'simulated':>10} {'theory':>10}"]
     for row in done.results["noise_reducer"]["table_1"]:
         numbers = " ".join(f"{row[key]:10.4f}" for key in ("printed", "simulated", "theoretical"))
         lines.append(f"{row['r']:6g} {row['q']:6g} {numbers}")
     within = len(done.checks) - len(done.failed)
     lines.append(f"{within} of {len(done.checks)} reproduced numbers stay in their tolerance.")
-    lines.append(f"Page: {folder / 'index.html'}")
+    lines.append(f"Page: {one_line(str(folder / 'index.html'))}")
     return "\n".join(lines) + "\n"

@@ -11,7 +11,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.files import atomic_file, write_atomic
-from kalscope.common.text import count, percent
+from kalscope.common.text import count, escaped, percent
 from kalscope.common.version import program
 from kalscope.estimation.fleet.changes import FALSE_ALARM
 from kalscope.filtering.arrays import scalar
@@ -46,7 +46,7 @@ def save_answer(answer: Answer, folder: Path) -> None:
     tuning = None if answer.shared is None else tuning_of(answer.devices, answer.shared)
     digests = [one for one in (before, tuning and digest_of(dumps(tuning))) if one]
     plain = as_plain(answer) | {RECORD: digests}  # first, so that a run that is killed here knows its own file
-    text = json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False)
+    text = escaped(json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False))
     write_atomic(folder / SUMMARY, (text + "\n").encode("utf-8", "replace"))
     if tuning is not None:
         save_tuning(tuning, folder / TUNING)
