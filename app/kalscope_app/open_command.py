@@ -17,7 +17,8 @@ import typer
 
 from kalscope.cli.console import tell_compiling
 from kalscope.cli.options import SamplePeriod, reads_source
-from kalscope.common.stopping import removed_at_stop, stop_signals
+from kalscope.common.files import temporary_folder
+from kalscope.common.stopping import stop_signals
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.transports.registry import address_examples
 
@@ -203,9 +204,8 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
 def own_temporary_folder() -> Generator[None]:
     """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
     before = tempfile.tempdir
-    made = tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True)
-    with made as folder, removed_at_stop(folder):
-        tempfile.tempdir = folder
+    with temporary_folder() as folder:
+        tempfile.tempdir = str(folder)
         try:
             yield
         finally:

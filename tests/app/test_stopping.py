@@ -137,7 +137,7 @@ module.{name} = lambda *_, **__: {busy}
 """
 COMMANDS = {
     "tune demo": ("catalogue", "open_source"),
-    "filter demo -o out.csv": ("catalogue", "open_source"),
+    "filter run.csv -o out.csv": ("sources.readers.text_file", "_open_raw"),  # has a temporary folder
     "export none.toml --to c -o out": ("tuning.tuning_file", "load_tuning"),
     "report demo --config none.toml -o out.html": ("tuning.tuning_file", "load_tuning"),
     "reproduce -o .": ("papers.reproduction", "reproduce"),

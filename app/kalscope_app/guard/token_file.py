@@ -6,13 +6,12 @@ import logging
 import os
 import secrets
 import stat
-import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 
-from kalscope.common.files import write_private
+from kalscope.common.files import temporary_folder, write_private
 from kalscope.errors import describe
 from kalscope_app.guard.rules import is_token
 from kalscope_app.program.user_settings import state_folder
@@ -56,8 +55,8 @@ def opening_page(url: str) -> Generator[Path]:
 
     Every user of the machine can read command lines; the name of this file tells them nothing.
     """
-    with tempfile.TemporaryDirectory(prefix="kalscope-open-", ignore_cleanup_errors=True) as folder:
-        file = Path(folder) / "kalscope.html"
+    with temporary_folder("kalscope-open-") as folder:
+        file = folder / "kalscope.html"
         target = escape(url, quote=True)
         page = (
             f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'

@@ -18,11 +18,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TypeVar, cast
 
 from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress
+from kalscope.common.stopping import done_at_stop
 from kalscope.errors import BadFile, Cancelled, NoMemory
 from kalscope_app.worker.child import MAX_CPU_S, Task
 from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
@@ -52,6 +53,8 @@ class Process:
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         self.pid, self._is_heard = self._process.pid, True
+        self._at_stop = ExitStack()
+        self._at_stop.enter_context(done_at_stop(self.end))
         self.news: queue.SimpleQueue[Progress | Done | Failed | None] = queue.SimpleQueue()
         """What it says; None once it has ended."""
         threading.Thread(target=self._listen, name="kalscope-worker", daemon=True).start()
@@ -86,6 +89,7 @@ class Process:
         with suppress(subprocess.TimeoutExpired):  # it reads from a network that has gone: the system ends it later
             self._process.wait(1.0)
         shutil.rmtree(self._folder, ignore_errors=True)
+        self._at_stop.close()
 
     def why_ended(self, what: str) -> str:
         """Why it is gone, to which the reading of `what` was given."""

@@ -11,6 +11,7 @@ import os
 import re
 import secrets
 import stat
+import tempfile
 import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -119,6 +120,14 @@ def check_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -
     if not resolved.is_relative_to(base):
         raise BadSetting(f"path must stay inside the working folder {str(base)!r} (got {typed!r:.200})")
     return resolved
+
+
+@contextmanager
+def temporary_folder(prefix: str = "kalscope-") -> Generator[Path]:
+    """A folder for this user only, gone when the block ends, or the program at a signal."""
+    made = tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True)
+    with made as folder, removed_at_stop(folder):
+        yield Path(folder)
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 The first signal counts, and further ones change nothing. It raises SystemExit where the program is, which removes
 unfinished files on its way out; a command that has something to finish gets an event in its place (`stop_signals`).
 A program that has not ended some time later, because it computes or waits where Python cannot interrupt it, is left
-where it is. Only the standard library is imported: a program calls this before it imports anything that takes long.
+where it is, without the processes and files of `done_at_stop` and `removed_at_stop`. Only the standard library is
+imported: a program calls this before it imports anything that takes long.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ MAX_FINISH_S = 5.0
 """Longest time for a command that has something to finish, s; it takes two seconds unless the machine is busy."""
 STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _LAST_S = 0.2
-"""Longest time to write the last line, which nobody may read any more, and to remove unfinished files, each, s."""
+"""Longest time to write the last line, which nobody may read any more, and to leave nothing behind, each, s."""
 _NOTHING_KEPT = "no file is left half-written"
 
 
@@ -84,8 +85,8 @@ class _Ending:
     kept: Callable[[], str] = staticmethod(lambda: _NOTHING_KEPT)
 
     def __init__(self) -> None:
-        self.unfinished: set[str] = set()
-        """Files and folders that must not be left behind."""
+        self.last: dict[object, Callable[[], None]] = {}
+        """What leaves nothing behind, newest last."""
 
 
 _ending = _Ending()
@@ -136,14 +137,28 @@ def stop_signals(kept: Callable[[], str] | None = None, *, within: float = MAX_F
 
 
 @contextmanager
-def removed_at_stop(path: str | os.PathLike[str]) -> Generator[None]:
-    """While the block runs, this file or folder is unfinished: the block removes it, or the end of the program."""
-    name = os.fspath(path)
-    _ending.unfinished.add(name)
+def done_at_stop(action: Callable[[], None]) -> Generator[None]:
+    """While the block runs, a signal that ends the program does this at the very end, what came last first."""
+    key = object()
+    _ending.last[key] = action
     try:
         yield
     finally:
-        _ending.unfinished.discard(name)
+        if not is_ending():
+            _ending.last.pop(key, None)
+
+
+@contextmanager
+def removed_at_stop(path: str | os.PathLike[str]) -> Generator[None]:
+    """While the block runs, this file or folder is unfinished: the block removes it, or the end of the program."""
+    name = os.fspath(path)
+    with done_at_stop(lambda: _remove(name)):
+        yield
+
+
+def is_ending() -> bool:
+    """Whether a signal has asked the program to end: what would wait for its end can leave it to `done_at_stop`."""
+    return bool(_ending.number)
 
 
 @contextmanager
@@ -204,7 +219,7 @@ def _watch(heard: socket.socket, _kept_open: socket.socket, numbers: frozenset[i
 def _end_now() -> None:
     """Say what was kept, and leave: what would be flushed or joined at a usual end may hang."""
     _last.acquire()  # and never released: the other thread that comes here waits for the end
-    for last in (_say, _remove_unfinished):
+    for last in (_say, _leave_nothing):
         thread = threading.Thread(target=last, daemon=True)
         thread.start()
         thread.join(_LAST_S)
@@ -216,15 +231,20 @@ def _say() -> None:
         os.write(2, f"kalscope: {stopped_by(_ending.number, _ending.kept())}\n".encode("utf-8", "replace"))
 
 
-def _remove_unfinished() -> None:
+def _leave_nothing() -> None:
+    for action in reversed([*_ending.last.values()]):
+        with suppress(Exception):
+            action()
+
+
+def _remove(path: str) -> None:
     import shutil
 
-    for path in sorted(_ending.unfinished):
-        if os.path.isdir(path):
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            with suppress(OSError):
-                os.unlink(path)
+    if os.path.isdir(path):
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            os.unlink(path)
 
 
 def _open_missing_streams() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +15,7 @@ import viser
 from numpy.typing import NDArray
 
 from kalscope.catalogue import open_source
+from kalscope.common.files import temporary_folder
 from kalscope.common.progress import OnProgress
 from kalscope.common.text import one_line
 from kalscope.recording import Recording
@@ -220,8 +220,8 @@ def read_upload(
     """Read what a browser sent, its bytes. Its name is shown, never used as a path."""
     shown = Path(name.replace("\\", "/")).name[:200] or "upload"
     safe = re.sub(r"[^\w.-]+", "_", shown).strip(".")[-80:] or "upload"
-    with tempfile.TemporaryDirectory(prefix="kalscope-") as folder:
-        file = Path(folder) / safe
+    with temporary_folder() as folder:
+        file = folder / safe
         file.write_bytes(content.data)
         recording = read_recording(file, options, progress=progress)
     return replace(recording, source="", title=shown)

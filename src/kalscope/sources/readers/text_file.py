@@ -6,7 +6,6 @@ import codecs
 import hashlib
 import io
 import re
-import tempfile
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from pathlib import Path
 from threading import Event
 from typing import BinaryIO, TextIO
 
+from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
@@ -81,13 +81,13 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
     """
     path, left = Path(path), Event()
     with (
-        tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder,
+        temporary_folder() as folder,
         ThreadPoolExecutor(1) as beside,
         ExitStack() as stack,
     ):
         stack.callback(left.set)  # else a cancelled reading would wait until all of the file is hashed
         try:
-            raw = _open_raw(path, Path(folder) / "content", beside, left, progress)
+            raw = _open_raw(path, folder / "content", beside, left, progress)
         except FileNotFoundError:
             raise BadFile(f"file not found: {str(path)!r}") from None
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -141,8 +141,8 @@ def text_as_file(
         progress: Told every 4,096 lines.
         newline: What is put behind each line; "" where they end in their own.
     """
-    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
-        target = Path(folder) / "text"
+    with temporary_folder() as folder:
+        target = folder / "text"
         with target.open("w", encoding="utf-8", errors="replace", newline="\n") as out:
             for number, line in enumerate(lines):
                 if number % 4096 == 0:

@@ -6,12 +6,13 @@ import json
 import re
 import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
+from kalscope.common.stopping import done_at_stop
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers.known import OLD_EXCEL
@@ -41,13 +42,13 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
     with path.open("rb") as file:
         if file.read(len(OLD_EXCEL)) != OLD_EXCEL:
             _check_size(path, name, progress.part(0.0, 0.3))
-    with tempfile.TemporaryDirectory(prefix="kalscope-", ignore_cleanup_errors=True) as folder:
+    with temporary_folder() as folder:
         _convert(path, folder, progress.part(0.3, 1.0))
-        said = json.loads((Path(folder) / "sheets.json").read_text(encoding="utf-8"))
+        said = json.loads((folder / "sheets.json").read_text(encoding="utf-8"))
         holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
         parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
         chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
-        text = (Path(folder) / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
+        text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
     return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
 
 
@@ -55,14 +56,15 @@ def _without_end(text: str) -> Iterator[str]:
     yield from text.removesuffix("\n").split("\n")
 
 
-def _convert(path: Path, folder: str, progress: Progress) -> None:
+def _convert(path: Path, folder: Path, progress: Progress) -> None:
     """Let a process of its own write the sheets; it ends when the task is cancelled."""
-    with subprocess.Popen(
-        [sys.executable, convert.__file__, str(path), folder],
+    process = subprocess.Popen(
+        [sys.executable, convert.__file__, str(path), str(folder)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
-    ) as process:
+    )
+    with process, done_at_stop(process.kill):
         try:
             while True:
                 progress(0.5, "reading")
