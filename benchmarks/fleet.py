@@ -127,14 +127,14 @@ def driver(source: Path, out: Path) -> list[str]:
 def drive(source: str, out: str) -> None:
     """One run, as `kalscope fleet` does it."""
     seen: list[tuple[float, int]] = [(0.0, 0)]
-    outcome = run_fleet(
+    tally = run_fleet(
         [source],
         Asked(TuneOptions(momentum=0.0, robust=False)),
         Path(out),
         show=lambda tally: seen.append((tally.seconds, tally.rows)),
     )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    print(json.dumps(asdict(outcome.tally) | {"fifths": fifths(seen), "driver_bytes": peak}))
+    print(json.dumps(asdict(tally) | {"fifths": fifths(seen), "driver_bytes": peak}))
 
 
 def fifths(seen: list[tuple[float, int]]) -> list[float]:

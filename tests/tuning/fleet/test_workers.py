@@ -11,16 +11,16 @@ from types import SimpleNamespace
 
 import pytest
 from fleet_runs import parts, run_here, table, write_devices
+from program import command, end, next_line
 from required import not_here
 from waiting import wait_until
 
 from kalscope.cli.tune.fleet import progress_text
-from kalscope.cli.tune.options import TuneOptions
 from kalscope.common.stopping import stop_signals
 from kalscope.tuning.fleet.cluster import _without_interrupts, _workers_here
-from kalscope.tuning.fleet.run import Tally, run_fleet
+from kalscope.tuning.fleet.recordings import find
+from kalscope.tuning.fleet.run import Tally
 from kalscope.tuning.fleet.work import task
-from kalscope.tuning.fleet.work.asked import Asked
 
 try:
     import dask.system
@@ -50,13 +50,6 @@ def test_ctrl_c_while_workers_start_is_held_back_from_them_and_not_lost():
         wait_until(stop.is_set, "Ctrl+C")  # another thread of the process may have got it
     assert subprocess.check_output([sys.executable, "-c", STARTING], text=True) == "True\n"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-
-
-def test_a_run_that_is_stopped_before_it_begins_starts_no_workers(tmp_path, at_once):
-    write_devices(tmp_path / "logs", 2)
-    asked = Asked(TuneOptions(momentum=0.0, robust=False))
-    outcome = run_fleet([str(tmp_path / "logs")], asked, tmp_path / "out", stopped=lambda: True)
-    assert (outcome.pool, outcome.tally.done, at_once[1]) == (None, 0, [])
 
 
 def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow(monkeypatch):
@@ -93,3 +86,35 @@ def test_a_straggling_batch_ends_with_its_slow_recording_and_the_rest_is_shared_
     assert [batch.units for batch in workers.batches] == [tuple(range(9)), (3, 4, 5), (6, 7, 8)]
     assert len(parts(tmp_path / "out")) == 3
     assert read == [row["id"] for row in table(tmp_path / "out")]
+
+
+SCANNING = """
+import os
+import kalscope.tuning.fleet.recordings.find as find
+below = find._below
+def held(*where):
+    print("looks", flush=True)
+    while True:
+        yield from below(*where)
+find._below = held
+"""
+"""A source that goes on for ever."""
+
+
+def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
+    write_devices(tmp_path / "logs", 2)
+    with command("fleet", tmp_path / "logs", "-o", tmp_path / "out", change=SCANNING) as driver:
+        assert next_line(driver) == "looks\n"
+        assert end(driver, signal.SIGTERM) == (
+            143,
+            "",
+            "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to go on\n",
+        )
+
+
+def test_it_is_told_how_many_files_were_found(tmp_path, monkeypatch):
+    write_devices(tmp_path / "logs", 5)
+    monkeypatch.setattr(find, "_TOLD", 2)
+    told = []
+    find.find_units([str(tmp_path / "logs")], tmp_path / "out", looked=told.append)
+    assert told == [2, 4]

@@ -46,8 +46,9 @@ def fleet_command(
 
     Writes a table with one row per recording, also for those that cannot be read, and one filter for all.
     """
-    from kalscope.cli.console import TerminalLine, say, write_output
-    from kalscope.common.stopping import MAX_STOP_S, stop_signals, stopped_by
+    from kalscope.cli.console import TerminalLine, write_output
+    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.text import count
     from kalscope.tuning.fleet.answer.answer import answer_for
     from kalscope.tuning.fleet.answer.devices import read_devices
     from kalscope.tuning.fleet.answer.own import check_tuning
@@ -77,17 +78,16 @@ def fleet_command(
         latest = tally
         line.show(progress_text(tally))
 
+    def looked(found: int) -> None:
+        line.show(f"looking for recordings: {count(found)} found")
+
     try:
-        # Every file is whole at any moment, and workers end with their driver: nothing needs more time.
-        with stop_signals(lambda: kept_text(latest), within=MAX_STOP_S) as stop:
-            outcome = run_fleet(sources, options, output, cluster, show, stop.is_set, finish)
+        with said_at_stop(lambda: kept_text(latest)):
+            tally = run_fleet(sources, options, output, cluster, show, finish, looked)
     finally:
         line.clear()
-    if not answers:
-        say(stopped_by(stop.number, kept_text(outcome.tally)))
-        raise typer.Exit(stop.status)
-    write_output(iter([summary(answers[0], outcome.tally, output)]), None)
-    say_what_is_tried_again(outcome.tally)
+    write_output(iter([summary(answers[0], tally, output)]), None)
+    say_what_is_tried_again(tally)
 
 
 def kept_text(tally: Tally | None) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import os
 import queue
 import signal
 import time
 from collections.abc import Generator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing import resource_tracker
+from multiprocessing import active_children, resource_tracker
 from typing import Any
 
+from kalscope.common.files import temporary_folder
+from kalscope.common.stopping import done_at_stop, is_ending
 from kalscope.errors import BadDevice
 from kalscope.tuning.fleet.batches import Batch
 from kalscope.tuning.fleet.libraries import library
@@ -109,6 +112,8 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
         if address is None:
+            folder = stack.enter_context(temporary_folder())
+            stack.enter_context(dask.config.set({"temporary-directory": str(folder)}))
             place = stack.enter_context(_this_machine(distributed, _workers_here(tasks)))
         else:
             place = address
@@ -132,20 +137,32 @@ def _workers_here(tasks: int) -> int:
 
 @contextmanager
 def _this_machine(distributed: Any, count: int) -> Generator[Any]:
-    with _without_interrupts():
-        cluster = distributed.LocalCluster(
-            threads_per_worker=1,
-            n_workers=count,
-            processes=True,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # Dask serves numbers there; 8787 may be taken
-            silence_logs=60,  # a worker that dies is handled here
-            preload=["kalscope.tuning.fleet.worker_setup"],
-        )
-    try:
-        yield cluster
-    finally:
-        cluster.close(timeout=10.0)
+    cluster: Any = None
+
+    def kill() -> None:  # a part is whole or absent, whenever that is
+        for worker in () if cluster is None else cluster.workers.values():
+            worker.status = distributed.Status.closing  # else Dask would start it again
+        for process in active_children():
+            process.kill()
+
+    with done_at_stop(kill):
+        with _without_interrupts():
+            cluster = distributed.LocalCluster(
+                threads_per_worker=1,
+                n_workers=count,
+                processes=True,
+                dashboard_address=None,
+                scheduler_kwargs={
+                    "dashboard_address": "127.0.0.1:0"
+                },  # Dask serves numbers there; 8787 may be taken
+                silence_logs=60,  # a worker that dies is handled here
+                preload=["kalscope.tuning.fleet.worker_setup"],
+            )
+        try:
+            yield cluster
+        finally:
+            if not is_ending():  # a worker would finish its recording first
+                cluster.close(timeout=10.0)
 
 
 @contextmanager
@@ -157,9 +174,26 @@ def _without_interrupts() -> Generator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # it would let the signal through again where it starts
+    with _environment(
+        PYTHONWARNINGS="ignore:resource_tracker:UserWarning"
+    ):  # where workers are killed, it has work
+        resource_tracker.ensure_running()  # it would let the signal through again where it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _environment(**added: str) -> Generator[None]:
+    """Variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in added}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value

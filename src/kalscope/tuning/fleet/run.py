@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from kalscope.errors import KalscopeError
+from kalscope.errors import BadSetting, KalscopeError
 from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied, Workers, open_workers
@@ -21,7 +21,7 @@ from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.fleet.work.task import Done, lost_row, run_batch
 
 LOOK_S = 0.2
-"""How often the driver looks whether it is to stop, s."""
+"""How often the driver shows how far it is, s."""
 LOST = "its worker died each time that it was read, perhaps out of memory"
 """Reason of a recording that kills every worker."""
 
@@ -73,16 +73,6 @@ class Tally:
         self.seconds = time.monotonic() - self.begun
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended."""
-
-    tally: Tally
-    """What it did."""
-    pool: Pool | None
-    """What the whole fleet says about one filter for all; None where the run was stopped before it was complete."""
-
-
 OnTally = Callable[[Tally], None]
 
 
@@ -92,10 +82,12 @@ def run_fleet(
     folder: Path,
     cluster: str | None = None,
     show: OnTally | None = None,
-    stopped: Callable[[], bool] | None = None,
     finish: Callable[[Pool], None] | None = None,
-) -> Outcome:
+    looked: Callable[[int], None] | None = None,
+) -> Tally:
     """Do what is missing of a fleet, and merge its table.
+
+    It can be left at any moment, by an exception as by kill -9: what is finished by then is kept.
 
     Args:
         sources: See `find_units`.
@@ -103,11 +95,16 @@ def run_fleet(
         folder: Of the results; every worker must see it under this path.
         cluster: Address of a scheduler; None = the cores of this machine.
         show: Called with the tally whenever a task has ended, and a few times a second.
-        stopped: Asked as often whether to stop; what is finished by then is kept.
-        finish: Called with the pool once the table is written, while no other run may write into the folder.
+        finish: Called once the table is written with what the fleet says about one filter for all, while no other
+            run may write into the folder.
+        looked: Called with the number of files found so far, while the sources are looked through.
+
+    Returns:
+        What was done.
 
     Raises:
-        BadSetting: a source names nothing, another run holds the folder, or a library is missing.
+        BadSetting: a source names nothing, another run holds the folder, a library is missing, or what was
+            finished has been removed from the folder meanwhile.
         BadDevice: the scheduler cannot be reached.
         OSError: the disk is full, or the folder cannot be written; what is finished is kept.
     """
@@ -115,7 +112,9 @@ def run_fleet(
     with locked(folder):
         check_own(folder)
         sweep(folder)
-        units = find_units(sources, folder, asked.row_groups)
+        if looked is not None:
+            looked(0)
+        units = find_units(sources, folder, asked.row_groups, looked)
         options = asked.fingerprint()
         note_begun(folder, len(units), options, asked.reading, asked.sample_period, pooled=asked.is_pooled)
         keys = [unit.key(options) for unit in units]
@@ -125,17 +124,17 @@ def run_fleet(
         todo = [i for some in missing for i in some]
         whole = sum(unit.size for unit in units)
         tally = Tally(len(units), len(units) - len(todo), whole, whole - sum(units[i].size for i in todo))
-        if todo and not (stopped is not None and stopped()):
+        if todo:
             with open_workers(cluster, sum(map(bool, missing))) as workers:
-                _Run(units, keys, asked, folder, tally).all_of(missing, workers, show, stopped)
+                _Run(units, keys, asked, folder, tally).all_of(missing, workers, show)
         parts = find_parts(folder)
-        if any(key not in parts for key in keys):
-            return Outcome(tally, None)
+        if (gone := sum(key not in parts for key in keys)) > 0:
+            raise BadSetting(f"-o must name a folder that nothing else changes ({gone} finished units are gone)")
         sweep(folder, {parts[key] for key in keys})
         pool = merge(folder, [[keys[i] for i in batch] for batch in batches], parts)
         if finish is not None:
             finish(pool)
-        return Outcome(tally, pool)
+        return tally
 
 
 @dataclass(frozen=True)
@@ -148,17 +147,11 @@ class _Run:
     folder: Path
     tally: Tally
 
-    def all_of(
-        self,
-        missing: Sequence[Sequence[int]],
-        workers: Workers,
-        show: OnTally | None,
-        stopped: Callable[[], bool] | None,
-    ) -> None:
-        """Do the units, given batch by batch, until all are done or the run is stopped."""
+    def all_of(self, missing: Sequence[Sequence[int]], workers: Workers, show: OnTally | None) -> None:
+        """Do the units, given batch by batch."""
         jobs, tally = Dispatcher.of(missing), self.tally
         tally.begun, tally.threads = time.monotonic(), workers.threads
-        while jobs.active and not (stopped is not None and stopped()):
+        while jobs.active:
             limit = window(max(tally.threads, workers.threads))
             while len(jobs.running) < limit and (batch := jobs.next()) is not None:
                 workers.submit(batch, run_batch, [self.units[i] for i in batch.units], self.asked, str(self.folder))

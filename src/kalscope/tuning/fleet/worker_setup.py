@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import signal
+import tempfile
+from typing import Any
 
 
-def dask_setup(_worker: object) -> None:
-    """Leave Ctrl+C to the driver: a terminal sends it to every process of the run."""
+def dask_setup(worker: Any) -> None:
+    """Leave Ctrl+C to the driver, and temporary files too: a worker may be killed while it reads.
+
+    A terminal sends the signal to every process of the run.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tempfile.tempdir = worker.local_directory

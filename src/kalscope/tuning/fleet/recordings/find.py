@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -16,9 +16,16 @@ from kalscope.tuning.fleet.recordings.unit import Piece, Unit, unit_of
 
 ENDINGS = (".parquet", ".pq")
 """Endings of Parquet files."""
+_TOLD = 1000
+"""Files between two reports of how many were found."""
 
 
-def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_groups: bool = False) -> list[Unit]:
+def find_units(
+    sources: Sequence[str],
+    output: str | os.PathLike[str],
+    row_groups: bool = False,
+    looked: Callable[[int], None] | None = None,
+) -> list[Unit]:
     """Everything that the sources name, each once, in the order of the names.
 
     A folder stands for all that is below it but hidden names; what is no recording becomes a row with its reason.
@@ -27,6 +34,7 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_group
         sources: Paths of files and folders, patterns such as "logs/*.csv", and @LIST.
         output: The folder of the results, which is no source.
         row_groups: Whether each row group of a Parquet file is a recording of its own.
+        looked: Called with the number of files found so far, every thousand.
 
     Raises:
         BadSetting: A source names nothing, or all of them nothing.
@@ -43,6 +51,8 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str], row_group
         for path, reason in _below(root, skipped):
             unit = unit_of(path, _name(path, base)) if not reason else _unreadable(path, base, reason)
             units.setdefault((unit.pieces[0].path, None), unit)
+            if looked is not None and len(units) % _TOLD == 0:
+                looked(len(units))
     for path, channel in listed:
         unit = unit_of(path, _name(path, base), channel)
         units.setdefault((unit.pieces[0].path, channel), unit)
