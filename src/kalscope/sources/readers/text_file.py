@@ -19,12 +19,13 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
 from kalscope.sources.grammar.wide_text import wide_encoding
-from kalscope.sources.readers.archives import is_packed, unpacked
+from kalscope.sources.readers.archives import GZIP, ZSTANDARD, is_packed, unpacked
 
 HEAD_BYTES = 1 << 20
 """Bytes from which the form of a file is detected."""
 
 _FOREIGN = {
+    **dict.fromkeys((GZIP, ZSTANDARD), "an archive in an archive, which must be unpacked first"),
     b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
     b"Rar!": "a RAR archive, which must be unpacked first",
     b"BZh": "a bzip2 archive, which must be unpacked first",
