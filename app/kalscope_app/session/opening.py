@@ -5,15 +5,14 @@ A tuning file or a figure of a source document decide over both.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
+from kalscope.common.checks import possible_period
 from kalscope.common.text import one_line, sample_rate
-from kalscope.errors import BadSetting
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
@@ -186,8 +185,7 @@ def with_sample_period(state: State, period: float | None) -> State:
 
 def timed(recording: Recording, sample_period: float) -> Recording:
     """A recording whose samples are taken to be `sample_period` s apart, > 0; stamps stay where they are."""
-    if not (0.0 < sample_period < math.inf):
-        raise BadSetting(f"sample period must be a finite number of seconds above 0 (got {sample_period:g})")
+    possible_period(sample_period)
     timing = recording.report.timing or Timing("none", "none", None)
     timing = replace(
         timing, period=sample_period, source="option", summary=f"{sample_rate(sample_period)} as typed"

@@ -6,6 +6,19 @@ import sys
 
 from kalscope.errors import BadSetting
 
+PERIODS = (1e-50, 1e50)
+"""Sample periods in s within which rates, and their squares, are numbers."""
+
+
+def possible_period(period: float) -> float:
+    """A sample period in s; BadSetting unless it is one that can be computed with."""
+    if not PERIODS[0] <= period <= PERIODS[1]:
+        raise BadSetting(
+            f"sample period must be a finite number of seconds above 0, from {PERIODS[0]:g} to {PERIODS[1]:g}"
+            f" (got {period:g})"
+        )
+    return period
+
 
 def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> float:
     """`value` as a float; BadSetting unless it is a number above 0 and at most `largest`."""

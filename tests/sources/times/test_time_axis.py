@@ -71,6 +71,15 @@ def test_nothing_is_said_of_steps_that_are_even_but_for_steps_back():
     assert not any(note.rstrip().endswith(":") for note in notes)
 
 
+@each("step", [1e-320, 1e60])
+def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
+    stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
+    axis = read_time(stamps, column)
+    assert (axis.timing.period, axis.time.tolist()) == (None, list(range(60)))
+    assert any(note.endswith("which is no time: the samples were counted") for note in axis.notes)
+    assert read_time(stamps, column, given=GivenPeriod(0.5)).timing.period == 0.5
+
+
 def test_gaps_are_counted_and_the_choice_is_named():
     stamps = np.concatenate((np.arange(50), 70 + np.arange(50), 500 + np.arange(50))) * 10.0
     notes = " ".join(read_time(stamps, NUMBER).notes)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.checks import possible_period
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
@@ -146,8 +147,8 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
 def _chosen_period(options: ReadOptions, sample_period: float | None) -> float | None:
     """The sample period in s that the user chose, in one way or the other; None where none was."""
     if options.rate is None:
-        return sample_period
-    period = 1.0 / options.rate
+        return None if sample_period is None else possible_period(sample_period)
+    period = possible_period(1.0 / options.rate)
     if sample_period is not None and abs(sample_period - period) > 1e-6 * period:
         raise BadSetting(
             f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.array import Array, Indices
+from kalscope.common.checks import PERIODS
 from kalscope.recording import Gaps, RateSource, Timing
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.even_time import place_evenly
@@ -80,6 +81,10 @@ def read_time(
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:
         return _without_rate(time, given, backward, notes)
+    if not PERIODS[0] <= rate.period <= PERIODS[1]:
+        axis = counted_time(len(time), given)
+        said = f"the stamps are {rate.period:.3g} s apart, which is no time: the samples were counted"
+        return replace(axis, notes=(*notes, said, *axis.notes))
     if column.kind == "calendar":
         notes += about_summer_time(stamps, rate.period)
     pauses = rate.pauses
