@@ -174,9 +174,9 @@ class SourceView:
 
         What `then` changes belongs to the same step of Undo.
         """
-        stop = self._stop = threading.Event()
 
         def work() -> None:
+            stop = self._stop = threading.Event()  # now: Cancel means what is being read, not what waits behind it
             with SlowJobProgress(self._progress, self._cancel) as shown:
                 read = partial(reader, options)
                 recording = self._worker.run(read, one_line(what)[:MAX_NAME], shown.report, stop.is_set)
