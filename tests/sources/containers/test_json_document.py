@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadFile, BadSetting, NoMemory
+from kalscope.sources.containers import json_document
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -85,3 +86,12 @@ def test_a_document_is_one_in_any_encoding(tmp_path, encoding):
 def test_objects_one_a_line_below_a_torn_one_are_no_document(read):
     recording = read('{"t": 5, "x"\n' + "".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
     assert (recording.report.rows, recording.report.lines) == (12, 13)
+
+
+def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):
+    document = [{"t": i, "x": x} for i, x in enumerate(X)]
+    monkeypatch.setattr(json_document, "free_memory", lambda: 10_000)
+    assert len(read(document)) == len(X)
+    monkeypatch.setattr(json_document, "free_memory", lambda: 4_000)
+    with pytest.raises(NoMemory, match=r"^log.json must fit into the memory that is free.*one object per line$"):
+        read(document)

@@ -199,6 +199,16 @@ def mcap_bomb(path: Path, size: int) -> None:
     path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + record + b"\x89MCAP0\r\n")
 
 
+def mcap_of_chunks(path: Path, size: int) -> None:
+    """`size` chunks, each of one long message of zeros: none is too large, all together are."""
+    length = 255 * MIB
+    message = struct.pack("<BQ", 5, length) + bytes(length)
+    packed = zstandard.compress(message)
+    chunk = struct.pack("<QQQII", 0, 0, len(message), 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    record = struct.pack("<BQ", 6, len(chunk)) + chunk
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + record * size + b"\x89MCAP0\r\n")
+
+
 def bag_bomb(path: Path, size: int) -> None:
     """A ROS 1 bag with one chunk of bzip2."""
     import bz2
@@ -377,5 +387,6 @@ PACKED = (
     container("MATLAB element larger than said", "log.mat", mat_element, "refused: ", 8 * MIB, 1024 * MIB, 400),
     container("TDMS that claims too much", "log.tdms", tdms, "refused: ", 1 << 20, 1 << 40),
     container("MCAP chunk of zeros", "log.mcap", mcap_bomb, "refused: ", MIB // 2, 1024 * MIB, 300),
+    container("MCAP of many chunks", "log.mcap", mcap_of_chunks, MANY, 0, 9, 1200),
     container("bag chunk of zeros", "log.bag", bag_bomb, "refused: ", 4 * MIB, 1024 * MIB, 400),
 )

@@ -12,8 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
+from kalscope.common.memory import free_memory
 from kalscope.common.progress import Progress
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, NoMemory
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
 from kalscope.sources.grammar.json_line import load_json
@@ -21,6 +22,10 @@ from kalscope.sources.grammar.json_line import load_json
 MAX_BYTES = 1 << 28
 """Largest document, in bytes: it is held in memory as a whole. Objects one a line may be of any number."""
 
+_COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
+"""Bytes of memory that what stands at each mark takes about: a value, a name, a list, an object."""
+_TEXTS = 3
+"""How often its characters are in memory: in the file, in its text and in the values."""
 _MAX_DEPTH = 4
 _KIND = "a JSON document"
 Rows = list[dict[str, Any]]
@@ -31,6 +36,7 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
 
     Raises:
         BadFile: it is too large, or holds no list of samples.
+        NoMemory: its values will not fit into the memory that is free.
         BadSetting: there is no such part.
     """
     size = path.stat().st_size
@@ -38,6 +44,7 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
         raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object per line (got {size} bytes)")
     progress(0.0, "reading")
     data = path.read_bytes()
+    _require_room(data, name)
     document = load_json(data.decode(json.detect_encoding(data), "replace"))
     progress(0.5, "reading")
     found = dict(_tables("", document, 0))
@@ -45,6 +52,17 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
     chosen, notes, inner = choose_text_part(parts, part, name, "list")
     rows = list(found.values())[chosen]
     return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes), part=inner)
+
+
+def _require_room(data: bytes, name: str) -> None:
+    """NoMemory where the values of a document will not fit: they take up to 25 times its size."""
+    need = _TEXTS * len(data) + sum(cost * data.count(mark) for mark, cost in _COSTS.items())
+    free = free_memory()
+    if free is not None and need > free:
+        raise NoMemory(
+            f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB (got a JSON document whose"
+            f" values take about {need / 1e9:.1f} GB): write one object per line"
+        )
 
 
 def _line(row: dict[str, Any]) -> str:

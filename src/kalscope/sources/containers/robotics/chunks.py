@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from kalscope.errors import BadFile
@@ -12,11 +13,34 @@ from kalscope.sources.containers.library import load_library
 MAX_CHUNK = 1 << 28
 """Bytes of one unpacked chunk; rosbag writes chunks below 1 MB."""
 
+MAX_UNPACKED = 1 << 31
+"""Bytes of all unpacked chunks of a log; of a large one MAX_RATIO for each byte of the file, where that is more."""
+MAX_RATIO = 32
+
 _BZIP2, _LZ4 = b"BZh", b"\x04\x22\x4d\x18"
 
 
-def check_chunk(data: bytes, name: str, kind: str) -> None:
-    """Refuse a chunk of bzip2 or LZ4 that would fill the memory.
+class Unpacked:
+    """Adds up what the chunks of a log unpack to: many small ones would take hours."""
+
+    def __init__(self, path: Path) -> None:
+        """Args: the file."""
+        self._name, self._left = path.name, max(MAX_UNPACKED, MAX_RATIO * path.stat().st_size)
+        self._most = self._left
+
+    def add(self, size: int) -> None:
+        """Take a chunk that unpacks to `size` bytes.
+
+        Raises:
+            BadFile: together they unpack to too much.
+        """
+        self._left -= size
+        if self._left < 0:
+            raise BadFile(f"{self._name} must unpack to at most {self._most} bytes (got more)")
+
+
+def check_chunk(data: bytes, name: str, kind: str) -> int:
+    """What a chunk unpacks to, bytes; refuse one of bzip2 or LZ4 that would fill the memory.
 
     Args:
         data: The chunk as it is stored.
@@ -26,13 +50,14 @@ def check_chunk(data: bytes, name: str, kind: str) -> None:
     Raises:
         BadFile: the chunk unpacks to more than MAX_CHUNK bytes.
     """
-    size = 0
+    size = len(data)
     if data.startswith(_BZIP2):
         size = unpacked_size(data, bz2.BZ2Decompressor, OSError)
     elif data.startswith(_LZ4):
         lz4 = load_library("lz4.frame", "lz4", name, kind)
         size = unpacked_size(data, lz4.LZ4FrameDecompressor, RuntimeError)
     check_size(size, name)
+    return size
 
 
 def check_size(size: int, name: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from kalscope.common.progress import Progress
 from kalscope.sources.containers.library import load_library
-from kalscope.sources.containers.robotics.chunks import check_chunk, check_size
+from kalscope.sources.containers.robotics.chunks import Unpacked, check_chunk, check_size
 from kalscope.sources.containers.robotics.ros_types import ros_decoder
 from kalscope.sources.containers.robotics.topics import Messages, Topic, read_topics
 from kalscope.sources.containers.table import Table
@@ -84,7 +84,7 @@ def _decoder(channel: Any, schema: Any, name: str) -> Callable[[bytes], Any]:
 def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
     """All records of the file, those in chunks as well, checked by their checksums."""
     reading = load_library("mcap.stream_reader", "mcap", name, _KIND)
-    size = max(path.stat().st_size, 1)
+    size, unpacked = max(path.stat().st_size, 1), Unpacked(path)
     with path.open("rb") as file:
         stream = reading.StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         for i, record in enumerate(stream.records):
@@ -95,7 +95,7 @@ def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
                 continue
             progress(file.tell() / size, "reading")
             check_size(record.uncompressed_size, name)
-            check_chunk(record.data, name, _KIND)
+            unpacked.add(max(record.uncompressed_size, check_chunk(record.data, name, _KIND)))
             if record.compression == "zstd":
                 _check_zstd(record, name)
             yield from reading.breakup_chunk(record, validate_crc=True)
