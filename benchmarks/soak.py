@@ -28,23 +28,17 @@ from dashboard_page import (
     slider,
     text_box,
 )
+from live_memory import MemoryLook, kept_mb, memory_of, settled_at
 from machine import cpu_seconds, rss_mb
 from numbered_board import NumberedBoard, RecordedRows
 from playwright.sync_api import CDPSession, Page
 from starved import Probe
 from watch_draws import DrawWatch
 
-KEPT = 1_000_000
-"""Samples that the program keeps at least; a quarter more before the oldest leave at once."""
-BYTES_OF_A_SAMPLE = 8
 RUN_ARRAYS = 5
 """Arrays of the filter's run over the channel on screen: x, p, k, innovation and s."""
-SETTLED = 0.2
-"""Part of the time after which memory is held against the end: libraries are loaded, caches filled."""
 MEMORY_MB = 50.0
 """Growth of the program beyond the kept samples that passes, MB: the allocator, and arrays while they move."""
-FULL_LOOKS = 8
-"""Looks with a full memory from which on it is judged by them alone: nothing is then left that may grow."""
 HEAP_MB = 20.0
 """Growth of the page's heap that passes, MB."""
 LAG_RATIO = 1.25
@@ -55,15 +49,9 @@ MOVE_EVERY = 1.0
 
 
 @dataclass(frozen=True)
-class Look:
-    """What one interval showed."""
+class Look(MemoryLook):
+    """What one interval showed; the memory at its end."""
 
-    minute: float
-    """Its end, from the start of the stream."""
-    rss_mb: float
-    """Resident memory of the program."""
-    kept_mb: float
-    """What the kept samples and the filter's run over them take, by their number."""
     heap_mb: float
     """The page's JavaScript heap after a collection."""
     lag_ms: float
@@ -82,12 +70,6 @@ class Look:
     """How late the machine woke a process that only sleeps, at most, in this interval."""
     load: float
     """The machine's load average over the last minute."""
-
-
-def kept_mb(sent: int, channels: int) -> float:
-    """Memory of what is kept after `sent` samples, at most: time, channels, and the filter's run."""
-    kept = sent if sent <= KEPT else KEPT + (sent - KEPT) % (KEPT // 4)
-    return kept * BYTES_OF_A_SAMPLE * (1 + channels + RUN_ARRAYS) / 1e6
 
 
 def heap_mb(devtools: CDPSession) -> float:
@@ -115,9 +97,18 @@ def longest_pause_ms(page: Page) -> float:
     text = item.inner_text()
     page.get_by_role("tab", name="Tune", exact=True).click()
     slider(page, "q").wait_for()
-    found = re.search(r"([\d.,]+) (µs|ms|s)$", text.strip())
+    return pause_in(text)
+
+
+def pause_in(status: str) -> float:
+    """The longest read latency that the text of the status states, in ms.
+
+    Raises:
+        ValueError: it states none.
+    """
+    found = re.search(r"max. read latency: ([\d.,]+) (µs|ms|s)\s*$", status, re.MULTILINE)
     if found is None:
-        raise RuntimeError(f"the status must end with the max. read latency (got {text!r})")
+        raise ValueError(f"the status must state the max. read latency (got {status!r})")
     return float(found[1].replace(",", "")) * {"µs": 1e-3, "ms": 1.0, "s": 1e3}[found[2]]
 
 
@@ -150,7 +141,7 @@ class Watch:
         look = Look(
             minute=(now - self.begin) / 60.0,
             rss_mb=rss_mb(self._pid),
-            kept_mb=kept_mb(self._board.sent, self._board.channels),
+            kept_mb=kept_mb(self._board.sent, 1 + self._board.channels + RUN_ARRAYS),
             heap_mb=heap_mb(self._devtools),
             lag_ms=1000.0 * float(np.median(drawn.lag)),
             lag_p95_ms=1000.0 * float(np.percentile(drawn.lag, 95)),
@@ -220,7 +211,7 @@ def judged(looks: list[Look]) -> dict[str, object]:
         statistics.median(one.lag_ms / max(one.load / (os.cpu_count() or 1), 1.0) for one in part)
         for part in (looks[:third], looks[-third:])
     ]
-    memory, heap_growth = memory_of(looks), looks[-1].heap_mb - settled(looks).heap_mb
+    memory, heap_growth = memory_of(looks), looks[-1].heap_mb - looks[settled_at(looks)].heap_mb
     return {
         **memory,
         "heap_growth_mb": heap_growth,
@@ -230,34 +221,6 @@ def judged(looks: list[Look]) -> dict[str, object]:
         "lag_by_load_last_third_ms": calm[1],
         "memory_flat": memory["unexplained_mb"] <= MEMORY_MB and heap_growth <= HEAP_MB,
         "lag_flat": last <= LAG_RATIO * first or calm[1] <= LAG_RATIO * calm[0],
-    }
-
-
-def settled(looks: list[Look]) -> Look:
-    """The look from which on memory is watched."""
-    return looks[min(int(SETTLED * len(looks)), len(looks) - 1)]
-
-
-def memory_of(looks: list[Look]) -> dict[str, float]:
-    """Growth of the resident memory in MB, and what of it the kept samples do not explain.
-
-    Once old samples leave, the medians of the two halves since then are compared; before, the settled look and the
-    last one, less the samples received between them.
-    """
-    leave = next((i for i in range(1, len(looks)) if looks[i].kept_mb < looks[i - 1].kept_mb), len(looks))
-    full = looks[leave:]
-    if len(full) < FULL_LOOKS:
-        start, end = settled(looks), looks[-1]
-        growth, kept = end.rss_mb - start.rss_mb, end.kept_mb - start.kept_mb
-        return {"rss_start_mb": start.rss_mb, "rss_end_mb": end.rss_mb, "unexplained_mb": growth - kept}
-    half = len(full) // 2
-    start_mb, end_mb = (statistics.median(one.rss_mb for one in part) for part in (full[:half], full[half:]))
-    return {
-        "rss_start_mb": looks[0].rss_mb,
-        "rss_end_mb": looks[-1].rss_mb,
-        "rss_full_first_half_mb": start_mb,
-        "rss_full_second_half_mb": end_mb,
-        "unexplained_mb": end_mb - start_mb,
     }
 
 

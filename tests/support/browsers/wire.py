@@ -80,6 +80,8 @@ class Guest:
         """Names of the nodes of the scene."""
         self.commands: dict[str, str] = {}
         """Labels of the commands of the palette, by uuid."""
+        self.visible: dict[str, bool] = {}
+        """Whether each widget that was shown or hidden since is on screen."""
         self.options: dict[str, Any] = {}
         """The present choices of each menu."""
         self.notices: list[str] = []
@@ -119,6 +121,8 @@ class Guest:
         elif message["type"] == "GuiUpdateMessage":
             if "value" in message["updates"]:
                 self.values[uuid] = message["updates"]["value"]
+            if "visible" in message["updates"]:
+                self.visible[uuid] = message["updates"]["visible"]
             if "options" in message["updates"]:
                 self.options[uuid] = message["updates"]["options"]
         elif message["type"] == "RegisterCommandMessage":
