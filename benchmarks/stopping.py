@@ -170,6 +170,7 @@ def faults_of(
     """What must not be."""
     expected = {128 + number, case.status}  # told while it starts it has nothing to finish
     _, alive = psutil.wait_procs(family, timeout=max(LIMIT_S - seconds, 0.0))
+    alive = [one for one in alive if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
     unfinished = [path.name for path in folder.rglob("*.tmp")] + os.listdir(folder / "tmp")
     faults = {
         f"{seconds:.1f} s": seconds > LIMIT_S,
