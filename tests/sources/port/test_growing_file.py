@@ -11,7 +11,7 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import is_live, port_of
-from kalscope.sources.port.transports.growing_file import MAX_PIECE, GrowingFile, Replaced, Unusable
+from kalscope.sources.port.transports.growing_file import MAX_PIECE, PIECE, GrowingFile, Replaced, Unusable
 from kalscope.sources.readers.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -41,6 +41,48 @@ def test_only_whole_lines_are_read_and_each_once(log):
     file.close()
     again.close()
     again.close()
+
+
+def test_a_read_is_no_larger_than_promised_but_for_one_long_line(log):
+    add(log, b"1,2\n" * PIECE + b"y" * PIECE + b"\n" + b"3\n" * PIECE)
+    file = GrowingFile(str(log))
+    sizes = [len(piece) for piece in iter(file.read, b"")]
+    assert sizes == [PIECE] * 4 + [PIECE + 1] + [PIECE] * 2
+    file.close()
+
+
+def test_a_last_line_without_an_end_is_handed_on_where_its_file_is_replaced(log):
+    add(log, b"old\n7")
+    file = GrowingFile(str(log))
+    assert [file.read(), file.read()] == [b"old\n", b""]
+    rotate(log)
+    assert file.read() == b"7\n"
+    with pytest.raises(Replaced):
+        file.read()
+    again = GrowingFile(str(log), file.position, file.before)
+    assert again.position == 0
+    file.close()
+    again.close()
+
+
+def test_a_line_that_was_cut_off_is_no_line(log):
+    """A file that is cut short inside a line, and a copy that goes on with it."""
+    add(log, b"old\n7")
+    file = GrowingFile(str(log))
+    assert [file.read(), file.read()] == [b"old\n", b""]
+    copy = log.with_suffix(".copy")
+    add(copy, b"old\n78\n9")
+    copy.replace(log)
+    with pytest.raises(Replaced):
+        file.read()
+    file.close()
+    file = GrowingFile(str(log), file.position, file.before)
+    assert [file.read(), file.read()] == [b"78\n", b""]
+    os.truncate(log, 0)
+    assert file.read() == b"\x009\n"
+    with pytest.raises(Replaced):
+        file.read()
+    file.close()
 
 
 def truncate(path):
@@ -142,9 +184,13 @@ def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for):
         recording = live.snapshot().recording
         np.testing.assert_array_equal(recording.values[:, 0], [1, 2, np.nan, 3, 4])
         assert (np.diff(recording.time) > 0).all()
-        assert live.status().reconnects == 1
+        assert (live.status().reconnects, live.status().rejected) == (1, 0)
         with pytest.raises(BadDevice, match="is a file: nothing can be sent to it"):
             live.send("q1")
+        add(log, "0.2,5\n0.3,")
+        wait_for(lambda: kept(live) == 6)
+        os.truncate(log, 0)
+        wait_for(lambda: live.status().rejected == 1)
 
 
 def test_a_followed_file_is_read_once_where_something_finished_is_wanted(log):

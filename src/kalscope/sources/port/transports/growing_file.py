@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import stat
 
+PIECE = 8_192
+"""Bytes of one read, unless its first line is longer."""
 MAX_PIECE = 65_536
-"""Bytes of one read; a line that is longer comes in pieces."""
+"""Bytes of a line beyond which it comes in pieces."""
 MAX_BEFORE = 64
 """Bytes before a place in a file by which the place is known again."""
 
@@ -24,7 +26,11 @@ class Replaced(Exception):
 
 
 class GrowingFile:
-    """Reads whole lines. What follows the last line end is left for later: it may be half a line."""
+    """Reads whole lines. What follows the last line end is left for later: it may be half a line.
+
+    Once nothing can follow it any more, it is handed on, too: as a line where its file has ended, for every reader
+    takes the end of a file for the end of a line; as a line to be rejected where the file was cut short.
+    """
 
     def __init__(self, path: str, position: int = 0, before: bytes = b"") -> None:
         """Open a file.
@@ -53,6 +59,7 @@ class GrowingFile:
             self.close()
             raise Unusable(str(error)) from None
         self.before = before if self.position else b""
+        self._rest = b""
 
     def _stood(self, before: bytes, position: int) -> bool:
         """Whether these bytes end at `position`."""
@@ -63,23 +70,29 @@ class GrowingFile:
         return os.read(self._open_file, len(before)) == before
 
     def read(self) -> bytes:
-        """The next whole lines, MAX_PIECE bytes at most; b"" where there are none yet.
+        """The next whole lines, PIECE bytes at most, or one longer line; b"" where there are none yet.
 
         Raises:
             Replaced: the rest is of another file.
             OSError: the disk does not give it.
         """
-        os.lseek(self._open_file, self.position, os.SEEK_SET)
-        data = os.read(self._open_file, MAX_PIECE)
+        data = self._at_position(PIECE)
         end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
-        if not end and len(data) == MAX_PIECE:
-            end = len(data)
+        if not end and len(data) == PIECE:
+            data = self._at_position(MAX_PIECE)
+            ends = [data.find(mark) + 1 for mark in (b"\n", b"\r") if mark in data]
+            end = min(ends, default=len(data) if len(data) == MAX_PIECE else 0)
         lines = data[:end]
         if not lines and self._is_replaced():
-            raise Replaced
+            return self._last_line(data)
+        self._rest = data[end:]
         self.position += len(lines)
         self.before = (self.before + lines)[-MAX_BEFORE:]
         return lines
+
+    def _at_position(self, size: int) -> bytes:
+        os.lseek(self._open_file, self.position, os.SEEK_SET)
+        return os.read(self._open_file, size)
 
     def _is_replaced(self) -> bool:
         here = os.fstat(self._open_file)
@@ -90,6 +103,29 @@ class GrowingFile:
         except OSError:  # renamed: it may be written on until the next one is there
             return False
         return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+
+    def _last_line(self, data: bytes) -> bytes:
+        """What followed the last line end of a file that is gone, once; `data` is what of it can still be read.
+
+        Raises:
+            Replaced: nothing followed, it was handed on before, or it stands in the other file, too.
+        """
+        known, self._rest = self._rest, b""
+        if not (data or known) or self._goes_on(data):
+            raise Replaced
+        self.position += len(data or known)
+        self.before = b""  # no place in the other file
+        return data + b"\n" if data else b"\0" + known + b"\n"
+
+    def _goes_on(self, data: bytes) -> bool:
+        """Whether the file that has the name now goes on behind this: a copy of one that is written elsewhere."""
+        end = self.position + len(data)
+        try:
+            other = GrowingFile(self._path, end, self.before + data)
+        except Unusable:
+            return False
+        other.close()
+        return other.position == end > 0
 
     def close(self) -> None:
         """Close the file; may be called twice."""
