@@ -22,7 +22,7 @@ from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.port_spec import is_live
-from kalscope.sources.port.transports.transport import quoted
+from kalscope.sources.port.transports.words import quoted
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample
 from kalscope.sources.synthetic import SignalSettings, synthesize

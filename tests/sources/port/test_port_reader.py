@@ -14,7 +14,7 @@ from kalscope.sources.port.clock import Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec
-from kalscope.sources.port.transports.transport import READ_TIMEOUT
+from kalscope.sources.port.transports.limits import READ_TIMEOUT
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 

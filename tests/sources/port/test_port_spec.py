@@ -99,6 +99,45 @@ def test_a_password_in_an_address_is_not_repeated(address):
     assert "ret" not in str(error.value)
 
 
+@each(
+    ("address", "shown"),
+    [
+        ("mqtt://ada:123/rest@host/topic", "mqtt://ada:…@host/topic"),
+        ("mqtt://ada@x.org:123/rest@host/topic", "mqtt://ada@x.org:…@host/topic"),
+        ("mqtts://ada:123/re@st@host/topic", "mqtts://ada:…@host/topic"),
+        ("ssh://ada:123/rest@host/dev/ttyACM0@9600", "ssh://ada:…@host/dev/ttyACM0"),
+        ("tcp://ada:123/rest@host:3333", "tcp://ada:…@host:3333"),
+        ("rfc2217://ada:123/rest@host:3333@9600", "rfc2217://ada:…@host:3333"),
+    ],
+)
+def test_a_password_that_reads_as_a_port_is_refused_and_not_repeated(address, shown):
+    with pytest.raises(BadSetting, match="must hold no password") as error:
+        port_of(address)
+    assert shown in str(error.value)
+    assert "st@" not in str(error.value)
+
+
+@each(
+    "address",
+    [
+        "mqtt://ada@[::1]:1883/home/ada%40x.org/t",
+        "mqtt://broker/ada@x.org/t",
+        "ssh://me@pi:2222/home/a%40b/log.csv",
+        "ssh://pi/home/a@b/log.csv",
+        "file:/tmp/a:b@c/log.csv",
+        "file:///tmp/a:b@c.csv",
+    ],
+)
+def test_an_at_sign_that_is_part_of_no_password(address):
+    assert port_of(address).url == address
+
+
+@each("address", ["ssh://pi:2222/dev/ttyACM0@fast", "rfc2217://host:4000@fast"])
+def test_a_baud_rate_that_is_none_is_named(address):
+    with pytest.raises(BadSetting, match=r"baud rate must be a whole number.*'fast'"):
+        port_of(address)
+
+
 @each("address", ["udp://:47269@9600", "tcp://host:3333@115200"])
 def test_a_port_before_a_baud_rate_is_no_password(address):
     with pytest.raises(BadSetting, match=f"got '{address}'"):

@@ -16,7 +16,8 @@ from kalscope.sources.port.clock import SYSTEM, Clock
 from kalscope.sources.port.events import BytesReceived, Disconnected, Item, LinesDropped, Opened, PortState, Word
 from kalscope.sources.port.overload import LineCounter, Overload
 from kalscope.sources.port.port_spec import PortSpec
-from kalscope.sources.port.transports.transport import READ_TIMEOUT, Endpoint, OpenPort
+from kalscope.sources.port.transports.limits import READ_TIMEOUT
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from kalscope.errors import BadSetting
 from kalscope.sources.port.transports.registry import named_transport, transport_of
 from kalscope.sources.port.transports.serial_port import SERIAL, is_serial_device
-from kalscope.sources.port.transports.transport import Transport, quoted
+from kalscope.sources.port.transports.transport import Transport
+from kalscope.sources.port.transports.words import quoted
 
 DEFAULT_BAUD = 115_200
 MAX_BAUD = 20_000_000
@@ -32,7 +33,7 @@ class PortSpec:
     def __post_init__(self) -> None:
         if not self.url.strip() or "\x00" in self.url:
             raise BadSetting(f"port must be a path such as /dev/ttyACM0 or COM3, or a URL (got {self.url!r})")
-        self.transport.check(self.url)
+        self.transport.refuse(self.url)
         if type(self.baud) is not int or not 1 <= self.baud <= MAX_BAUD:
             raise BadSetting(f"baud rate must be a whole number from 1 to {MAX_BAUD} (got {self.baud!r})")
 
@@ -78,7 +79,10 @@ def port_of(
     if baud is None:
         baud = default_baud if transport.has_baud else str(DEFAULT_BAUD)
     if not (baud.isascii() and baud.isdecimal()):
-        transport.check(address)
+        try:
+            transport.refuse(url)
+        except BadSetting:
+            transport.refuse(address)  # the whole address, of which no password is then repeated
         raise BadSetting(f"baud rate must be a whole number, as in COM3@9600 (got {baud!r} in {quoted(text)})")
     return PortSpec(url, int(baud[:10]), reset)  # more digits are too many in any case
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.port.transports.growing_file import GrowingFile, Replaced, Unusable
-from kalscope.sources.port.transports.transport import READ_TIMEOUT, Endpoint, OpenPort, Transport, short
+from kalscope.sources.port.transports.limits import READ_TIMEOUT
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import short
 
 PREFIX = "file:"
 """How the address of a file that is followed begins."""

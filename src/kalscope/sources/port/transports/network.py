@@ -8,19 +8,9 @@ import socket
 from collections.abc import Callable
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.port.transports.transport import (
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    WRITE_TIMEOUT,
-    Endpoint,
-    OpenPort,
-    Transport,
-    quoted,
-    short,
-)
-
-CONNECT_TIMEOUT = 5.0
-"""Seconds within which the other side must answer."""
+from kalscope.sources.port.transports.limits import CONNECT_TIMEOUT, MAX_READ_BYTES, READ_TIMEOUT, WRITE_TIMEOUT
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import quoted, short
 
 _HOST_PORT = re.compile(r"\w+://(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\s]+)):([0-9]{1,5})(?:[/?].*)?", re.IGNORECASE)
 
@@ -107,9 +97,10 @@ class SocketPort(OpenPort):
         self._socket.close()
 
 
-def _endpoint(address: str, _baud: int, _reset: bool) -> Endpoint:
-    return SocketEndpoint(address)
-
-
-TCP = Transport(("tcp://", "socket://"), "tcp://host:port", check_host_and_port, _endpoint)
+TCP = Transport(
+    ("tcp://", "socket://"),
+    "tcp://host:port",
+    check_host_and_port,
+    lambda address, _baud, _reset: SocketEndpoint(address),
+)
 """A plain TCP connection."""

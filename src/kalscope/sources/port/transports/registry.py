@@ -11,7 +11,8 @@ from kalscope.sources.port.transports.messages.udp import UDP
 from kalscope.sources.port.transports.network import TCP
 from kalscope.sources.port.transports.serial_port import PYSERIAL, RFC2217, SERIAL
 from kalscope.sources.port.transports.ssh.ports import SSH
-from kalscope.sources.port.transports.transport import Transport, quoted
+from kalscope.sources.port.transports.transport import Transport
+from kalscope.sources.port.transports.words import quoted
 
 TRANSPORTS = (SERIAL, SSH, TCP, UDP, MQTT, FILE, RFC2217, PYSERIAL)
 """All kinds of address, in the order in which help texts name them."""

@@ -14,17 +14,10 @@ from typing import Any
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.port.plugged_in import list_ports
+from kalscope.sources.port.transports.limits import MAX_READ_BYTES, READ_TIMEOUT, WRITE_TIMEOUT
 from kalscope.sources.port.transports.network import check_host_and_port
-from kalscope.sources.port.transports.transport import (
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    WRITE_TIMEOUT,
-    Endpoint,
-    OpenPort,
-    Transport,
-    quoted,
-    short,
-)
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import quoted, short
 
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 _SOON = 10.0

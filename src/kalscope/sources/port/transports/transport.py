@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.sources.port.events import Start
-
-READ_TIMEOUT = 0.1
-"""Seconds after which a read without data returns, so that close never waits longer."""
-WRITE_TIMEOUT = 2.0
-"""Seconds after which a write that is not taken fails."""
-MAX_READ_BYTES = 1 << 13
-"""Bytes of one read: a consumer that is to end is asked between two of them."""
-MAX_REASON_LENGTH = 200
-"""Letters of a reason that comes from outside."""
-
-_PASSWORD = re.compile(r"([^:/]*://[^:@]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
+from kalscope.sources.port.transports.words import refuse_password
 
 
 class OpenPort(ABC):
@@ -31,7 +20,10 @@ class OpenPort(ABC):
 
     @abstractmethod
     def fetch(self) -> bytes:
-        """Bytes that have arrived, MAX_READ_BYTES at most; after READ_TIMEOUT none."""
+        """Bytes that have arrived; after READ_TIMEOUT none.
+
+        MAX_READ_BYTES at most, and beyond them only the end of a line, or a message, that is handed on whole.
+        """
 
     @abstractmethod
     def waiting(self) -> int:
@@ -88,19 +80,15 @@ class Transport:
     """Whether an address may end with @ and a baud rate."""
     in_dashboard: bool = True
     """Whether it may be typed in the dashboard, too."""
+    password: str = ""
+    """Where its users put a password, for messages; "" where there is none."""
 
     def begins(self, address: str) -> bool:
         """Whether the address is of this kind."""
         return address.lower().startswith(self.prefixes)
 
-
-def quoted(address: str) -> str:
-    """An address as messages repeat it: without the password that may stand before its last @, not too long."""
-    match = _PASSWORD.match(address)
-    shown = f"{match[1]}:…@{address[match.end() :]}" if match else address
-    return f"{shown!r:.100}"
-
-
-def short(text: str) -> str:
-    """A text of another program on one line, not too long."""
-    return " ".join(text.split())[:MAX_REASON_LENGTH]
+    def refuse(self, address: str) -> None:
+        """Raises BadSetting where an address is not written as it must be, or holds a password."""
+        if self.prefixes[0].endswith("://"):
+            refuse_password(address, self.password)
+        self.check(address)

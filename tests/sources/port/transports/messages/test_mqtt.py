@@ -17,6 +17,7 @@ from waiting import wait_until
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.live_source import LiveSource
 from kalscope.sources.port.port_spec import is_live, port_of
+from kalscope.sources.port.transports.messages import mqtt
 from kalscope.sources.port.transports.messages.mqtt import MAX_MESSAGE, MqttEndpoint
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -83,8 +84,8 @@ def test_addresses_of_brokers(text):
         ("mqtt:///a", "an address must be mqtt://broker/topic"),
         ("mqtt://broker:0/a", "an address must be mqtt://broker/topic"),
         ("mqtt://broker/a/#/b", "a topic must have"),
-        ("mqtt://ada:sec/secret@broker/a", "an address must be mqtt://broker/topic"),
-        ("mqtt://ada:secret@broker/a", "must not hold a password: set KALSCOPE_MQTT_PASSWORD"),
+        ("mqtt://ada:sec/secret@broker/a", "must hold no password: set KALSCOPE_MQTT_PASSWORD"),
+        ("mqtt://ada:secret@broker/a", "must hold no password: set KALSCOPE_MQTT_PASSWORD"),
     ],
 )
 def test_what_is_no_address_of_a_broker(text, says):
@@ -203,6 +204,21 @@ def hang_up(listening, *answers):
             connection.recv(4096)
             connection.sendall(answer)
         connection.recv(4096)
+
+
+@each("scheme", ["mqtt", "mqtts"])
+def test_a_server_that_stays_silent_is_given_up_in_time_and_at_once_where_nobody_waits(scheme, monkeypatch):
+    """During the handshake of TLS, too, for which the library has a limit of its own."""
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = MqttEndpoint(f"{scheme}://127.0.0.1:{mute.getsockname()[1]}/t")
+        asked = iter([False, False, True])
+        with pytest.raises(BadDevice, match="does not answer"):
+            endpoint.open(lambda: next(asked))
+        assert not list(asked), "nobody was asked"
+        with monkeypatch.context() as hurry:
+            hurry.setattr(mqtt, "CONNECT_TIMEOUT", 0.1)
+            with pytest.raises(BadDevice, match="does not answer"):
+                endpoint.open(lambda: False)
 
 
 def test_what_is_no_broker(open_broker):

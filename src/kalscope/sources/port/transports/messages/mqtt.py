@@ -17,18 +17,12 @@ from typing import Any
 from urllib.parse import unquote
 
 from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.port.transports.limits import CONNECT_TIMEOUT, MAX_READ_BYTES, READ_TIMEOUT
 from kalscope.sources.port.transports.messages.broker_login import WHERE, password_of
 from kalscope.sources.port.transports.messages.topics import Topics, check_topic
-from kalscope.sources.port.transports.network import CONNECT_TIMEOUT, connect_failure
-from kalscope.sources.port.transports.transport import (
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    Endpoint,
-    OpenPort,
-    Transport,
-    quoted,
-    short,
-)
+from kalscope.sources.port.transports.network import connect_failure
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import quoted, short
 
 PORT, TLS_PORT = 1883, 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
@@ -43,20 +37,22 @@ _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
     re.IGNORECASE | re.DOTALL,
 )
-_PASSWORD = re.compile(r"mqtts?://[^@/:]*:[^@/]*@", re.IGNORECASE)
 _WRONG_LOGIN = {134, 135}  # bad user name or password; not authorised
 
 
 def check_address(address: str) -> None:
-    """Raises BadSetting where an address is not mqtt://[user@]broker[:port]/topic. A password is never repeated."""
-    if _PASSWORD.match(address):
-        raise BadSetting(f"an address must not hold a password: {WHERE}")
+    """Raises BadSetting where an address is not mqtt://[user@]broker[:port]/topic."""
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[5] or PORT) <= 65_535:
         raise BadSetting(
             f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
         )
-    check_topic(match[6])
+    check_topic(_topic(match[6]))
+
+
+def _topic(written: str) -> str:
+    """A topic as it is, from how an address writes it. Nothing else is decoded: a % is usual in no topic."""
+    return written.replace("%40", "@")
 
 
 class MqttEndpoint(Endpoint):
@@ -82,7 +78,7 @@ class MqttEndpoint(Endpoint):
         self._user = unquote(match[2] or "")
         self._host = match[3] or match[4]
         self._port = int(match[5] or (TLS_PORT if self._tls else PORT))
-        self._topic = match[6]
+        self._topic = _topic(match[6])
         self.when_silent = f"does anything publish on {self._topic}, and may this user read it?"
 
     def open(self, is_ended: Callable[[], bool]) -> OpenPort:
@@ -95,14 +91,19 @@ class MqttEndpoint(Endpoint):
         client.on_socket_open = _limit_buffer
         if self._user:
             client.username_pw_set(self._user, password)
+        end = time.monotonic() + CONNECT_TIMEOUT
+
+        def is_over() -> bool:
+            return is_ended() or time.monotonic() > end
+
         if self._tls:
-            client.tls_set_context(_trusting_system())
+            client.tls_set_context(_trusting_system(is_over))
         port = MqttPort(self.device, client, Topics(self._topic))
         try:
             client.connect(self._host, self._port, KEEP_ALIVE)
-            self._wait_for(port, is_ended, "connected")
+            self._wait_for(port, is_over, "connected")
             client.subscribe(self._topic, 1)
-            self._wait_for(port, is_ended, "subscribed")
+            self._wait_for(port, is_over, "subscribed")
         except (OSError, UnicodeError) as error:
             port.close()
             raise BadDevice(self._failure(error)) from error
@@ -112,15 +113,14 @@ class MqttEndpoint(Endpoint):
     def _what(self) -> str:
         return "a broker over TLS" if self._tls else "a broker"
 
-    def _wait_for(self, port: MqttPort, is_ended: Callable[[], bool], step: str) -> None:
+    def _wait_for(self, port: MqttPort, is_over: Callable[[], bool], step: str) -> None:
         """Wait until the broker has agreed to a step.
 
         Raises:
             BadDevice: it refuses, does not answer, or hangs up.
         """
-        end = time.monotonic() + CONNECT_TIMEOUT
         while step not in port.answers:
-            if is_ended() or time.monotonic() > end:
+            if is_over():
                 raise BadDevice(f"{self._host}:{self._port} does not answer as {self._what} does")
             try:
                 port.work(READ_TIMEOUT)
@@ -233,31 +233,56 @@ class MqttPort(OpenPort):
             connection.close()
 
 
-class _Handshake(ssl.SSLSocket):
-    """A connection that closes where its handshake fails: paho forgets it then."""
+def _trusting_system(is_over: Callable[[], bool]) -> ssl.SSLContext:
+    """TLS that trusts what this system trusts, or the file that SSL_CERT_FILE names.
 
-    def do_handshake(self, block: bool = False) -> None:
-        try:
-            super().do_handshake(block)
-        except OSError:
-            self.close()
-            raise
+    Args:
+        is_over: True once there is no more time for a handshake.
+    """
 
+    class Handshake(ssl.SSLSocket):
+        """A connection whose handshake ends in time, and which closes where it fails: paho forgets it then."""
 
-def _trusting_system() -> ssl.SSLContext:
-    """TLS that trusts what this system trusts, or the file that SSL_CERT_FILE names."""
+        def do_handshake(self, block: bool = False) -> None:
+            del block
+            timeout = self.gettimeout()
+            self.settimeout(0)
+            try:
+                while not _shake(super().do_handshake, self):
+                    if is_over():
+                        raise TimeoutError
+            except OSError:
+                self.close()
+                raise
+            self.settimeout(timeout)
+
     context = ssl.create_default_context()
-    context.sslsocket_class = _Handshake
+    context.sslsocket_class = Handshake
     return context
+
+
+def _shake(step: Callable[[], None], connection: ssl.SSLSocket) -> bool:
+    """Go on with a handshake for READ_TIMEOUT at most; whether it is done."""
+    try:
+        step()
+    except ssl.SSLWantReadError:
+        select.select([connection], [], [], READ_TIMEOUT)
+        return False
+    except ssl.SSLWantWriteError:
+        select.select([], [connection], [], READ_TIMEOUT)
+        return False
+    return True
 
 
 def _limit_buffer(_client: Any, _data: Any, connection: Any) -> None:
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
 
 
-def _endpoint(address: str, _baud: int, _reset: bool) -> Endpoint:
-    return MqttEndpoint(address)
-
-
-MQTT = Transport(("mqtt://", "mqtts://"), "mqtt://broker/topic", check_address, _endpoint)
+MQTT = Transport(
+    ("mqtt://", "mqtts://"),
+    "mqtt://broker/topic",
+    check_address,
+    lambda address, _baud, _reset: MqttEndpoint(address),
+    password=WHERE,
+)
 """Messages of a broker."""

@@ -15,16 +15,10 @@ import sys
 from collections.abc import Callable
 
 from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.port.transports.limits import MAX_READ_BYTES, READ_TIMEOUT
 from kalscope.sources.port.transports.messages.text import lines_of
-from kalscope.sources.port.transports.transport import (
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    Endpoint,
-    OpenPort,
-    Transport,
-    quoted,
-    short,
-)
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import quoted, short
 
 LOOPBACK = "127.0.0.1"
 """What is bound where the address names no interface: this machine alone reaches it."""
@@ -155,9 +149,5 @@ class UdpPort(OpenPort):
         self._socket.close()
 
 
-def _endpoint(address: str, _baud: int, _reset: bool) -> Endpoint:
-    return UdpEndpoint(address)
-
-
-UDP = Transport(("udp://",), "udp://:47269", check_address, _endpoint)
+UDP = Transport(("udp://",), "udp://:47269", check_address, lambda address, _baud, _reset: UdpEndpoint(address))
 """Datagrams."""

@@ -10,7 +10,8 @@ from queue import Empty, Full, Queue
 from typing import Any
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.transports.transport import MAX_READ_BYTES, READ_TIMEOUT, short
+from kalscope.sources.port.transports.limits import MAX_READ_BYTES, READ_TIMEOUT
+from kalscope.sources.port.transports.words import short
 
 _MAX_WAITING = 64
 """Pieces of at most MAX_READ_BYTES that wait to be fetched."""

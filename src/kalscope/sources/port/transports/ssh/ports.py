@@ -24,7 +24,8 @@ from kalscope.sources.port.transports import growing_file
 from kalscope.sources.port.transports.ssh import far_side
 from kalscope.sources.port.transports.ssh.link import COMMAND, OPTIONS, SshLink
 from kalscope.sources.port.transports.ssh.words import failure_words, refusal_words
-from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport, quoted
+from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
+from kalscope.sources.port.transports.words import quoted
 
 CONNECT_TIMEOUT = 20.0
 """Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one."""

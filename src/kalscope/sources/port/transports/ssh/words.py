@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Protocol
 
-from kalscope.sources.port.transports.transport import short
+from kalscope.sources.port.transports.words import short
 
 _CONNECTION_FAILED = 255
 """Exit status of ssh where it is the connection that failed."""
