@@ -6,6 +6,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
+from each import each
 from waiting import PATIENCE
 
 from kalscope.errors import Cancelled
@@ -13,7 +14,7 @@ from kalscope.papers.experiments import list_experiments
 from kalscope.papers.reproduction import reproduce
 from kalscope.sources.samples import list_samples
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.views.source.live import TYPED, port_to_show
+from kalscope_app.views.source.live import TYPED, has_baud, port_to_show
 from kalscope_app.views.source.samples import experiment_label, sample_label, table_1
 
 
@@ -36,6 +37,15 @@ def test_the_port_that_was_just_plugged_in_is_shown_unless_the_user_chose_anothe
     shown, kept, before, now, expected
 ):
     assert port_to_show(shown, before, now, kept=kept) == expected
+
+
+@each(
+    ("address", "expected"),
+    [("", True), ("/dev/ttyACM0", True), ("COM3", True), ("ssh://pi/dev/ttyACM0", True), ("rfc2217://h:1", True)]
+    + [(text, False) for text in ("tcp://h:1", " UDP://:47269", "mqtt://broker/t", "file:log.csv")],
+)
+def test_a_baud_rate_is_offered_where_it_means_something(address, expected):
+    assert has_baud(address) is expected
 
 
 def test_the_menus_say_what_was_not_measured():

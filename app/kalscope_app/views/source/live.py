@@ -10,6 +10,7 @@ from kalscope.common.text import count, duration, number
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope.sources.port.plugged_in import list_ports
 from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.port.transports.registry import named_transport
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live.connection import BoardConnection, port_named
@@ -77,6 +78,7 @@ class LiveView:
         self._rate = gui.add_text("rate", "", hint="Any other baud rate.", visible=False)
         on_user(self._port.on_update, lambda _client: self._choose_port())
         on_user(self._baud.on_update, lambda _client: self._show_typed())
+        on_user(self._typed.on_update, lambda _client: self._show_typed())
 
     def _add_options(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Advanced", expand_by_default=False):
@@ -98,9 +100,12 @@ class LiveView:
 
     def _show_typed(self) -> None:
         away = not self._connect.visible  # a port is open
+        typed = self._port.value == TYPED
         self._port.visible = self._baud.visible = not away
-        self._typed.visible = self._port.value == TYPED and not away
+        self._typed.visible = typed and not away
         self._rate.visible = self._baud.value == OTHER_RATE and not away
+        # Not hidden: "Connect", whose press sends the address, would move away from under the pointer.
+        self._baud.disabled = self._rate.disabled = typed and not has_baud(self._typed.value)
 
     def _name(self, spec: PortSpec) -> None:
         """Show the port that the command line named."""
@@ -144,6 +149,12 @@ class LiveView:
         text = "" if connection.status is None else status_text(connection.status)
         self._status.content, self._status.visible = text, bool(text)
         offer(self._board, (NO_CURVE, *frame.state.recording.names), frame.state.board or NO_CURVE)
+
+
+def has_baud(address: str) -> bool:
+    """Whether a baud rate means something at this address; at an unfinished one, too."""
+    transport = named_transport(address.strip())
+    return transport is None or transport.has_baud
 
 
 def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, kept: bool) -> str:
