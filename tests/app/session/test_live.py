@@ -105,6 +105,16 @@ def test_new_channels_keep_what_was_tuned_by_name(board):
     assert state.channel == "a"
 
 
+def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(board):
+    state = set_text("r", "9")(opened_board(board.send(500), "x"))
+    board.send(START_SAMPLES)
+    late = np.where(np.arange(len(board.values)) < 500, np.nan, 10 * board.values[:, 0])
+    board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
+    state = refreshed(state, board.snapshot())
+    assert (len(state.recording), state.channel, state.tuning.r) == (500 + START_SAMPLES, "a", 9.0)
+    assert state.settings.starts[2].r == pytest.approx(np.var(np.diff(late[500:])) / 2, rel=0.05)
+
+
 def test_a_tuning_file_decides_the_channels_that_it_names(board):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),))
     state = opened_board(board, "x", tuning=tuning)

@@ -5,8 +5,12 @@ import math
 import numpy as np
 from each import each
 
-from kalscope.sources.live.live_samples import gathered
+from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.live.live_lines import LineCounts
+from kalscope.sources.live.live_samples import LiveSamples, gathered
 from kalscope.sources.live.sample_times import ArrivedRow
+from kalscope.sources.port.clock import SYSTEM
+from kalscope.sources.port.port_spec import PortSpec
 
 NAN = math.nan
 
@@ -27,3 +31,24 @@ def test_rows_of_one_moment_are_one_row(rows, expected):
     arrived = [ArrivedRow(float(i), stamp, tuple(values)) for i, (stamp, *values) in enumerate(rows)]
     found = [(row.stamp, *row.values) for row in gathered(arrived)]
     np.testing.assert_equal(found, expected)
+
+
+def test_a_topic_that_is_new_later_gets_a_column_and_the_others_keep_their_samples():
+    samples, parser = LiveSamples(PortSpec("mqtt://broker/#"), 4, SYSTEM), LineParser()
+
+    def say(at, line):
+        parser.feed(line)
+        event = parser.next_line()
+        samples.keep([(at, event)], parser.layout)
+        return samples.snapshot(LineCounts())
+
+    for at in range(1, 5):
+        before = say(at, b">a:%d\n" % at)
+    after = say(5, b">b:50\n")
+    assert (after.generation > before.generation, after.first, after.recording.names) == (True, 0, ("a", "b"))
+    np.testing.assert_array_equal(after.recording.values, [[1, NAN], [2, NAN], [3, NAN], [4, NAN], [NAN, 50]])
+    np.testing.assert_array_equal(after.recording.time, np.arange(5))
+    np.testing.assert_array_equal(before.recording.values, [[1], [2], [3], [4]])
+    again = say(6, b">c:600\n")  # 5 rows are here, 4 are to be kept: the first one leaves
+    assert (again.first, again.recording.names) == (1, ("a", "b", "c"))
+    np.testing.assert_array_equal(again.recording.values[[0, -1]], [[2, NAN, NAN], [NAN, NAN, 600]])

@@ -123,9 +123,10 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 def _begun(state: State, snapshot: Snapshot) -> State:
     """Starting values from the first samples, and what stays of before."""
     recording = snapshot.recording
-    lasted = float(recording.time[-1] - recording.time[0])
-    settled = len(recording) >= START_SAMPLES or lasted >= START_SECONDS
-    head = _part(recording, 0, START_SAMPLES)
+    begin = _all_have_come(recording)
+    lasted = float(recording.time[-1] - recording.time[begin])
+    settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
+    head = _part(recording, begin, begin + START_SAMPLES)
     fresh = opened(head, state)
     live = replace(state.live, settled=settled) if state.live else None
     last = state.live.snapshot if state.live else None
@@ -137,6 +138,12 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
     fresh = fresh.with_open(board_choice=choice, options=state.open.options)
     return _apply_deferred(replace(fresh, live=live))
+
+
+def _all_have_come(recording: Recording) -> int:
+    """The row in which the last of the channels has its first value: a topic of a broker may be new later."""
+    there = np.isfinite(recording.values)
+    return int(there.argmax(axis=0).max()) if there.size else 0
 
 
 def without_samples(state: State) -> State:

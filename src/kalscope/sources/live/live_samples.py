@@ -136,17 +136,29 @@ class LiveSamples:
             self._version += 1
 
     def _adopt(self, layout: Layout) -> None:
-        """Another layout: a new generation, unless the channels and the time are the same."""
+        """Another layout: a new generation, unless the channels and the time are the same.
+
+        Where channels were added, what the others had stays: they get missing samples up to now.
+        """
         known, self._layout = self._layout, layout
         names = tuple(layout.columns[i].name for i in layout.channels)
         units = tuple(layout.columns[i].unit for i in layout.channels)
         if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
             return
+        many = len(self._names)
+        grows = known is not None and (names[:many], units[:many], layout.time) == (
+            self._names,
+            self._units,
+            known.time,
+        )
         self._names, self._units = names, units
+        self._generation += 1
         keep = min(self._keep, MAX_NUMBERS // max(len(names), 1))
+        if grows and self._store is not None:
+            self._store = self._store.widened(len(names), keep)
+            return
         self.time = FileTime(layout.time, self._file_period) if self.kept else LiveTime(layout.time)
         self._store = SampleStore(len(names), keep)
-        self._generation += 1
         self._period, self._period_at = None, -1e9
 
     def _steady_period(self) -> float | None:

@@ -39,7 +39,7 @@ class SampleStore:
         """Rows that ever arrived."""
         return self.first + self._used
 
-    def append(self, time: Sequence[float], values: Sequence[Sequence[float]]) -> None:
+    def append(self, time: Sequence[float] | Array, values: Sequence[Sequence[float]] | Array) -> None:
         """Add rows.
 
         Args:
@@ -56,6 +56,16 @@ class SampleStore:
             self._values[:, new] = np.asarray(values[done : done + count], dtype=np.float64).T
             self._used += count
             done += count
+
+    def widened(self, channels: int, keep: int) -> SampleStore:
+        """A store of these rows with more channels, which have no values up to now; this one stays as it is."""
+        leave = max(self._used - keep, 0)
+        time, values = self._time[leave : self._used], self._values[:, leave : self._used].T
+        missing = np.full((len(time), channels - len(self._values)), np.nan)
+        wider = SampleStore(channels, keep)
+        wider.append(time, np.hstack([values, missing]))
+        wider.first = self.first + leave
+        return wider
 
     def views(self) -> tuple[Array, Array]:
         """Time, shape (n,), and values, shape (n, channels), of what is kept; neither can be written."""
