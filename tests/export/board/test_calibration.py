@@ -198,6 +198,13 @@ def test_a_cancelled_measurement_names_what_the_board_has_measured_already(conne
         measure(source, None, 1.0, Progress(cancelled=lambda: board.used["light"][1] != 20.0))
 
 
+def test_a_board_that_does_not_answer_is_left_once_nobody_waits_for_it(connected):
+    board, source = connected()
+    board.deaf = True
+    with pytest.raises(Cancelled, match=r"^the measurement was cancelled: the board keeps its values$"):
+        measure(source, "raw", 1.0, Progress(cancelled=lambda: "?" in board.asked))
+
+
 def _row(source):
     return source.snapshot().first + len(source.snapshot().recording)
 

@@ -9,6 +9,8 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.export.board.commands import BoardAnswer, FixedFilter, is_refusal, read_answer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from kalscope.sources.live.live_source import LiveSource
 
 
@@ -61,27 +63,19 @@ def is_unnamed(names: tuple[str, ...]) -> bool:
     return names == tuple(f"value {i + 1}" for i in range(len(names)))
 
 
-def values_in_use(source: LiveSource, line: str = "?") -> list[BoardAnswer | FixedFilter]:
-    """What the filters of a board use, in its order, after a command if one is given.
+def values_in_use(
+    source: LiveSource, line: str = "?", check: Callable[[], object] = bool
+) -> list[BoardAnswer | FixedFilter]:
+    """What the filters of a board use, in its order, after a command if one is given; `check` as for `send`.
 
     Raises:
         BadDevice: the board did not answer, or did not take the value.
     """
-    replies = source.send(line)
-    if not _answers(replies, line):
-        replies = source.send(line)  # a board that has just started says the names of its columns first
-    answers = _answers(replies, line)
-    if not answers:
-        raise BadDevice(
-            f"the board did not answer {line!r} with its values, but {replies[0][:100]!r}. "
-            "Flash the exported sketch first"
-        )
-    return answers
-
-
-def _answers(replies: tuple[str, ...], line: str) -> list[BoardAnswer | FixedFilter]:
-    """What these say of the values in use; BadDevice where one is a refusal of `line`."""
-    for reply in replies:
-        if is_refusal(reply):
-            raise BadDevice(f"the board did not take {line!r}: it answered {reply[:100]!r}")
+    replies = source.commands.send(line, is_reply=_is_answer, check=check)
+    for reply in filter(is_refusal, replies):
+        raise BadDevice(f"the board did not take {line!r}: it answered {reply[:100]!r}")
     return [answer for answer in map(read_answer, replies) if answer is not None]
+
+
+def _is_answer(remark: str) -> bool:
+    return is_refusal(remark) or read_answer(remark) is not None

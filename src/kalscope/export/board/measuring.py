@@ -44,7 +44,9 @@ CANNOT = (
     " (--calibration) and flash it"
 )
 """What an older sketch, or one that was exported without it, leads to."""
+_ASKED = "the board is asked"
 _CANCELLED = "the measurement was cancelled"
+_UNCHANGED = f"{_CANCELLED}: the board keeps its values"
 _STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
 
 
@@ -82,7 +84,11 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     snapshot = source.snapshot()
     if snapshot is None:
         raise BadDevice("the board has not sent a sample yet")
-    names, said = snapshot.recording.names, values_in_use(source)
+    try:
+        said = values_in_use(source, check=lambda: progress(0.0, _ASKED))
+    except Cancelled:
+        raise Cancelled(_UNCHANGED) from None
+    names = snapshot.recording.names
     channels = list(filtered_channels(names, len(said)))
     number, own = None, [answer.name for answer in said]
     if channel in own and channel not in names:
@@ -99,8 +105,8 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         run = _Run(
             source, heard, len(names), {answer.name: name for answer, name in zip(said, channels, strict=True)}
         )
-        run.begin(calibration.start(seconds, number))
         try:
+            run.begin(calibration.start(seconds, number), progress)
             return run.until_done(progress)
         except Cancelled:
             raise Cancelled(run.cancel(number)) from None
@@ -140,10 +146,10 @@ class _Run:
         self._row_at = time.monotonic()
         self._asked = self._row_at
 
-    def begin(self, command: str) -> None:
-        """Tell the board to; BadDevice where it does not answer or has gone."""
+    def begin(self, command: str, progress: Progress) -> None:
+        """Tell the board to; the errors of `measure`."""
         try:
-            self._source.send(command)
+            self._source.commands.send(command, check=lambda: progress(0.0, _ASKED))
         except BadDevice:
             self._check_connection(self._source.status())
             raise
@@ -168,7 +174,7 @@ class _Run:
         measured = [name for name, one in self._done.items() if isinstance(one.answer, Calibrated)]
         if measured:
             return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
-        return f"{_CANCELLED}: the board keeps its values"
+        return _UNCHANGED
 
     def _hear(self, seconds: float) -> None:
         """Take what has come, or the first that comes within some seconds; more may come for ever."""

@@ -1,4 +1,4 @@
-"""Commands to a board: one line is sent, the lines with # that follow are the reply."""
+"""Commands to a board: one line is sent, lines with # that follow are the reply."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
 ANSWER_S = 5.0
 """Seconds within which a board answers."""
+_TICK = 0.1
+"""Seconds between two looks whether anyone still waits."""
 _REPLY_PAUSE = 1.0
 """Seconds without any line after which a reply is complete; the next sample completes it at once."""
 _MAX_REPLY_S = 2.0
@@ -44,13 +46,28 @@ class CommandChannel:
         self._write = write
         self._one_at_a_time = threading.Lock()
         self._replies: list[str] = []
+        self._is_reply: Callable[[str], bool] | None = None
         self._is_pending = False
         self._is_complete = False  # nothing more can come in reply
         self._replied = threading.Condition()
         self._listeners: tuple[Queue[Remark], ...] = ()
 
-    def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
-        """Send a line and wait for the reply; arguments and errors as `LiveSource.send`."""
+    def send(
+        self,
+        line: str,
+        timeout: float | None = None,
+        *,
+        is_reply: Callable[[str], bool] | None = None,
+        check: Callable[[], object] = bool,
+    ) -> tuple[str, ...]:
+        """Send a line and wait for the reply.
+
+        Args:
+            line: As for `LiveSource.send`, which says what this returns and raises, too.
+            timeout: Seconds to wait; None = ANSWER_S.
+            is_reply: Whether a line with # belongs to the reply; None = every one.
+            check: Called while it waits; what it raises ends the wait.
+        """
         data = line.encode("utf-8") + b"\n"
         if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
             raise BadSetting(
@@ -60,11 +77,12 @@ class CommandChannel:
         with self._one_at_a_time:
             with self._replied:
                 self._replies.clear()
+                self._is_reply = is_reply
                 self._is_complete = False
                 self._is_pending = True
             try:
                 self._write(data)
-                return self._reply(ANSWER_S if timeout is None else timeout)
+                return self._reply(ANSWER_S if timeout is None else timeout, check)
             finally:
                 self._is_pending = False
 
@@ -89,20 +107,23 @@ class CommandChannel:
         if not (self._is_pending or self._listeners):
             return
         found: list[Remark] = []
+        replies: list[str] = []
         is_complete = False
         for event in events:
             if event.kind == "row":
                 row += len(event.rows)
-                is_complete = is_complete or bool(found or self._replies)
+                is_complete = is_complete or bool(replies or self._replies)
             elif event.kind == "comment" and event.text.startswith("#"):
                 found.append(Remark(event.text, row, generation))
+                if self._is_reply is None or self._is_reply(event.text):
+                    replies.append(event.text)
         for remark in found:
             for heard in self._listeners:
                 with suppress(Full):
                     heard.put_nowait(remark)
-        if (found or is_complete) and self._is_pending:
+        if (replies or is_complete) and self._is_pending:
             with self._replied:
-                self._replies += [remark.text for remark in found]
+                self._replies += replies
                 self._is_complete = self._is_complete or is_complete
                 self._replied.notify_all()
 
@@ -112,10 +133,14 @@ class CommandChannel:
             self._is_complete = True
             self._replied.notify_all()
 
-    def _reply(self, timeout: float) -> tuple[str, ...]:
+    def _reply(self, timeout: float, check: Callable[[], object]) -> tuple[str, ...]:
+        end = time.monotonic() + timeout
         with self._replied:
-            if not self._replied.wait_for(lambda: bool(self._replies) or self._is_complete, timeout):
-                raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
+            while not (self._replies or self._is_complete):
+                check()
+                if time.monotonic() > end:
+                    raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
+                self._replied.wait(min(timeout, _TICK))
             if not self._replies:
                 raise BadDevice("the board was disconnected before it answered")
             known, end = 0, time.monotonic() + _MAX_REPLY_S

@@ -190,14 +190,14 @@ class LiveSource:
         self._slot.end()
 
     def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
-        """Send one line to the board and wait for its answer, the next line that begins with #.
+        """Send one line to the board and wait for its answer, lines that begin with #.
 
         Args:
             line: At most 62 bytes, without newline: an AVR loses what comes in faster than it reads.
             timeout: Seconds to wait; None = 5 s.
 
         Returns:
-            The line, and those with # that follow it before the next sample.
+            The lines of the answer: the first, and those that follow it before the next sample.
 
         Raises:
             BadSetting: `line` is too long or holds a newline.
