@@ -11,13 +11,16 @@ from collections.abc import Generator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import active_children, resource_tracker
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import done_at_stop, is_ending
 from kalscope.errors import BadDevice
 from kalscope.tuning.fleet.batches import Batch
 from kalscope.tuning.fleet.libraries import library
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 PATIENCE_S = 15.0
 """Time for a scheduler to answer, and for its first worker to come, s."""
@@ -113,8 +116,7 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
         stack.enter_context(dask.config.set(SETTINGS))
         if address is None:
             folder = stack.enter_context(temporary_folder())
-            stack.enter_context(dask.config.set({"temporary-directory": str(folder)}))
-            place = stack.enter_context(_this_machine(distributed, _workers_here(tasks)))
+            place = stack.enter_context(_this_machine(distributed, _workers_here(tasks), folder))
         else:
             place = address
         try:
@@ -136,7 +138,8 @@ def _workers_here(tasks: int) -> int:
 
 
 @contextmanager
-def _this_machine(distributed: Any, count: int) -> Generator[Any]:
+def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
+    """Workers here, whose files are in a folder."""
     cluster: Any = None
 
     def kill() -> None:  # a part is whole or absent, whenever that is
@@ -155,6 +158,7 @@ def _this_machine(distributed: Any, count: int) -> Generator[Any]:
                 scheduler_kwargs={
                     "dashboard_address": "127.0.0.1:0"
                 },  # Dask serves numbers there; 8787 may be taken
+                local_directory=str(folder),
                 silence_logs=60,  # a worker that dies is handled here
                 preload=["kalscope.tuning.fleet.worker_setup"],
             )
