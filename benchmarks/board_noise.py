@@ -64,7 +64,7 @@ class Cell:
 def tools() -> Any:
     """The compiler and the simulator of the device tests."""
     support = Path(__file__).resolve().parents[1] / "tests/support"
-    sys.path[:0] = [str(support / "simulated_board"), str(support)]
+    sys.path[:0] = [str(support / name) for name in ("simulated_board", "starting", "")]
     return importlib.import_module("board")
 
 
