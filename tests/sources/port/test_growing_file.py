@@ -51,12 +51,14 @@ def test_a_read_is_no_larger_than_promised_but_for_one_long_line(log):
     file.close()
 
 
-def test_a_last_line_without_an_end_is_handed_on_where_its_file_is_replaced(log):
+def test_a_last_line_without_an_end_is_rejected_where_its_file_is_replaced(log):
+    """Its writer may write the rest of it into the file of the former name."""
     add(log, b"old\n7")
     file = GrowingFile(str(log))
     assert [file.read(), file.read()] == [b"old\n", b""]
     rotate(log)
-    assert file.read() == b"7\n"
+    assert file.read() == b"\x007\n"
+    add(log.with_suffix(".1"), b"5\n8\n")
     with pytest.raises(Replaced):
         file.read()
     again = GrowingFile(str(log), file.position, file.before)

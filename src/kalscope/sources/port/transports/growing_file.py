@@ -28,8 +28,8 @@ class Replaced(Exception):
 class GrowingFile:
     """Reads whole lines. What follows the last line end is left for later: it may be half a line.
 
-    Once nothing can follow it any more, it is handed on, too: as a line where its file has ended, for every reader
-    takes the end of a file for the end of a line; as a line to be rejected where the file was cut short.
+    Where another file takes the name, or this one is cut short, it is handed on as a line to be rejected: whatever
+    writes the file may not have finished it.
     """
 
     def __init__(self, path: str, position: int = 0, before: bytes = b"") -> None:
@@ -60,6 +60,7 @@ class GrowingFile:
             raise Unusable(str(error)) from None
         self.before = before if self.position else b""
         self._rest = b""
+        self._is_over = False
 
     def _stood(self, before: bytes, position: int) -> bool:
         """Whether these bytes end at `position`."""
@@ -76,6 +77,8 @@ class GrowingFile:
             Replaced: the rest is of another file.
             OSError: the disk does not give it.
         """
+        if self._is_over:
+            raise Replaced
         data = self._at_position(PIECE)
         end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
         if not end and len(data) == PIECE:
@@ -108,14 +111,13 @@ class GrowingFile:
         """What followed the last line end of a file that is gone, once; `data` is what of it can still be read.
 
         Raises:
-            Replaced: nothing followed, it was handed on before, or it stands in the other file, too.
+            Replaced: nothing followed, or it stands in the other file, too.
         """
-        known, self._rest = self._rest, b""
-        if not (data or known) or self._goes_on(data):
+        self._is_over, torn = True, data or self._rest
+        if not torn or self._goes_on(data):
             raise Replaced
-        self.position += len(data or known)
         self.before = b""  # no place in the other file
-        return data + b"\n" if data else b"\0" + known + b"\n"
+        return b"\0" + torn + b"\n"
 
     def _goes_on(self, data: bytes) -> bool:
         """Whether the file that has the name now goes on behind this: a copy of one that is written elsewhere."""
