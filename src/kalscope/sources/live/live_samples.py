@@ -138,7 +138,8 @@ class LiveSamples:
     def _adopt(self, layout: Layout) -> None:
         """Another layout: a new generation, unless the channels and the time are the same.
 
-        Where channels were added, what the others had stays: they get missing samples up to now.
+        Where a variable of Teleplot was added, the others keep their samples. A table with more columns is that of
+        another program, whatever they are called.
         """
         known, self._layout = self._layout, layout
         names = tuple(layout.columns[i].name for i in layout.channels)
@@ -146,11 +147,8 @@ class LiveSamples:
         if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
             return
         many = len(self._names)
-        grows = known is not None and (names[:many], units[:many], layout.time) == (
-            self._names,
-            self._units,
-            known.time,
-        )
+        same = (names[:many], units[:many], layout.time) == (self._names, self._units, known and known.time)
+        grows = layout.form.kind == "teleplot" and same
         self._names, self._units = names, units
         self._generation += 1
         keep = min(self._keep, MAX_NUMBERS // max(len(names), 1))
