@@ -107,25 +107,34 @@ class CommandChannel:
         if not (self._is_pending or self._listeners):
             return
         found: list[Remark] = []
-        replies: list[str] = []
-        is_complete = False
+        said: list[str | None] = []  # None for a sample
         for event in events:
             if event.kind == "row":
                 row += len(event.rows)
-                is_complete = is_complete or bool(replies or self._replies)
+                said.append(None)
             elif event.kind == "comment" and event.text.startswith("#"):
                 found.append(Remark(event.text, row, generation))
-                if self._is_reply is None or self._is_reply(event.text):
-                    replies.append(event.text)
+                said.append(event.text)
         for remark in found:
             for heard in self._listeners:
                 with suppress(Full):
                     heard.put_nowait(remark)
-        if (replies or is_complete) and self._is_pending:
-            with self._replied:
-                self._replies += replies
-                self._is_complete = self._is_complete or is_complete
-                self._replied.notify_all()
+        with self._replied:
+            if self._is_pending:
+                self._collect(said)
+
+    def _collect(self, said: Iterable[str | None]) -> None:
+        """Take the reply from remarks and samples, up to the first sample behind it."""
+        for text in said:
+            if self._is_complete:
+                return
+            if text is None:
+                self._is_complete = bool(self._replies)
+            elif self._is_reply is None or self._is_reply(text):
+                self._replies.append(text)
+            else:
+                continue
+            self._replied.notify_all()
 
     def on_disconnected(self) -> None:
         """End the wait for a reply that cannot come."""
@@ -135,12 +144,11 @@ class CommandChannel:
 
     def _reply(self, timeout: float, check: Callable[[], object]) -> tuple[str, ...]:
         end = time.monotonic() + timeout
+        while not self._begins_within(min(timeout, _TICK)):
+            if time.monotonic() > end:
+                raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
+            check()  # without the lock: it may ask for the status, or wait for the terminal
         with self._replied:
-            while not (self._replies or self._is_complete):
-                check()
-                if time.monotonic() > end:
-                    raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
-                self._replied.wait(min(timeout, _TICK))
             if not self._replies:
                 raise BadDevice("the board was disconnected before it answered")
             known, end = 0, time.monotonic() + _MAX_REPLY_S
@@ -148,3 +156,7 @@ class CommandChannel:
                 known = len(self._replies)
                 self._replied.wait(_REPLY_PAUSE)
             return tuple(self._replies)
+
+    def _begins_within(self, seconds: float) -> bool:
+        with self._replied:
+            return self._replied.wait_for(lambda: bool(self._replies) or self._is_complete, seconds)

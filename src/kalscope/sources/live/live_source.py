@@ -66,7 +66,7 @@ class LiveSource:
             spec: The port, or what `port_of` reads.
             options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
-            keep: Samples a channel that are kept at least, fewer of very many channels.
+            keep: Samples per channel that are kept at least, fewer of very many channels.
             clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
 
