@@ -23,9 +23,9 @@ _BZIP2, _LZ4 = b"BZh", b"\x04\x22\x4d\x18"
 class Unpacked:
     """Adds up what the chunks of a log unpack to: many small ones would take hours."""
 
-    def __init__(self, path: Path) -> None:
-        """Args: the file."""
-        self._name, self._left = path.name, max(MAX_UNPACKED, MAX_RATIO * path.stat().st_size)
+    def __init__(self, path: Path, name: str) -> None:
+        """Args: the file, and its name in messages: one that was packed lies in a temporary file."""
+        self._name, self._left = name, max(MAX_UNPACKED, MAX_RATIO * path.stat().st_size)
         self._most = self._left
 
     def add(self, size: int) -> None:

@@ -84,7 +84,7 @@ def _decoder(channel: Any, schema: Any, name: str) -> Callable[[bytes], Any]:
 def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
     """All records of the file, those in chunks as well, checked by their checksums."""
     reading = load_library("mcap.stream_reader", "mcap", name, _KIND)
-    size, unpacked = max(path.stat().st_size, 1), Unpacked(path)
+    size, unpacked = max(path.stat().st_size, 1), Unpacked(path, name)
     with path.open("rb") as file:
         stream = reading.StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         for i, record in enumerate(stream.records):

@@ -49,7 +49,7 @@ def read_ros1(path: Path, name: str, part: str | None, progress: Progress) -> Ta
 
 
 def _check_chunks(reader: Any, path: Path, progress: Progress) -> None:
-    unpacked = Unpacked(path)
+    unpacked = Unpacked(path, path.name)
     with path.open("rb") as file:
         for chunk in reader.chunks.values():
             progress(0.0, "reading")
