@@ -104,7 +104,7 @@ def tune_options(
     sigma: Annotated[
         SensorNumbers | None,
         number_option(
-            "Data sheet: RMS noise, unit; gives r. Of fused sensors each: a=2,b=3.", number_or_each(positive)
+            "Data sheet: RMS noise, unit; gives r. For fused sensors, one each: a=2,b=3.", number_or_each(positive)
         ),
     ] = None,
     density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
@@ -112,7 +112,7 @@ def tune_options(
     r: Annotated[
         SensorNumbers | None,
         number_option(
-            "Known measurement-noise variance, unit²; q is estimated. Of fused sensors each: a=4,b=9.",
+            "Known measurement-noise variance, unit²; q is estimated. For fused sensors, one each: a=4,b=9.",
             number_or_each(positive),
         ),
     ] = None,

@@ -139,11 +139,11 @@ def _workers_here(tasks: int) -> int:
 
 @contextmanager
 def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
-    """Workers here, whose files are in a folder."""
+    """Workers on this machine that keep their temporary files in `folder`."""
     cluster: Any = None
 
     def kill() -> None:  # a part is whole or absent, whenever that is
-        for worker in () if cluster is None else cluster.workers.values():
+        for worker in () if cluster is None else [*cluster.workers.values()]:  # Dask changes them meanwhile
             worker.status = distributed.Status.closing  # else Dask would start it again
         for process in active_children():
             process.kill()
@@ -173,14 +173,14 @@ def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
 def _without_interrupts() -> Generator[None]:
     """Hold Ctrl+C back while processes are started, which inherit that: a terminal sends it to them too.
 
-    It is delivered when the block ends. Elsewhere than on POSIX nothing is inherited.
+    Elsewhere than on POSIX nothing is inherited.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     with _environment(
         PYTHONWARNINGS="ignore:resource_tracker:UserWarning"
-    ):  # where workers are killed, it has work
+    ):  # it would warn of what killed workers left
         resource_tracker.ensure_running()  # it would let the signal through again where it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
