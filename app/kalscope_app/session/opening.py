@@ -34,13 +34,20 @@ ChannelKey = tuple[str, str]
 """Name and unit: what must be the same for settings to stay."""
 
 
-def opened(recording: Recording, before: State | None = None) -> State:
+def opened(
+    recording: Recording, before: State | None = None, starts: tuple[ChannelTuning, ...] | None = None
+) -> State:
     """A state that looks at a newly opened recording.
 
     Every channel has its starting values, unless it was tuned before: what the user set for a channel of the same
     name and unit stays, whatever was open in between. The note says so.
+
+    Args:
+        recording: What was opened.
+        before: The state until then.
+        starts: The starting values of each channel; None = those of the recording.
     """
-    starts = tuple(starting_tuning(recording, name) for name in recording.names)
+    starts = starts or tuple(starting_tuning(recording, name) for name in recording.names)
     fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
     return fresh if before is None else _with_what_stays(fresh, before)
 

@@ -106,13 +106,24 @@ def test_new_channels_keep_what_was_tuned_by_name(board):
 
 
 def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(board):
-    state = set_text("r", "9")(opened_board(board.send(500), "x"))
+    state = before = set_text("r", "9")(opened_board(board.send(500), "x"))
     board.send(START_SAMPLES)
     late = np.where(np.arange(len(board.values)) < 500, np.nan, 10 * board.values[:, 0])
     board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
     state = refreshed(state, board.snapshot())
     assert (len(state.recording), state.channel, state.tuning.r) == (500 + START_SAMPLES, "a", 9.0)
     assert state.settings.starts[2].r == pytest.approx(np.var(np.diff(late[500:])) / 2, rel=0.05)
+    assert state.settings.tunings[:2] == before.settings.tunings
+
+
+@pytest.mark.parametrize("late_samples", [1, 2])
+def test_a_topic_that_is_new_changes_no_filter_on_screen(board, late_samples):
+    state = before = opened_board(board.send(500), "x")
+    late = np.where(np.arange(500) < 500 - late_samples, np.nan, board.values[:, 0])
+    board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
+    state = refreshed(state, board.snapshot())
+    assert state.settings.tunings[:2] == before.settings.tunings
+    assert state.answers.note == before.answers.note
 
 
 def test_a_tuning_file_decides_the_channels_that_it_names(board):

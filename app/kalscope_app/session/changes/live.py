@@ -18,7 +18,7 @@ from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes.channels import channel_named, select_channel
 from kalscope_app.session.live_state import BoardCalibration, BoardId, Deferred, Live, Sent, Setting
-from kalscope_app.session.opening import adapted, opened
+from kalscope_app.session.opening import adapted, opened, starting_tuning
 from kalscope_app.session.state import Change, State
 
 SPANS = {
@@ -123,14 +123,19 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 def _begun(state: State, snapshot: Snapshot) -> State:
     """Starting values from the first samples, and what stays of before."""
     recording = snapshot.recording
-    begin = _all_have_come(recording)
+    firsts = _first_values(recording)
+    begin = max(firsts, default=0)
     lasted = float(recording.time[-1] - recording.time[begin])
     settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
     head = _part(recording, begin, begin + START_SAMPLES)
-    fresh = opened(head, state)
+    starts = tuple(
+        starting_tuning(_part(recording, first, first + START_SAMPLES), name)
+        for first, name in zip(firsts, recording.names, strict=True)
+    )
+    fresh = opened(head, state, starts)
     live = replace(state.live, settled=settled) if state.live else None
     last = state.live.snapshot if state.live else None
-    if last is not None and last.generation == snapshot.generation:  # only more samples of the same channels
+    if last is not None and (last.generation == snapshot.generation or _has_more_channels(last, snapshot)):
         fresh = fresh.with_answers(note=state.answers.note)
     if fresh.recording.names == state.recording.names:
         fresh = fresh.with_view(resets=state.view.resets)
@@ -140,10 +145,15 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     return _apply_deferred(replace(fresh, live=live))
 
 
-def _all_have_come(recording: Recording) -> int:
-    """The row in which the last of the channels has its first value: a topic of a broker may be new later."""
-    there = np.isfinite(recording.values)
-    return int(there.argmax(axis=0).max()) if there.size else 0
+def _has_more_channels(last: Snapshot, snapshot: Snapshot) -> bool:
+    """Whether channels were added to those before."""
+    before, now = last.recording.names, snapshot.recording.names
+    return len(now) > len(before) and now[: len(before)] == before
+
+
+def _first_values(recording: Recording) -> list[int]:
+    """The row of each channel's first value: a topic of a broker may be new later."""
+    return np.isfinite(recording.values).argmax(axis=0).tolist()
 
 
 def without_samples(state: State) -> State:
