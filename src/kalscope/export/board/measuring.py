@@ -24,6 +24,7 @@ from kalscope.export.board.calibration import (
 )
 from kalscope.export.board.connected import board_filter, filtered_channels, values_in_use
 from kalscope.sources.live import command_channel
+from kalscope.sources.live.command_channel import BoardGone
 
 if TYPE_CHECKING:
     from kalscope.sources.live.command_channel import Remark
@@ -48,6 +49,7 @@ _ASKED = "the board is asked"
 _CANCELLED = "the measurement was cancelled"
 _UNCHANGED = f"{_CANCELLED}: the board keeps its values"
 _STARTS_WITH = "It starts again with the values of its export, or with those that it keeps: measure again"
+_UNPLUGGED = f"the board was unplugged while it measured. {_STARTS_WITH}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +152,9 @@ class _Run:
         """Tell the board to; the errors of `measure`."""
         try:
             self._source.commands.send(command, check=lambda: progress(0.0, _ASKED))
-        except BadDevice:
+        except BoardGone:
             self._check_connection(self._source.status())
-            raise
+            raise BadDevice(_UNPLUGGED) from None  # which the status does not say yet
 
     def until_done(self, progress: Progress) -> tuple[Measurement, ...]:
         """Wait for the answers; the arguments and errors of `measure`."""
@@ -258,4 +260,4 @@ class _Run:
         if status.word == "closed":
             raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
         if status.word != "connected" or status.reconnects != self._reconnects:
-            raise BadDevice(f"the board was unplugged while it measured. {_STARTS_WITH}")
+            raise BadDevice(_UNPLUGGED)

@@ -26,6 +26,10 @@ _MAX_REMARKS = 1000
 """Remarks that wait for a listener; what comes on top is left out."""
 
 
+class BoardGone(BadDevice):
+    """The board was disconnected or unplugged before it answered."""
+
+
 @dataclass(frozen=True)
 class Remark:
     """A line with # and its place among the samples."""
@@ -150,7 +154,7 @@ class CommandChannel:
             check()  # without the lock: it may ask for the status, or wait for the terminal
         with self._replied:
             if not self._replies:
-                raise BadDevice("the board was disconnected before it answered")
+                raise BoardGone("the board was disconnected before it answered")
             known, end = 0, time.monotonic() + _MAX_REPLY_S
             while len(self._replies) > known and not self._is_complete and time.monotonic() < end:
                 known = len(self._replies)
