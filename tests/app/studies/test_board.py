@@ -42,10 +42,16 @@ class Board:
     def snapshot(self):
         return None
 
-    def send(self, line):
+    @property
+    def commands(self):
+        return self
+
+    def send(self, line, is_reply, **_):
         self.asked.append(line)
         name = line.split()[0]
         if name in self.says:
+            if not is_reply(self.says[name]):
+                raise BadDevice(f"the board did not answer {line!r} within 5 s")
             return (self.says[name],)
         if name != "?":
             self.used[name] = np.float32(float(line.split()[1]))

@@ -26,7 +26,7 @@ from kalscope.export.board.calibration import (
     NotUnderstood,
     read_answer,
 )
-from kalscope.export.board.connected import values_in_use
+from kalscope.export.board.connected import is_unnamed, values_in_use
 from kalscope.export.board.measured_words import compared_text, found_text, refusal_text
 from kalscope.export.board.measuring import Measurement, measure
 from kalscope.sources.live.live_source import LiveSource
@@ -122,6 +122,9 @@ def connected():
         opened.extend([source.close, board.unplug])
         source.start(require=True)
         wait_until(lambda: source.snapshot() is not None and len(source.snapshot().recording) > 20)
+        if is_unnamed(source.snapshot().recording.names):  # on a busy machine opening the port cleared its header
+            board.reset()
+            wait_until(lambda: not is_unnamed(source.snapshot().recording.names))
         return board, source
 
     yield connect

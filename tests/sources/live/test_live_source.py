@@ -206,7 +206,7 @@ def test_a_board_that_goes_before_it_answers_is_not_waited_for(board, live):
 
 
 def test_no_answer_is_the_fault_of_the_device(live):
-    with pytest.raises(BadDevice, match="did not answer within"):
+    with pytest.raises(BadDevice, match="did not answer 'hello' within"):
         live.send("hello", timeout=0.1)
 
 

@@ -86,7 +86,7 @@ class CommandChannel:
                 self._is_pending = True
             try:
                 self._write(data)
-                return self._reply(ANSWER_S if timeout is None else timeout, check)
+                return self._reply(line, ANSWER_S if timeout is None else timeout, check)
             finally:
                 self._is_pending = False
 
@@ -146,11 +146,13 @@ class CommandChannel:
             self._is_complete = True
             self._replied.notify_all()
 
-    def _reply(self, timeout: float, check: Callable[[], object]) -> tuple[str, ...]:
+    def _reply(self, line: str, timeout: float, check: Callable[[], object]) -> tuple[str, ...]:
         end = time.monotonic() + timeout
         while not self._begins_within(min(timeout, _TICK)):
             if time.monotonic() > end:
-                raise BadDevice(f"the board did not answer within {timeout:g} s: is the exported sketch on it?")
+                raise BadDevice(
+                    f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
+                )
             check()  # without the lock: it may ask for the status, or wait for the terminal
         with self._replied:
             if not self._replies:
