@@ -4,12 +4,12 @@
 // would fall behind without end, and a click would wait for all that came before it. So what comes while the page
 // draws waits here, and of the messages that set the same properties of a widget only the last one is kept. viser's
 // server chooses by the same rule what a browser gets that connects late, or that reads slowly. After a picture that
-// took long to draw the page waits as long again, at most MOST, so that clicks and keys get their turn.
+// took LONG to draw the page pauses, so that clicks and keys get their turn.
 
 const waiting = new Map(); // what the message sets -> the message
 const drawn = new MessageChannel();
-const LONG = 100; // ms
-const MOST = 200; // ms
+const LONG = 500; // ms
+const PAUSE = 200; // ms
 let isDrawing = false;
 let begun = 0;
 let apply = () => {};
@@ -43,7 +43,7 @@ const applyWaiting = () => {
 
 drawn.port1.onmessage = () => {
   const took = performance.now() - begun;
-  if (took > LONG) setTimeout(applyWaiting, Math.min(took, MOST));
+  if (took > LONG) setTimeout(applyWaiting, PAUSE);
   else applyWaiting();
 };
 addEventListener("visibilitychange", () => isDrawing && tellWhenDrawn());
