@@ -160,9 +160,7 @@ class Flood:
                 self.late += 1
 
 
-SMALL_QUEUE = (
-    "from kalscope.sources.port import overload; overload.MAX_WAITING_BYTES, overload.RESUME_BYTES = 2**18, 2**17"
-)
+SMALL_QUEUE = "from kalscope.sources.port import overload; overload.MAX_WAITING_BYTES = 2**18"
 
 
 def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp_path):

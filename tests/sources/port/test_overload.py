@@ -32,7 +32,6 @@ def test_every_line_is_handed_over_whole_or_counted(ends, sizes, data):
     stream = b"".join(line + end for line, end in zip(lines, ends, strict=True))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(overload, "MAX_WAITING_BYTES", 40)
-        patch.setattr(overload, "RESUME_BYTES", 20)
         queue, gate, at = [], Overload(), 0
         for i in range(len(stream)):
             piece, at = stream[at : at + sizes[i % len(sizes)]], at + sizes[i % len(sizes)]
@@ -70,3 +69,56 @@ def test_bytes_without_an_end_of_a_line_are_named():
     gap, kept = gate.take(BytesReceived(b"9\n10\n", 2.0, 3.0, 0.0), 0)
     assert gap == LinesDropped(2, 0.0, 3.0)
     assert kept.data == b"10\n"
+
+
+TICK, LINE = 0.01, b"1234,56\n"
+
+
+class Flow:
+    """Lines into a gate every 10 ms, and a consumer behind it."""
+
+    def __init__(self):
+        self.gate, self.at, self.waiting, self.kept, self.dropped = Overload(), 0.0, 0.0, 0, 0
+
+    def run(self, seconds, *, sent, taken):
+        """So many bytes a second come and are taken; the most that waited in the last quarter."""
+        most = 0.0
+        for step in range(count := round(seconds / TICK)):
+            self.at, self.waiting = self.at + TICK, max(self.waiting - taken * TICK, 0.0)
+            piece = LINE * round(sent * TICK / len(LINE))
+            for item in self.gate.take(BytesReceived(piece, self.at - TICK, self.at, 0.0), round(self.waiting)):
+                if isinstance(item, LinesDropped):
+                    self.dropped += item.count
+                else:
+                    self.waiting += len(item.data)
+                    self.kept += len(item.data) // len(LINE)
+            most = max(most, self.waiting) if step >= 0.75 * count else most
+        return most
+
+
+@pytest.mark.parametrize("taken", [50_000, 200_000])
+def test_after_the_first_overload_no_more_waits_than_is_taken_in_a_second_or_two(taken, monkeypatch):
+    monkeypatch.setattr(overload, "MAX_WAITING_BYTES", 1 << 20)
+    flow = Flow()
+    assert flow.run(40.0, sent=800_000, taken=taken) < 1.5 * taken
+    assert flow.kept + flow.dropped + flow.gate.dropped == 40 * 800_000 // len(LINE)
+    assert flow.kept * len(LINE) > 0.95 * 40.0 * taken  # the consumer never waits
+
+
+def test_a_consumer_that_had_nothing_to_do_is_not_taken_for_a_slow_one():
+    flow = Flow()
+    flow.run(20.0, sent=800_000, taken=400_000)
+    flow.run(20.0, sent=8_000, taken=400_000)
+    dropped = flow.dropped
+    assert dropped > 0
+    assert flow.run(1.0, sent=600_000, taken=400_000) > 100_000
+    assert (flow.dropped, flow.gate.dropped) == (dropped, 0)
+
+
+def test_a_minute_without_a_dropped_line_gives_the_whole_room_back():
+    flow = Flow()
+    flow.run(20.0, sent=800_000, taken=400_000)
+    flow.run(overload.HOLD_S + 20.0, sent=8_000, taken=400_000)
+    dropped = flow.dropped
+    assert flow.run(2.0, sent=1_600_000, taken=100_000) > 2_500_000
+    assert (flow.dropped, flow.gate.dropped) == (dropped, 0)

@@ -155,7 +155,6 @@ def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader,
 
 def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 1000)
-    monkeypatch.setattr("kalscope.sources.port.overload.RESUME_BYTES", 500)
     port = ScriptedPort([b"1234,6789\n" * 10] * 50)
     reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
     reader.start()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,9 +10,13 @@ from dataclasses import replace
 from kalscope.sources.port.events import BytesReceived, LinesDropped
 
 MAX_WAITING_BYTES = 4 << 20
-"""Bytes that may wait for the consumer: 14 s of a port at 3 Mbaud. Beyond that lines are left out."""
-RESUME_BYTES = MAX_WAITING_BYTES // 2
-"""Bytes that still wait when lines are kept again: few long gaps are better than many short ones."""
+"""Bytes that may wait for the consumer at first: 14 s of a port at 3 Mbaud. Beyond that lines are left out."""
+MIN_WAITING_BYTES = 1 << 16
+"""Bytes that may wait for a consumer however slow: 5 s of 1,000 lines/s, which a disk may take for one write."""
+MAX_AGE_S = 1.0
+"""Once lines were left out, no more may wait than the consumer takes in this time, s: it shows what is new."""
+HOLD_S = 60.0
+"""Seconds since the last line that was left out after which MAX_WAITING_BYTES may wait again."""
 
 _LINE_END = re.compile(rb"\r\n?|\n")
 
@@ -32,6 +37,24 @@ class LineCounter:
         return ends
 
 
+class Pace:
+    """How fast the consumer takes bytes; while none wait for it, it might be faster than what comes."""
+
+    def __init__(self) -> None:
+        self.rate = 0.0
+        """Bytes a second, over the last second or longer."""
+        self._since, self._taken, self._is_idle = -math.inf, 0, True
+
+    def note(self, at: float, taken: int, *, is_idle: bool) -> None:
+        """So many bytes it has taken by `at`, a monotonic moment in s; idle: and none wait."""
+        self._is_idle |= is_idle
+        seconds = at - self._since
+        if seconds >= 1.0:
+            rate = (taken - self._taken) / seconds
+            self.rate = max(rate, self.rate) if self._is_idle else rate
+            self._since, self._taken, self._is_idle = at, taken, is_idle
+
+
 class Overload:
     """Decides which lines of a port are handed over while more bytes wait than may."""
 
@@ -39,6 +62,8 @@ class Overload:
         self._lines = LineCounter()
         self._gap: LinesDropped | None = None
         self._is_cut = False
+        self._pace, self._handed = Pace(), 0
+        self._full_from = -math.inf  # when MAX_WAITING_BYTES may wait again
 
     @property
     def dropped(self) -> int:
@@ -59,13 +84,21 @@ class Overload:
             received: what was read.
             waiting: bytes that the consumer has not taken yet.
         """
-        data, gap = self._without_cut_end(received.data), self._gap
-        if gap is None and waiting + len(data) <= MAX_WAITING_BYTES:
+        self._pace.note(received.end, self._handed - waiting, is_idle=waiting == 0)
+        for item in self._taken(received, waiting):
+            self._handed += len(item.data) if isinstance(item, BytesReceived) else 0
+            yield item
+
+    def _taken(self, received: BytesReceived, waiting: int) -> Iterator[LinesDropped | BytesReceived]:
+        data, gap, most = self._without_cut_end(received.data), self._gap, self._most_waiting(received.end)
+        if gap is None and waiting + len(data) <= most:
             self._lines.count(data)
             if data:
                 yield received if len(data) == len(received.data) else replace(received, data=data)
             return
-        first_end = _LINE_END.search(data) if waiting <= RESUME_BYTES else None
+        self._full_from = received.end + HOLD_S
+        # Few long gaps are better than many short ones.
+        first_end = _LINE_END.search(data) if waiting <= most // 2 else None
         cut = len(data) if first_end is None else first_end.end()
         begin, before = (received.begin, 0) if gap is None else (gap.begin, gap.count)
         self._gap = LinesDropped(before + self._lines.count(data[:cut]), begin, received.end)
@@ -75,6 +108,12 @@ class Overload:
             if cut < len(data):
                 self._lines.count(data[cut:])
                 yield replace(received, data=data[cut:])
+
+    def _most_waiting(self, at: float) -> int:
+        """Bytes that may wait now, at a monotonic moment in s."""
+        if at >= self._full_from:
+            return MAX_WAITING_BYTES
+        return min(max(round(MAX_AGE_S * self._pace.rate), MIN_WAITING_BYTES), MAX_WAITING_BYTES)
 
     def _without_cut_end(self, data: bytes) -> bytes:
         r"""The bytes without the \n of an \r\n whose \r ended a gap: it would read as a blank line."""
