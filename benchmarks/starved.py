@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
+import os
+import select
 import time
 from contextlib import suppress
 from multiprocessing.sharedctypes import RawArray
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -33,8 +37,12 @@ class Probe:
 
     def latest_since(self, since: float) -> float:
         """Longest time in s by which it was woken too late, from a monotonic moment on."""
+        return self.latest_between(since, math.inf)
+
+    def latest_between(self, begin: float, end: float) -> float:
+        """The same of the waits that fell, with a part of them at least, between two monotonic moments."""
         woken, late = np.frombuffer(self._late).reshape(KEPT, 2).T
-        return float(late[woken >= since].max(initial=0.0))
+        return float(late[(woken >= begin) & (woken - late <= end)].max(initial=0.0))
 
     def _run(self) -> None:
         table, i = np.frombuffer(self._late).reshape(KEPT, 2), 0
@@ -44,6 +52,41 @@ class Probe:
             now = time.monotonic()
             table[i] = now, now - due
             i = (i + 1) % KEPT
+
+
+class BareReader(Probe):
+    """A process that only reads a pseudo-terminal, to which another writes every millisecond, and notes its waits.
+
+    The kernel hands the bytes of a terminal over by a task of its own, which a busy machine lets wait as well: half
+    a second where a process that sleeps is woken 0.03 s late.
+    """
+
+    def _run(self) -> None:
+        import tty
+
+        table, i = np.frombuffer(self._late).reshape(KEPT, 2), 0
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        if os.fork() == 0:
+            _write_until_alone(master)
+        before = time.monotonic()
+        while True:
+            select.select([slave], [], [])
+            os.read(slave, 1 << 16)
+            now = time.monotonic()
+            if now - before > NAP:
+                table[i] = now, now - before
+                i = (i + 1) % KEPT
+            before = now
+
+
+def _write_until_alone(master: int) -> NoReturn:
+    """Write a byte a millisecond while the process that reads them is there."""
+    reader = os.getppid()
+    while os.getppid() == reader:
+        os.write(master, b"1")
+        time.sleep(0.001)
+    os._exit(0)
 
 
 def waited(pid: int) -> dict[str, float]:
