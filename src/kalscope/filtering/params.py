@@ -105,6 +105,10 @@ class FilterParams:
 def _checked(name: str, value: Any) -> Parameter:
     """`value` as a float or a read-only array of shape (channels,), in the range that _MUST states."""
     wrong = f"{name} must be {_MUST[name]}"
+    if isinstance(value, float):  # as an array it would take ten times as long
+        if not (math.isfinite(value) and _in_range(name, value)):
+            raise BadSetting(f"{wrong} (got {value})")
+        return 0.0 if name == "momentum" and value < MIN_MOMENTUM else float(value)
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -119,12 +123,12 @@ def _checked(name: str, value: Any) -> Parameter:
     return array
 
 
-def _in_range(name: str, array: Array) -> Any:
+def _in_range(name: str, value: Any) -> Any:
     if name == "x0":
         return True
     if name == "gate":
-        return array > 0.0
-    return (array >= 0.0) & (array <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE))
+        return value > 0.0
+    return (value >= 0.0) & (value <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE))
 
 
 def _same(a: Parameter | None, b: Parameter | None) -> bool:

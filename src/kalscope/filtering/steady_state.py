@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -179,6 +180,7 @@ def _ratio_without_momentum(target: Target, value: float) -> float:
     return value
 
 
+@lru_cache(256)
 def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:
     return (
         _with_momentum(settle(q, r, momentum, SETTLED), r, period) if momentum > 0.0 < q else _plain(q, r, period)
