@@ -15,12 +15,17 @@ from kalscope.sources.port.transports.words import quoted, short
 _HOST_PORT = re.compile(r"\w+://(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\s]+)):([0-9]{1,5})(?:[/?].*)?", re.IGNORECASE)
 
 
-def check_host_and_port(address: str) -> None:
-    """Raises BadSetting where an address is not scheme://host:port."""
+def host_and_port(address: str) -> tuple[str, int]:
+    """The host and the port of an address.
+
+    Raises:
+        BadSetting: it is not scheme://host:port.
+    """
     match = _HOST_PORT.fullmatch(address)
     if match is None or not 1 <= int(match[3]) <= 65_535:
         scheme = address.partition(":")[0].lower()
         raise BadSetting(f"an address must be {scheme}://host:port (got {quoted(address)})")
+    return match[1] or match[2], int(match[3])
 
 
 def connect_failure(host: str, port: int, error: Exception, what: str = "the board, or its program,") -> str:
@@ -45,11 +50,9 @@ class SocketEndpoint(Endpoint):
     """A host and one of its ports."""
 
     def __init__(self, address: str) -> None:
-        """Take an address that was checked."""
+        """Take an address; raises BadSetting as `host_and_port`."""
         self.device = address
-        match = _HOST_PORT.fullmatch(address)
-        assert match is not None
-        self._host, self._port = match[1] or match[2], int(match[3])
+        self._host, self._port = host_and_port(address)
 
     def open(self, is_ended: Callable[[], bool]) -> OpenPort:
         """Connect; see Endpoint."""
@@ -100,7 +103,7 @@ class SocketPort(OpenPort):
 TCP = Transport(
     ("tcp://", "socket://"),
     "tcp://host:port",
-    check_host_and_port,
+    host_and_port,
     lambda address, _baud, _reset: SocketEndpoint(address),
 )
 """A plain TCP connection."""

@@ -15,7 +15,7 @@ from typing import Any
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.port.plugged_in import list_ports
 from kalscope.sources.port.transports.limits import MAX_READ_BYTES, READ_TIMEOUT, WRITE_TIMEOUT
-from kalscope.sources.port.transports.network import check_host_and_port
+from kalscope.sources.port.transports.network import host_and_port
 from kalscope.sources.port.transports.transport import Endpoint, OpenPort, Transport
 from kalscope.sources.port.transports.words import quoted, short
 
@@ -230,7 +230,7 @@ def _check_url(address: str) -> None:
 
 SERIAL = Transport(("serial:",), "/dev/ttyACM0 or COM3@9600", lambda _path: None, SerialEndpoint, has_baud=True)
 """A serial port of this computer; its path alone is an address, too."""
-RFC2217 = Transport(("rfc2217://",), "rfc2217://host:port", check_host_and_port, UrlEndpoint, has_baud=True)
+RFC2217 = Transport(("rfc2217://",), "rfc2217://host:port", host_and_port, UrlEndpoint, has_baud=True)
 """A serial port of another machine, by RFC 2217."""
 PYSERIAL = Transport(
     ("loop://", "spy://", "alt://", "hwgrep://", "cp2110://"),

@@ -72,8 +72,8 @@ class Transport:
     """How its addresses begin, in small letters; the usual one first."""
     example: str
     """Such an address, for help texts."""
-    check: Callable[[str], None]
-    """Raises BadSetting where an address is not written as it must be. Opens nothing."""
+    check: Callable[[str], object]
+    """Raises BadSetting where an address is not written as it must be; its answer is not used. Opens nothing."""
     endpoint: Callable[[str, int, bool], Endpoint]
     """The endpoint of an address, a baud rate, and whether the board may be reset; imports what it needs."""
     has_baud: bool = False

@@ -40,14 +40,19 @@ _ADDRESS = re.compile(
 _WRONG_LOGIN = {134, 135}  # bad user name or password; not authorised
 
 
-def check_address(address: str) -> None:
-    """Raises BadSetting where an address is not mqtt://[user@]broker[:port]/topic."""
+def _matched(address: str) -> re.Match[str]:
+    """The parts of an address: scheme, user, host in brackets, host, port and topic.
+
+    Raises:
+        BadSetting: it is not mqtt://[user@]broker[:port]/topic.
+    """
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[5] or PORT) <= 65_535:
         raise BadSetting(
             f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
         )
     check_topic(_topic(match[6]))
+    return match
 
 
 def _topic(written: str) -> str:
@@ -59,10 +64,10 @@ class MqttEndpoint(Endpoint):
     """A broker and a topic."""
 
     def __init__(self, address: str) -> None:
-        """Take an address that was checked.
+        """Take an address.
 
         Raises:
-            BadSetting: paho-mqtt is not installed.
+            BadSetting: as `_matched`, or paho-mqtt is not installed.
         """
         try:
             import paho.mqtt.client
@@ -71,8 +76,7 @@ class MqttEndpoint(Endpoint):
                 'mqtt:// needs paho-mqtt: pip install "kalscope[mqtt]" or pip install paho-mqtt'
             ) from None
         self._paho: Any = paho.mqtt.client
-        match = _ADDRESS.fullmatch(address)
-        assert match is not None
+        match = _matched(address)
         self.device = address
         self._tls = match[1].lower() == "mqtts"
         self._user = unquote(match[2] or "")
@@ -281,7 +285,7 @@ def _limit_buffer(_client: Any, _data: Any, connection: Any) -> None:
 MQTT = Transport(
     ("mqtt://", "mqtts://"),
     "mqtt://broker/topic",
-    check_address,
+    _matched,
     lambda address, _baud, _reset: MqttEndpoint(address),
     password=WHERE,
 )

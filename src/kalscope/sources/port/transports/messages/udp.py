@@ -31,30 +31,27 @@ _ADDRESS = re.compile(r"udp://(?:(?:\[([0-9A-Fa-f:.%\w]+)\]|([^/:?@\[\]\s]*)):)?
 _MEMORY, _DROPS = 55, 8  # Linux: SO_MEMINFO, of whose numbers the ninth counts the datagrams thrown away
 
 
-def _split(address: str) -> tuple[str, int] | None:
+def interface_and_port(address: str) -> tuple[str, int]:
+    """The interface and the port of an address.
+
+    Raises:
+        BadSetting: it is not udp://:port or udp://interface:port.
+    """
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[3]) <= 65_535:
-        return None
-    return match[1] or match[2] or LOOPBACK, int(match[3])
-
-
-def check_address(address: str) -> None:
-    """Raises BadSetting where an address is not udp://:port or udp://interface:port."""
-    if _split(address) is None:
         raise BadSetting(
             f"an address must be udp://:47269, or udp://0.0.0.0:47269 for all networks (got {quoted(address)})"
         )
+    return match[1] or match[2] or LOOPBACK, int(match[3])
 
 
 class UdpEndpoint(Endpoint):
     """A port of this machine, on one interface or on all."""
 
     def __init__(self, address: str) -> None:
-        """Take an address that was checked."""
+        """Take an address; raises BadSetting as `interface_and_port`."""
         self.device = address
-        found = _split(address)
-        assert found is not None
-        self._host, self._port = found
+        self._host, self._port = interface_and_port(address)
         if self._host in (LOOPBACK, "localhost", "::1"):
             self.when_silent = (
                 f"only this computer can send to {self._host}; udp://0.0.0.0:{self._port} is open to all networks"
@@ -149,5 +146,7 @@ class UdpPort(OpenPort):
         self._socket.close()
 
 
-UDP = Transport(("udp://",), "udp://:47269", check_address, lambda address, _baud, _reset: UdpEndpoint(address))
+UDP = Transport(
+    ("udp://",), "udp://:47269", interface_and_port, lambda address, _baud, _reset: UdpEndpoint(address)
+)
 """Datagrams."""

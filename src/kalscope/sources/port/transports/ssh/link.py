@@ -7,7 +7,7 @@ import sys
 import threading
 from contextlib import suppress
 from queue import Empty, Full, Queue
-from typing import Any
+from typing import IO, Any, cast
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.transports.limits import MAX_READ_BYTES, READ_TIMEOUT
@@ -52,6 +52,7 @@ class SshLink:
             self._ssh = subprocess.Popen(arguments, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0, **alone)
         except OSError as error:
             raise BadDevice(f"the program ssh does not start ({short(str(error))})") from error
+        self._input = cast("IO[bytes]", self._ssh.stdin)  # a pipe, because one was asked for
         self._pieces: Queue[bytes] = Queue(_MAX_WAITING)
         self._unread = b""
         self._errors = b""
@@ -85,9 +86,8 @@ class SshLink:
 
     def send(self, data: bytes) -> None:
         """Give bytes to ssh; those that it no longer takes are lost with it."""
-        assert self._ssh.stdin is not None
         with suppress(OSError, ValueError):
-            self._ssh.stdin.write(data)
+            self._input.write(data)
 
     def status(self) -> int:
         """The exit status of an ssh that has closed its output."""
@@ -105,9 +105,8 @@ class SshLink:
         """End ssh and what it runs on the other machine, which ends with its standard input."""
         self._closed.set()
         ssh = self._ssh
-        assert ssh.stdin is not None
         with suppress(OSError):
-            ssh.stdin.close()
+            self._input.close()
         ssh.terminate()
         try:
             ssh.wait(_END_S)

@@ -39,7 +39,8 @@ _ADDRESS = re.compile(
 )
 
 
-def _check(address: str) -> None:
+def _matched(address: str) -> re.Match[str]:
+    """The parts of an address: user, host, port and path; raises BadSetting where it has not its form."""
     match = _ADDRESS.fullmatch(address)
     if match is None:
         raise BadSetting(
@@ -52,15 +53,15 @@ def _check(address: str) -> None:
         )
     if any(character < " " or character == "\x7f" for character in unquote(match[4])):
         raise BadSetting(f"the path of an ssh address must have no control characters (got {quoted(address)})")
+    return match
 
 
 class SshEndpoint(Endpoint):
     """A path of another machine. A file continues where the last opening left it."""
 
     def __init__(self, address: str, baud: int, reset: bool) -> None:
-        """Args: as PortSpec, of an address that was checked."""
-        match = _ADDRESS.fullmatch(address)
-        assert match is not None
+        """Args: as PortSpec; raises BadSetting as `_matched`."""
+        match = _matched(address)
         self.device = address
         self.user, self.host, self.port = match[1] or "", match[2].strip("[]"), match[3] or ""
         path = unquote(match[4])
@@ -220,5 +221,5 @@ def _program() -> bytes:
     return f"exec({text!a})\n".encode("ascii")
 
 
-SSH = Transport(("ssh://",), "ssh://host/dev/ttyACM0@115200", _check, SshEndpoint, has_baud=True)
+SSH = Transport(("ssh://",), "ssh://host/dev/ttyACM0@115200", _matched, SshEndpoint, has_baud=True)
 """A port or a file of another machine."""
