@@ -73,11 +73,6 @@ class FilePort(OpenPort):
         """Always 0: the file keeps what was not read."""
         return 0
 
-    def write(self, data: bytes) -> None:
-        """Raises BadDevice."""
-        del data
-        raise BadDevice(f"{self._path} is a file: nothing can be sent to it")
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from kalscope.errors import BadDevice
 from kalscope.sources.port.events import Start
 from kalscope.sources.port.transports.words import refuse_password
 
@@ -33,9 +34,10 @@ class OpenPort(ABC):
         """Lines, or messages, lost since the last call because they came faster than they were fetched."""
         return 0
 
-    @abstractmethod
     def write(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all of it. Here: refuse, as most transports only receive."""
+        del data
+        raise BadDevice("nothing can be sent there: it is only read")
 
     @abstractmethod
     def close(self) -> None:

@@ -184,5 +184,5 @@ def test_more_rights_are_asked_for_in_words():
 
 
 def test_nothing_can_be_sent(sender, heard):
-    with pytest.raises(BadDevice, match="only receives"):
+    with pytest.raises(BadDevice, match="only read"):
         heard.send("hello")

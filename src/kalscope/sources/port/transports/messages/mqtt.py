@@ -225,10 +225,6 @@ class MqttPort(OpenPort):
         connection = self._client.socket()
         return 0 if connection is None else len(select.select([connection], [], [], 0)[0])
 
-    def write(self, data: bytes) -> None:  # noqa: ARG002
-        """Nothing is ever published."""
-        raise BadDevice(f"{self._name} only receives")
-
     def close(self) -> None:
         """Leave the broker."""
         self._client.disconnect()

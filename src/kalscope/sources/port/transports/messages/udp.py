@@ -137,10 +137,6 @@ class UdpPort(OpenPort):
         """1 where a datagram waits."""
         return len(select.select([self._socket], [], [], 0)[0])
 
-    def write(self, data: bytes) -> None:  # noqa: ARG002
-        """Nothing can be sent: there is no connection."""
-        raise BadDevice(f"{self._name} only receives")
-
     def close(self) -> None:
         """Free the port."""
         self._socket.close()

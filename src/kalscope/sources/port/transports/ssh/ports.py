@@ -201,10 +201,7 @@ class SshFile(SshDevice):
         self._endpoint.before = (self._endpoint.before + lines)[-growing_file.MAX_BEFORE :]
         return lines
 
-    def write(self, data: bytes) -> None:
-        """Raises BadDevice."""
-        del data
-        raise BadDevice(f"{self._endpoint.device} is a file: nothing can be sent to it")
+    write = OpenPort.write
 
 
 @cache
