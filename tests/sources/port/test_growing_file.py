@@ -59,12 +59,7 @@ def test_a_last_line_without_an_end_is_rejected_where_its_file_is_replaced(log):
     rotate(log)
     assert file.read() == b"\x007\n"
     add(log.with_suffix(".1"), b"5\n8\n")
-    with pytest.raises(Replaced):
-        file.read()
-    again = GrowingFile(str(log), file.position, file.before)
-    assert again.position == 0
-    file.close()
-    again.close()
+    assert_begins_again(file, log)
 
 
 def test_a_line_that_was_cut_off_is_no_line(log):
@@ -96,6 +91,16 @@ def rotate(path):
     path.write_bytes(b"old\nnew\n")
 
 
+def assert_begins_again(file, log):
+    """The file says that it was replaced; what is opened in its place begins at the new beginning."""
+    with pytest.raises(Replaced):
+        file.read()
+    again = GrowingFile(str(log), file.position, file.before)
+    assert again.position == 0
+    file.close()
+    again.close()
+
+
 @each("replace", [truncate, rotate])
 def test_a_replaced_file_is_noticed_and_read_from_its_beginning(log, replace):
     log.unlink(missing_ok=True)
@@ -103,12 +108,7 @@ def test_a_replaced_file_is_noticed_and_read_from_its_beginning(log, replace):
     file = GrowingFile(str(log))
     file.read()
     replace(log)
-    with pytest.raises(Replaced):
-        file.read()
-    again = GrowingFile(str(log), file.position, file.before)
-    assert again.position == 0
-    file.close()
-    again.close()
+    assert_begins_again(file, log)
 
 
 def test_a_file_that_was_moved_is_read_to_its_end(log):
@@ -187,7 +187,7 @@ def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for):
         np.testing.assert_array_equal(recording.values[:, 0], [1, 2, np.nan, 3, 4])
         assert (np.diff(recording.time) > 0).all()
         assert (live.status().reconnects, live.status().rejected) == (1, 0)
-        with pytest.raises(BadDevice, match="is a file: nothing can be sent to it"):
+        with pytest.raises(BadDevice, match="nothing can be sent there: it is only read"):
             live.send("q1")
         add(log, "0.2,5\n0.3,")
         wait_for(lambda: kept(live) == 6)
