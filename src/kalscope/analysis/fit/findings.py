@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,54 +80,59 @@ def find_misfits(
         refusals: the samples that the gate refused, rising.
         lags: of the Ljung-Box test.
     """
-    momentum = run.momentum
-    n = len(seen)
-    refused, in_a_row = len(refusals), _longest_run(refusals)
+    found = Findings(
+        n=len(seen), momentum=run.momentum, refused=len(refusals), refused_in_a_row=_longest_run(refusals)
+    )
     if not e.any():
-        return Findings(n, constant=True, momentum=momentum, refused=refused, refused_in_a_row=in_a_row)
-    lone_ones = spikes.lone > spikes.jumps
-    spiky = lone_ones and spikes.too_many(n, lone=True)
-    steps = not lone_ones and spikes.too_many(n)
-    outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
+        return replace(found, constant=True)
+    spiky, steps = _too_many(spikes, len(seen))
+    outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * len(seen) else spikes.off[:0]
     skewness, excess = find_shape(np.delete(e, spikes.off))
     record = Record.of(run, seen, seen[outliers])
     if not record.moves and not len(outliers):  # what is left is the way from a given x0
-        start = abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0
-        return Findings(
-            n, constant=True, momentum=momentum, start=start, refused=refused, refused_in_a_row=in_a_row
-        )
+        return replace(found, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
         record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
-    correction = find_scale(e, outliers) if momentum else find_correction(record, e, outliers)
-    structure, change = None, 1.0
-    if correction.e is not None:
-        # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-        structure = None if steps else find_structure(correction.e, lags)
-        if structure is None or 0.0 < structure.low_share < MAX_SHARE:
-            change = find_change(correction.e)
-        if structure is not None and not momentum:
-            structure = with_momentum(structure, record, lags)
-    burst = burst_of(seen[np.sort(spikes.at[~spikes.stays])], len(e)) if spiky else burst_of(refusals, len(e))
-    return Findings(
-        n=n,
+    correction = find_scale(e, outliers) if run.momentum else find_correction(record, e, outliers)
+    structure, change = _left(correction, record, lags, steps=steps, momentum=run.momentum)
+    return replace(
+        found,
         ratio=record.ratio,
-        momentum=momentum,
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
-        burst=burst,
+        burst=burst_of(seen[np.sort(spikes.at[~spikes.stays])] if spiky else refusals, len(e)),
         jumps=int(np.count_nonzero(spikes.size[spikes.stays] > CLEAR)) if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         largest=float(np.abs(e).max()),
         unchanged=record.unchanged,
         skewness=skewness,
         excess=excess,
-        refused=refused,
-        refused_in_a_row=in_a_row,
         correction=correction,
         structure=structure,
-        lag_costs=momentum and lost_by_lag(record) > 1.0,
+        lag_costs=run.momentum and lost_by_lag(record) > 1.0,
         change=change,
     )
+
+
+def _too_many(spikes: Spikes, n: int) -> tuple[bool, bool]:
+    """Whether lone spikes are more than chance among n residuals; likewise jumps, where these prevail."""
+    lone_ones = spikes.lone > spikes.jumps
+    return lone_ones and spikes.too_many(n, lone=True), not lone_ones and spikes.too_many(n)
+
+
+def _left(
+    correction: Correction, record: Record, lags: int, *, steps: bool, momentum: bool
+) -> tuple[Structure | None, float]:
+    """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
+    if correction.e is None:
+        return None, 1.0
+    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+    structure = None if steps else find_structure(correction.e, lags)
+    parts_tell = structure is None or 0.0 < structure.low_share < MAX_SHARE
+    change = find_change(correction.e) if parts_tell else 1.0
+    if structure is not None and not momentum:
+        structure = with_momentum(structure, record, lags)
+    return structure, change
 
 
 def _longest_run(at: Indices) -> int:
