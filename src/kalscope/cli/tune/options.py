@@ -81,58 +81,71 @@ class TuneOptions:
 NOTHING = TuneOptions()
 
 
+Method = Annotated[str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")]
+LagMs = Annotated[float | None, number_option("Target: largest lag behind a slope, ms.")]
+CutoffHz = Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")]
+NoiseReductionDb = Annotated[float | None, number_option("Target: reduction of white noise, dB.")]
+Gain = Annotated[float | None, number_option("Target: steady gain, 0 to 1.")]
+Overshoot = Annotated[
+    float | None,
+    number_option("With one of these: allowed overshoot of a step, percent; sets momentum.", percentage),
+]
+Ratio = Annotated[float | None, number_option("Target: q/r, such as 0.01; r is estimated.")]
+Still = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FROM:TO",
+        help='Constant input from … to, s (sample numbers without time), or "auto": gives r.',
+    ),
+]
+Sigma = Annotated[
+    SensorNumbers | None,
+    number_option(
+        "Data sheet: RMS noise, unit; gives r. For fused sensors, one each: a=2,b=3.", number_or_each(positive)
+    ),
+]
+Density = Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")]
+BandwidthHz = Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")]
+R = Annotated[
+    SensorNumbers | None,
+    number_option(
+        "Known measurement-noise variance, unit²; q is estimated. For fused sensors, one each: a=4,b=9.",
+        number_or_each(positive),
+    ),
+]
+Momentum = Annotated[
+    float | None,
+    number_option('Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")),
+]
+Gate = Annotated[
+    float | None,
+    number_option('Outlier gate on v²/s, such as 16, or "off"; default: as found.', number_or("off")),
+]
+Robust = Annotated[
+    bool | None,
+    typer.Option(
+        "--robust/--no-robust",
+        help="Always or never set spikes aside before the fit; default: where there are any.",
+    ),
+]
+
+
 def tune_options(
-    method: Annotated[
-        str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")
-    ] = None,
-    lag_ms: Annotated[float | None, number_option("Target: largest lag behind a slope, ms.")] = None,
-    cutoff_hz: Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")] = None,
-    noise_reduction_db: Annotated[float | None, number_option("Target: reduction of white noise, dB.")] = None,
-    gain: Annotated[float | None, number_option("Target: steady gain, 0 to 1.")] = None,
-    overshoot: Annotated[
-        float | None,
-        number_option("With one of these: allowed overshoot of a step, percent; sets momentum.", percentage),
-    ] = None,
-    ratio: Annotated[float | None, number_option("Target: q/r, such as 0.01; r is estimated.")] = None,
-    still: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO",
-            help='Constant input from … to, s (sample numbers without time), or "auto": gives r.',
-        ),
-    ] = None,
-    sigma: Annotated[
-        SensorNumbers | None,
-        number_option(
-            "Data sheet: RMS noise, unit; gives r. For fused sensors, one each: a=2,b=3.", number_or_each(positive)
-        ),
-    ] = None,
-    density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None,
-    bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None,
-    r: Annotated[
-        SensorNumbers | None,
-        number_option(
-            "Known measurement-noise variance, unit²; q is estimated. For fused sensors, one each: a=4,b=9.",
-            number_or_each(positive),
-        ),
-    ] = None,
-    momentum: Annotated[
-        float | None,
-        number_option(
-            'Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")
-        ),
-    ] = None,
-    gate: Annotated[
-        float | None,
-        number_option('Outlier gate on v²/s, such as 16, or "off"; default: as found.', number_or("off")),
-    ] = None,
-    robust: Annotated[
-        bool | None,
-        typer.Option(
-            "--robust/--no-robust",
-            help="Always or never set spikes aside before the fit; default: where there are any.",
-        ),
-    ] = None,
+    method: Method = None,
+    lag_ms: LagMs = None,
+    cutoff_hz: CutoffHz = None,
+    noise_reduction_db: NoiseReductionDb = None,
+    gain: Gain = None,
+    overshoot: Overshoot = None,
+    ratio: Ratio = None,
+    still: Still = None,
+    sigma: Sigma = None,
+    density: Density = None,
+    bandwidth_hz: BandwidthHz = None,
+    r: R = None,
+    momentum: Momentum = None,
+    gate: Gate = None,
+    robust: Robust = None,
 ) -> TuneOptions:
     """The options in place of the parameter `asked` of the command; see `with_options`.
 
