@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from kalscope.estimation.fleet.pool import Pool
     from kalscope.tuning.fleet.answer.answer import Answer
     from kalscope.tuning.fleet.run import Tally
+    from kalscope.tuning.fleet.work.asked import Asked
 
 
 @with_options(reading=read_options, asked=tune_options)
@@ -46,16 +48,13 @@ def fleet_command(
 
     Writes a table with one row per recording, also for those that cannot be read, and one filter for all.
     """
-    from kalscope.cli.console import TerminalLine, write_output
-    from kalscope.common.stopping import said_at_stop
-    from kalscope.common.text import count
+    from kalscope.cli.console import write_output
     from kalscope.tuning.fleet.answer.answer import answer_for
     from kalscope.tuning.fleet.answer.devices import read_devices
     from kalscope.tuning.fleet.answer.own import check_tuning
     from kalscope.tuning.fleet.answer.save import save_answer
     from kalscope.tuning.fleet.answer.words import summary
     from kalscope.tuning.fleet.libraries import check_libraries
-    from kalscope.tuning.fleet.run import run_fleet
     from kalscope.tuning.fleet.work.asked import Asked, any_recording
 
     if every and channel is not None:
@@ -63,15 +62,30 @@ def fleet_command(
     check_libraries()
     if asked.still is None:  # a stretch lies in each recording or not
         asked.request(any_recording()).checked_momentum()
-    options = Asked(asked, reading, sample_period, channel, every, row_groups)
     check_tuning(output)
-    line = TerminalLine(sys.stderr)
     answers: list[Answer] = []
-    latest: Tally | None = None
 
     def finish(pool: Pool) -> None:
         answers.append(answer_for(read_devices(output), pool, asked))
         save_answer(answers[0], output)
+
+    options = Asked(asked, reading, sample_period, channel, every, row_groups)
+    tally = _run_on_screen(sources, options, output, cluster, finish)
+    write_output(iter([summary(answers[0], tally, output)]), None)
+    say_what_is_tried_again(tally)
+
+
+def _run_on_screen(
+    sources: list[str], options: Asked, output: Path, cluster: str | None, finish: Callable[[Pool], None]
+) -> Tally:
+    """`run_fleet`, with how far it is in a line of the terminal."""
+    from kalscope.cli.console import TerminalLine
+    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.text import count
+    from kalscope.tuning.fleet.run import run_fleet
+
+    line = TerminalLine(sys.stderr)
+    latest: Tally | None = None
 
     def show(tally: Tally) -> None:
         nonlocal latest
@@ -83,11 +97,9 @@ def fleet_command(
 
     try:
         with said_at_stop(lambda: kept_text(latest)):
-            tally = run_fleet(sources, options, output, cluster, show, finish, looked)
+            return run_fleet(sources, options, output, cluster, show, finish, looked)
     finally:
         line.clear()
-    write_output(iter([summary(answers[0], tally, output)]), None)
-    say_what_is_tried_again(tally)
 
 
 def kept_text(tally: Tally | None) -> str:
