@@ -91,27 +91,38 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     except Cancelled:
         raise Cancelled(_UNCHANGED) from None
     names = snapshot.recording.names
-    channels = list(filtered_channels(names, len(said)))
-    number, own = None, [answer.name for answer in said]
-    if channel in own and channel not in names:
-        channel = channels[own.index(channel)] if len(own) == len(channels) else channel
-    if channel is not None:
-        number = board_filter(names, channel, len(said)).number
-        at = 0 if number is None else number - 1
-        channels, said = [channel], said[at : at + 1]
-    if len(channels) != len(said):
-        raise BadDevice(
-            f"the board must have a filter for each channel (got {len(said)} filters, {len(channels)} channels)"
-        )
+    number, channels = _measured_channels(names, [answer.name for answer in said], channel)
     with source.commands.listen() as heard:
-        run = _Run(
-            source, heard, len(names), {answer.name: name for answer, name in zip(said, channels, strict=True)}
-        )
+        run = _Run(source, heard, len(names), channels)
         try:
             run.begin(calibration.start(seconds, number), progress)
             return run.until_done(progress)
         except Cancelled:
             raise Cancelled(run.cancel(number)) from None
+
+
+def _measured_channels(
+    names: tuple[str, ...], own: list[str], channel: str | None
+) -> tuple[int | None, dict[str, str]]:
+    """The board's number of the measured filter, None = all, and the channels by the board's own names.
+
+    Args:
+        names: The channels of the live record.
+        own: What the board calls those that it filters.
+        channel: The measured one by either name; None = all.
+    """
+    channels, number = list(filtered_channels(names, len(own))), None
+    if channel in own and channel not in names:
+        channel = channels[own.index(channel)] if len(own) == len(channels) else channel
+    if channel is not None:
+        number = board_filter(names, channel, len(own)).number
+        at = 0 if number is None else number - 1
+        channels, own = [channel], own[at : at + 1]
+    if len(channels) != len(own):
+        raise BadDevice(
+            f"the board must have a filter for each channel (got {len(own)} filters, {len(channels)} channels)"
+        )
+    return number, dict(zip(own, channels, strict=True))
 
 
 def set_kept(source: LiveSource, *, kept: bool) -> None:
