@@ -61,6 +61,12 @@ class Tally:
     seconds: float = 0.0
     """How long the batches took, s."""
 
+    @classmethod
+    def at_start(cls, units: Sequence[Unit], missing: Sequence[Sequence[int]]) -> Tally:
+        """The tally before the first of the missing batches, each the indices of its units."""
+        todo, whole = [i for batch in missing for i in batch], sum(unit.size for unit in units)
+        return cls(len(units), len(units) - len(todo), whole, whole - sum(units[i].size for i in todo))
+
     def add(self, done: Done, size: int) -> None:
         """Count a task over so many bytes."""
         self.done += done.units
@@ -121,10 +127,8 @@ def run_fleet(
         settled = find_parts(folder, settled=True)
         batches = lay_out([unit.size for unit in units])
         missing = [[i for i in batch if keys[i] not in settled] for batch in batches]
-        todo = [i for some in missing for i in some]
-        whole = sum(unit.size for unit in units)
-        tally = Tally(len(units), len(units) - len(todo), whole, whole - sum(units[i].size for i in todo))
-        if todo:
+        tally = Tally.at_start(units, missing)
+        if any(missing):
             with open_workers(cluster, sum(map(bool, missing))) as workers:
                 _Run(units, keys, asked, folder, tally).all_of(missing, workers, show)
         parts = find_parts(folder)
