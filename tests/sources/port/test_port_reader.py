@@ -3,10 +3,11 @@
 import threading
 import time
 from itertools import count, cycle, pairwise
-from queue import Empty
+from queue import Empty, SimpleQueue
 
 import pytest
 import serial
+from each import each
 from scripted_port import Scripted, ScriptedPort
 
 from kalscope.errors import BadDevice
@@ -88,6 +89,37 @@ def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
     assert opened.starts == "at a line"
     assert [type(item) for item in rest] == [BytesReceived, Disconnected]
     assert reader.state.word == "closed"
+
+
+class Watched(SimpleQueue):
+    """The queue of a reader, which notes the state of the port when it is told that the connection has ended."""
+
+    def __init__(self, reader):
+        self.reader, self.states = reader, []
+
+    def put(self, item):
+        super().put(item)
+        if isinstance(item, Disconnected):
+            self.states.append((self.reader.state.word, self.reader.state.reason))
+
+
+@each(("reconnect", "word"), [(True, "disconnected, waiting"), (False, "closed")])
+def test_the_state_says_that_a_board_is_lost_before_its_consumer_hears_of_it(reconnect, word, wait_for):
+    lost = BadDevice("the cable was pulled")
+    reader = PortReader(PortSpec("x"), reconnect=reconnect, endpoint=Scripted(ScriptedPort([b"1\n", lost])))
+    reader.items = Watched(reader)
+    reader.start()
+    wait_for(lambda: reader.items.states)
+    reader.close()
+    assert reader.items.states == [(word, str(lost))]
+
+
+def test_the_state_says_that_a_port_is_closed_before_its_consumer_hears_of_it():
+    reader = PortReader(PortSpec("x"), endpoint=Scripted(ScriptedPort([])))
+    reader.items = Watched(reader)
+    reader.start(require=True)
+    reader.close()
+    assert reader.items.states == [("closed", "")]
 
 
 def test_a_board_plugged_in_again_goes_on_by_itself(board, reader, wait_for):

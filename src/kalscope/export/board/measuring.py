@@ -165,7 +165,7 @@ class _Run:
             self._source.commands.send(command, check=lambda: progress(0.0, _ASKED))
         except BoardGone:
             self._check_connection(self._source.status())
-            raise BadDevice(_UNPLUGGED) from None  # which the status does not say yet
+            raise BadDevice(_UNPLUGGED) from None  # and is back already
 
     def until_done(self, progress: Progress) -> tuple[Measurement, ...]:
         """Wait for the answers; the arguments and errors of `measure`."""

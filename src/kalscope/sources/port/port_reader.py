@@ -202,28 +202,26 @@ class PortReader:
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
         delay = MIN_RETRY_DELAY
-        try:
-            while not stop.is_set():
-                try:
-                    port = port or self._opened(stop)
-                    reason = self._read(port, stop)
-                    port = None
-                    if self._clock.monotonic() - self._state.since > _MIN_CONNECTED_S:
-                        delay = MIN_RETRY_DELAY
-                except BadDevice as error:
-                    reason = str(error)
-                if stop.is_set():
-                    return
-                self._set_state("disconnected, waiting" if self._reconnect else "closed", reason)
-                if not self._reconnect:
-                    return
-                stop.wait(delay)
-                delay = min(2 * delay, MAX_RETRY_DELAY)
-        finally:
+        while port is not None or not stop.is_set():
+            try:
+                port = port or self._opened(stop)
+                reason = self._read(port, stop)
+                if self._clock.monotonic() - self._state.since > _MIN_CONNECTED_S:
+                    delay = MIN_RETRY_DELAY
+            except BadDevice as error:
+                reason = str(error)
+            is_closed = stop.is_set()
+            waits = self._reconnect and not is_closed
+            if stop is self._stop:  # not started again in the meantime
+                self._set_state("disconnected, waiting" if waits else "closed", "" if is_closed else reason)
             if port is not None:
-                port.close()
-            if stop.is_set() and stop is self._stop:
-                self._set_state("closed")
+                # After the state has changed, so that the consumer finds there why the board is gone.
+                self.items.put(Disconnected(self._clock.monotonic()))
+                port = None
+            if not waits:
+                return
+            stop.wait(delay)
+            delay = min(2 * delay, MAX_RETRY_DELAY)
 
     def _opened(self, stop: threading.Event, is_ended: Callable[[], bool] = bool) -> OpenPort:
         """The port, open."""
@@ -271,8 +269,8 @@ class PortReader:
             with self._write_lock:
                 self._port = None
             port.close()
-            for item in (*overload.end(), Disconnected(clock())):
-                self._hand_over(item)
+            for gap in overload.end():
+                self._hand_over(gap)
         return why
 
     def _hand_over(self, item: Item) -> None:
