@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
-from kalscope.common.checks import possible_period
+from kalscope.common.checks import check_sample_period
 from kalscope.common.text import one_line, sample_rate
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
@@ -192,7 +192,7 @@ def with_sample_period(state: State, period: float | None) -> State:
 
 def timed(recording: Recording, sample_period: float) -> Recording:
     """A recording whose samples are taken to be `sample_period` s apart, > 0; stamps stay where they are."""
-    possible_period(sample_period)
+    check_sample_period(sample_period)
     timing = recording.report.timing or Timing("none", "none", None)
     timing = replace(
         timing, period=sample_period, source="option", summary=f"{sample_rate(sample_period)} as typed"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 
 from kalscope.errors import BadSetting
@@ -10,22 +11,26 @@ PERIODS = (1e-50, 1e50)
 """Sample periods in s within which rates, and their squares, are numbers."""
 
 
-def possible_period(period: float) -> float:
-    """A sample period in s; BadSetting unless it is one that can be computed with."""
-    if not PERIODS[0] <= period <= PERIODS[1]:
+def check_sample_period(period: float) -> None:
+    """BadSetting unless this is a sample period, in s, that can be computed with."""
+    if not PERIODS[0] <= _number(period) <= PERIODS[1]:
         raise BadSetting(
             f"sample period must be a finite number of seconds above 0, from {PERIODS[0]:g} to {PERIODS[1]:g}"
-            f" (got {period:g})"
+            f" (got {period})"
         )
-    return period
 
 
 def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> float:
     """`value` as a float; BadSetting unless it is a number above 0 and at most `largest`."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = 0.0
+    number = _number(value)
     if not 0.0 < number <= largest:
         raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
     return number
+
+
+def _number(value: object) -> float:
+    """`value` as a float; NaN where it is no number."""
+    try:
+        return float(value)  # pyright: ignore[reportArgumentType] (the error is caught)
+    except (TypeError, ValueError):
+        return math.nan

@@ -164,7 +164,7 @@ def test_a_rate_is_a_sample_period_in_other_words(read):
     assert read(TIMED, rate=25.0, period=0.04).sample_period == 0.04
     assert read("a\n1\n2\n3\n", rate=4.0).time.tolist() == [0, 0.25, 0.5]
     with pytest.raises(BadSetting, match=r"rate and sample period must agree.*got 25 Hz and 0\.5 s"):
-        read(TIMED, rate=25.0, period=0.5)
+        read_recording("no such file", ReadOptions(rate=25.0), sample_period=0.5)
 
 
 def test_a_rate_above_the_table_is_taken_where_there_are_no_stamps(read):

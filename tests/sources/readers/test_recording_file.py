@@ -183,10 +183,10 @@ def test_a_given_sample_period_overrides_and_gives_time_where_there_is_none(read
     assert recording.time.tolist() == [0.0, 0.5, 1.0]
 
 
-@each("period", [0, -1, math.nan, math.inf])
-def test_a_sample_period_must_be_positive_and_finite(read, period):
-    with pytest.raises(BadSetting, match="sample_period must be"):
-        read(CLEAN, sample_period=period)
+@each("period", [0, -1, math.nan, math.inf, 1e-60, "long"])
+def test_a_sample_period_must_be_positive_and_finite_which_is_checked_before_the_file_is_opened(period):
+    with pytest.raises(BadSetting, match="sample period must be"):
+        read_recording("no such file", sample_period=period)
 
 
 def test_text_columns_are_no_channels_and_said_to_be_text(read):

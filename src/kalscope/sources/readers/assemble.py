@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.checks import possible_period
+from kalscope.common.checks import check_sample_period
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
@@ -43,8 +43,23 @@ class Reading:
     """Sample period in s that the file itself states; None where it gives none."""
 
 
+def check_chosen_period(options: ReadOptions, sample_period: float | None) -> None:
+    """BadSetting where the user chose a sample period, s, or a rate that no file can have, or two that differ."""
+    if sample_period is not None:
+        check_sample_period(sample_period)
+    if options.rate is None:
+        return
+    period = 1.0 / options.rate
+    check_sample_period(period)
+    if sample_period is not None and abs(sample_period - period) > 1e-6 * period:
+        raise BadSetting(
+            f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"
+            f" {sample_period:.9g} s)"
+        )
+
+
 def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
-    """Build the Recording, without source, title and hash.
+    """Build the Recording, without source, title and hash; `check_chosen_period` comes before.
 
     Raises:
         BadFile: no sample is left.
@@ -135,26 +150,15 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
 
 def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
     layout, column = reading.layout, reading.layout.time
-    given = GivenPeriod(_chosen_period(options, sample_period), reading.period or layout.period)
+    if sample_period is None and options.rate is not None:
+        sample_period = 1.0 / options.rate
+    given = GivenPeriod(sample_period, reading.period or layout.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
         return counted_time(n, given, layout.offset, layout.start)
     stamps = reading.columns[column.index]
     return read_time(stamps, column, options.time_unit, given, options.gaps, layout.start)
-
-
-def _chosen_period(options: ReadOptions, sample_period: float | None) -> float | None:
-    """The sample period in s that the user chose, in one way or the other; None where none was."""
-    if options.rate is None:
-        return None if sample_period is None else possible_period(sample_period)
-    period = possible_period(1.0 / options.rate)
-    if sample_period is not None and abs(sample_period - period) > 1e-6 * period:
-        raise BadSetting(
-            f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"
-            f" {sample_period:.9g} s)"
-        )
-    return period if sample_period is None else sample_period
 
 
 def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:

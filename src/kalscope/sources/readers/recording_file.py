@@ -18,7 +18,6 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from kalscope.common.checks import above_zero
 from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import NoMemory
@@ -28,7 +27,7 @@ from kalscope.sources.containers.parts import refuse_part
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff
-from kalscope.sources.readers.assemble import Reading, assemble
+from kalscope.sources.readers.assemble import Reading, assemble, check_chosen_period
 from kalscope.sources.readers.csv_rows import read_rows
 from kalscope.sources.readers.long_table import is_long, widened
 from kalscope.sources.readers.refusals import no_channel, no_table, refuse_markup
@@ -80,12 +79,12 @@ def read_recording(
 
     Raises:
         BadFile: the file cannot be read, or holds no number.
-        BadSetting: `sample_period` is no positive finite number; an option that this file cannot have.
+        BadSetting: `sample_period` is not between 1e-50 and 1e50 s, or contradicts `options.rate`; an option that
+            this file cannot have.
         Cancelled: `cancelled()` was true.
         NoMemory: it does not fit into the memory that is free.
     """
-    if sample_period is not None:
-        above_zero("sample_period", sample_period)
+    check_chosen_period(options, sample_period)
     name = Path(path).name or str(path)
     progress = Progress(progress, cancelled)
     path = storage_of(Path(path))

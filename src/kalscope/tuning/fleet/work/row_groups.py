@@ -19,7 +19,7 @@ from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
 from kalscope.sources.layout.columns import named_column
-from kalscope.sources.readers.assemble import assemble
+from kalscope.sources.readers.assemble import assemble, check_chosen_period
 from kalscope.sources.readers.table_reading import reading_of
 from kalscope.tuning.fleet.libraries import library
 from kalscope.tuning.fleet.recordings.long_form import id_column, plain_ids
@@ -67,6 +67,7 @@ class Block:
         values = tuple(column[rows] for column in columns.values)
         table = Table(columns.names, columns.units, values, None if columns.time is None else columns.time[rows])
         own = ReadOptions(missing=options.missing, gaps=options.gaps, rate=options.rate)
+        check_chosen_period(own, sample_period)
         return assemble(reading_of(table, own), own, sample_period, self.ids[i])
 
     def even_steps(self) -> Array:
