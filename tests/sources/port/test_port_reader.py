@@ -3,7 +3,7 @@
 import threading
 import time
 from itertools import count, cycle, pairwise
-from queue import Empty, SimpleQueue
+from queue import Empty
 
 import pytest
 import serial
@@ -12,6 +12,7 @@ from scripted_port import Scripted, ScriptedPort
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import Clock
+from kalscope.sources.port.event_queue import EventQueue
 from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
 from kalscope.sources.port.port_reader import PortReader
 from kalscope.sources.port.port_spec import PortSpec
@@ -91,10 +92,11 @@ def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
     assert reader.state.word == "closed"
 
 
-class Watched(SimpleQueue):
+class Watched(EventQueue):
     """The queue of a reader, which notes the state of the port when it is told that the connection has ended."""
 
     def __init__(self, reader):
+        super().__init__()
         self.reader, self.states = reader, []
 
     def put(self, item):
@@ -204,7 +206,7 @@ def test_what_waits_at_the_end_can_be_left_out(wait_for):
     reader.start()
     wait_for(lambda: reader.items.qsize() == 6)
     _, first, *_ = [reader.items.get() for _ in range(2)]
-    assert reader.leave_out(first).count == 5
+    assert reader.items.leave_out(first).count == 5
     assert reader.items.empty()
     reader.close()
 

@@ -216,10 +216,10 @@ class LiveSource:
                     return
                 continue
             if isinstance(item, BytesReceived) and stop.is_set() and self._clock.monotonic() > self._end_by:
-                item = self._reader.leave_out(item)
+                item = self._reader.items.leave_out(item)
             if isinstance(item, BytesReceived):
                 self._take(item)
-                self._reader.release(item)
+                self._reader.items.release(item)
             elif isinstance(item, Opened):
                 self._on_opened(item)
             elif isinstance(item, LinesDropped):
@@ -232,7 +232,7 @@ class LiveSource:
         with self._lock:
             self._lines.overrun(gap.count)
             self._counts = replace(self._lines.counts)
-            self._reader.release(gap)
+            self._reader.items.release(gap)
         self._samples.time.interrupt()
         self._report_drops()
         self._slot.gap("overrun", gap.end - gap.begin)

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
-from queue import Empty, SimpleQueue
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port.clock import SYSTEM, Clock
-from kalscope.sources.port.events import BytesReceived, Disconnected, Item, LinesDropped, Opened, PortState, Word
-from kalscope.sources.port.overload import LineCounter, Overload
+from kalscope.sources.port.event_queue import EventQueue
+from kalscope.sources.port.events import BytesReceived, Disconnected, LinesDropped, Opened, PortState, Word
+from kalscope.sources.port.overload import Overload
 from kalscope.sources.port.port_spec import PortSpec
 from kalscope.sources.port.transports.limits import READ_TIMEOUT
 from kalscope.sources.port.transports.transport import Endpoint, OpenPort
@@ -49,8 +48,8 @@ class PortReader:
             endpoint: What is opened; None = what `spec` names.
         """
         self.spec = spec
-        self.items: SimpleQueue[Item] = SimpleQueue()
-        """The events in order. The consumer passes each `BytesReceived` and `LinesDropped` to `release`."""
+        self.items = EventQueue()
+        """The events in order. The consumer releases each `BytesReceived` and `LinesDropped`."""
         self._reconnect = reconnect
         self._clock = clock
         self._endpoint = endpoint or spec.transport.endpoint(spec.url, spec.baud, spec.reset)
@@ -60,8 +59,6 @@ class PortReader:
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
-        self._waiting = self._unreleased = 0
-        self._waiting_lock = threading.Lock()
         self._usual_gap, self._gaps = 0.0, 0
         self._heard_at = 0.0
         self._overload = Overload()
@@ -76,7 +73,7 @@ class PortReader:
     @property
     def dropped(self) -> int:
         """Lines left out because too many bytes wait, in gaps that have not been released."""
-        return self._overload.dropped + self._unreleased
+        return self._overload.dropped + self.items.dropped
 
     @property
     def is_endless(self) -> bool:
@@ -172,34 +169,6 @@ class PortReader:
                 raise BadDevice(f"port {self._state.device} is not connected ({self._state.word})")
             port.write(data)
 
-    def release(self, item: BytesReceived | LinesDropped) -> None:
-        """Note that these bytes no longer occupy the queue, or that these lines are counted elsewhere."""
-        self._account(item, -1)
-
-    def _account(self, item: BytesReceived | LinesDropped, sign: int) -> None:
-        with self._waiting_lock:
-            if isinstance(item, BytesReceived):
-                self._waiting += sign * len(item.data)
-            else:
-                self._unreleased += sign * item.count
-
-    def leave_out(self, received: BytesReceived) -> LinesDropped:
-        """These bytes and all that wait behind them, as lines that are left out: there is no time for them."""
-        lines, dropped, end = LineCounter(), 0, received.end
-        item: Item = received
-        with suppress(Empty):
-            while True:
-                if isinstance(item, BytesReceived):
-                    dropped, end = dropped + lines.count(item.data), item.end
-                    self.release(item)
-                elif isinstance(item, LinesDropped):
-                    dropped, end = dropped + item.count, item.end
-                    self.release(item)
-                item = self.items.get_nowait()
-        gap = LinesDropped(dropped, received.begin, end)
-        self._account(gap, 1)
-        return gap
-
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
         delay = MIN_RETRY_DELAY
         while port is not None or not stop.is_set():
@@ -245,20 +214,20 @@ class PortReader:
         overload = self._overload = Overload()
         try:
             while not stop.is_set():
-                if port.keeps and self._waiting > _KEPT_BYTES:
+                if port.keeps and self.items.waiting > _KEPT_BYTES:
                     stop.wait(_KEPT_PAUSE)
                     continue
                 data = port.fetch()
                 now = clock()
                 if lost := port.take_lost():
-                    self._hand_over(LinesDropped(lost, before, now))
+                    self.items.put(LinesDropped(lost, before, now))
                 if not data:
                     # Not `now - before`: a machine that stalls in a read hears nothing either.
                     waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
                     continue
                 self._heard_at = now
-                for item in overload.take(BytesReceived(data, before, now, silence), self._waiting):
-                    self._hand_over(item)
+                for item in overload.take(BytesReceived(data, before, now, silence), self.items.waiting):
+                    self.items.put(item)
                 left = port.waiting()
                 if not port.keeps:
                     self._note_read_latency(now - before, waiting, left)
@@ -270,13 +239,8 @@ class PortReader:
                 self._port = None
             port.close()
             for gap in overload.end():
-                self._hand_over(gap)
+                self.items.put(gap)
         return why
-
-    def _hand_over(self, item: Item) -> None:
-        if isinstance(item, BytesReceived | LinesDropped):
-            self._account(item, 1)
-        self.items.put(item)
 
     def _note_read_latency(self, gap: float, waiting: int, left: int) -> None:
         """Note a late read. Where nothing was waiting at its call, it was late by what has piled up since.
