@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 
 import imageio.v3
 import numpy as np
+import rich.panel  # noqa: F401
 import serial.tools.list_ports  # noqa: F401
 
 import kalscope_app.dashboard
 import kalscope_app.guard.server
+import kalscope_app.views.window.compiling  # noqa: F401
 from kalscope.catalogue import open_source
+from kalscope.cli.offers import OFFERS
 from kalscope.export import device_limits  # noqa: F401
 from kalscope_app.commands import run
 from kalscope_app.engine.decimation import choose_samples
@@ -37,3 +41,7 @@ imageio.v3.imwrite("<bytes>", np.zeros((2, 2), np.uint8), extension=".png")  # a
 kalscope_app.dashboard.WARM_UP_AFTER_S = 1e6  # the worker of a forked program starts with its first task
 with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
+for offer in OFFERS.values():
+    offer.load()
+"".encode("idna")  # as a connection does with the name of a host
+gc.freeze()  # looking for garbage would write to all the memory that the programs share
