@@ -13,7 +13,7 @@ import serial.tools.list_ports  # noqa: F401
 
 import kalscope_app.dashboard
 import kalscope_app.guard.server
-import kalscope_app.views.window.compiling  # noqa: F401
+import kalscope_app.views.window.compiling
 from kalscope.catalogue import open_source
 from kalscope.cli.offers import OFFERS
 from kalscope.export import device_limits  # noqa: F401
