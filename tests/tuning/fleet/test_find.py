@@ -79,6 +79,12 @@ def test_a_list_names_files_and_channels(tree):
     }
 
 
+def test_only_the_end_of_a_line_ends_the_path_in_a_list(tree):
+    names = ["form\ffeed.csv", "line\u2028separator.csv", "next\x85line.csv", "group\x1dmark.csv"]
+    (tree / "list.txt").write_bytes("\r\n".join(names).encode() + b"\nlast.csv\n")
+    assert read_list(str(tree / "list.txt")) == [(str(tree / name), None) for name in (*names, "last.csv")]
+
+
 def test_a_file_that_a_list_names_and_that_is_gone_has_a_reason(tree):
     (tree / "list.txt").write_text("a.csv\ngone.csv\n")
     assert reasons(f"@{tree / 'list.txt'}")["gone.csv"].endswith("No such file or directory")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-from pathlib import Path
 
 from kalscope.errors import BadFile, describe
 
@@ -19,12 +18,14 @@ def read_list(path: str) -> list[tuple[str, str | None]]:
         BadFile: The list cannot be read, names nothing, or a line has three parts.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        with open(
+            path, encoding="utf-8-sig", newline="\n"
+        ) as file:  # str.splitlines would cut a path at a form feed
+            lines = file.readlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = describe(error) if isinstance(error, OSError) else "it must be text in UTF-8"
         raise BadFile(f"the list {path!r} cannot be read: {reason}") from None
     folder = os.path.dirname(os.path.abspath(path))
-    lines = text.splitlines()
     entries = [_entry(line, i, path, folder) for i, line in enumerate(lines, 1) if _is_entry(line)]
     if not entries:
         raise BadFile(f"the list {path!r} must name at least one file (got {len(lines)} lines)")
