@@ -29,6 +29,8 @@ REPORT_S = 0.1
 """Seconds between two reports of progress, at least."""
 MEMORY_SHARE = 0.8
 """Share of the free memory that a task may take."""
+NO_MEMORY = 12
+"""Exit status of this process where a task does not fit into the memory."""
 MAX_CPU_S = 1800
 """Processor time of a task, s: also one that cannot be interrupted ends when the dashboard was killed."""
 
@@ -64,11 +66,18 @@ def main(folder: str) -> None:
 
 def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
     """Pass the tasks on; when the dashboard is gone so is this process, whatever it does."""
-    with suppress(BaseException), io.FileIO(0, "r", closefd=False) as stream:
-        while True:
-            tasks.put(receive(stream))
-    shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed does not
-    os._exit(0)
+    status = 1
+    try:
+        with io.FileIO(0, "r", closefd=False) as stream:
+            while True:
+                tasks.put(receive(stream))
+    except (EOFError, OSError):
+        status = 0
+    except MemoryError:  # what else comes is the rest of the task
+        status = NO_MEMORY
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed does not
+        os._exit(status)
 
 
 def _warm_up(folder: Path) -> None:

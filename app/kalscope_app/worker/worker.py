@@ -25,7 +25,7 @@ from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress
 from kalscope.common.stopping import done_at_stop
 from kalscope.errors import BadFile, Cancelled, NoMemory
-from kalscope_app.worker.child import MAX_CPU_S, Task
+from kalscope_app.worker.child import MAX_CPU_S, NO_MEMORY, Task
 from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
 
 T = TypeVar("T")
@@ -91,16 +91,20 @@ class Process:
         shutil.rmtree(self._folder, ignore_errors=True)
         self._at_stop.close()
 
-    def why_ended(self, what: str) -> str:
+    def why_ended(self, what: str) -> BadFile | NoMemory:
         """Why it is gone, to which the reading of `what` was given."""
         with suppress(subprocess.TimeoutExpired):  # its output ends a moment before it does
             self._process.wait(1.0)
         status = self._process.poll()
+        if status == NO_MEMORY:
+            return does_not_fit(what)
         if status == -getattr(signal, "SIGXCPU", 0):
-            return f"{what} must be read within {MAX_CPU_S} s of processor time (got more): given up"
+            return BadFile(f"{what} must be read within {MAX_CPU_S} s of processor time (got more): given up")
         if status == -getattr(signal, "SIGKILL", 0):
-            return f"{what} could not be read: the system ended the process that read it, as it does without memory"
-        return f"{what} could not be read: the process that read it crashed (status {status})"
+            why = "the system ended the process that read it, as it does without memory"
+        else:
+            why = f"the process that read it crashed (status {status})"
+        return BadFile(f"{what} could not be read: {why}")
 
 
 class Worker:
@@ -145,7 +149,7 @@ class Worker:
         Raises:
             BadFile: the task crashed the process, said nothing for MAX_SILENCE_S, or took too long.
             Cancelled: `cancelled()` was true, or the worker was closed.
-            NoMemory: the answer does not fit into the memory.
+            NoMemory: the task or its answer does not fit into the memory.
             Exception: what the task raised.
         """
         task = Task(work, reports=progress is not None)
@@ -178,7 +182,7 @@ class Worker:
                 if isinstance(news, Done | Failed):
                     return news
                 if news is None:
-                    ended = BadFile(process.why_ended(what))
+                    ended = process.why_ended(what)
                     raise Cancelled("the program is ending") if self._is_closed else ended
                 last, heard_at = news, time.monotonic()
             if cancelled is not None and cancelled():

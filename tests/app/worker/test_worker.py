@@ -124,6 +124,13 @@ def test_what_the_memory_cannot_hold_is_one_line_and_the_process_goes_on(worker)
     assert worker.run(os.getpid, "") == pid
 
 
+def test_a_task_that_the_memory_of_the_process_cannot_hold_is_one_line_and_the_next_one_is_done(worker):
+    run(worker, "import kalscope_app.worker.messages as messages; messages.free_memory = lambda: 0")
+    with pytest.raises(NoMemory, match=r"^log.csv must fit into the memory that is free, and it does not"):
+        worker.run(partial(open_source, "demo"), "log.csv")
+    assert len(worker.run(partial(open_source, "demo"), "demo")) == 1000
+
+
 def test_a_task_that_says_nothing_is_given_up(worker, monkeypatch):
     monkeypatch.setattr(worker_module, "MAX_SILENCE_S", 0.2)
     with pytest.raises(BadFile, match=r"^log.csv must show progress every 0.2 s while it is read"):
