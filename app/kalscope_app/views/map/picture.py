@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from kalscope.common.text import DURATIONS, duration, squared, trimmed
+from kalscope.common.text import DURATIONS, duration, number, squared, trimmed
 from kalscope_app.session.changes.momentum import momentum_words
 from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal, lag_lines
 from kalscope_app.studies.tuning_map import TuningMap
@@ -189,8 +189,8 @@ def _write_axes(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
 
 
 def tick(exponent: int) -> str:
-    """A power of ten in plain figures: 0.001, 1, 1000, 1e-6."""
-    return f"{10.0**exponent:g}" if -3 <= exponent <= 4 else f"1e{exponent}"
+    """A power of ten, short enough for its place: 0.001, 1, 1 000, 1e-6."""
+    return number(10.0**exponent, 1) if -3 <= exponent <= 4 else f"1e{exponent}"
 
 
 def _write_bar(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: float) -> float:
