@@ -18,9 +18,8 @@ def read_list(path: str) -> list[tuple[str, str | None]]:
         BadFile: The list cannot be read, names nothing, or a line has three parts.
     """
     try:
-        with open(
-            path, encoding="utf-8-sig", newline="\n"
-        ) as file:  # str.splitlines would cut a path at a form feed
+        # str.splitlines would cut a path at a form feed.
+        with open(path, encoding="utf-8-sig", newline="\n") as file:
             lines = file.readlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = describe(error) if isinstance(error, OSError) else "it must be text in UTF-8"
