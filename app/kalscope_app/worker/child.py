@@ -77,6 +77,8 @@ def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
         status = NO_MEMORY
     finally:
         shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed does not
+        if status == 0 and os.name == "posix" and os.getpgrp() == os.getpid():
+            os.killpg(0, signal.SIGKILL)  # and what it has started
         os._exit(status)
 
 

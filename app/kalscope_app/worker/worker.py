@@ -51,6 +51,7 @@ class Process:
             bufsize=0,
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # each of its threads takes 40 MB at the start
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            process_group=0 if os.name == "posix" else None,  # which ends with it, see `_kill`
         )
         self.pid, self._is_heard = self._process.pid, True
         self._at_stop = ExitStack()
@@ -85,11 +86,19 @@ class Process:
         """End it at once, whatever it does, and remove what it has unpacked."""
         with suppress(OSError):
             cast("io.FileIO", self._process.stdin).close()
-        self._process.kill()
+        self._kill()
         with suppress(subprocess.TimeoutExpired):  # it reads from a network that has gone: the system ends it later
             self._process.wait(1.0)
         shutil.rmtree(self._folder, ignore_errors=True)
         self._at_stop.close()
+
+    def _kill(self) -> None:
+        """End it and, where there are process groups, what it has started: a spreadsheet is read by a process."""
+        if os.name != "posix":
+            self._process.kill()
+        elif self._process.poll() is None:  # else its number may be that of another process
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
 
     def why_ended(self, what: str) -> BadFile | NoMemory:
         """Why it is gone, to which the reading of `what` was given."""

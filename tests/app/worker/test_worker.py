@@ -87,6 +87,21 @@ def test_cancel_ends_what_nothing_else_can_and_leaves_no_file(worker, tmp_path):
 
 
 @posix
+def test_cancel_ends_the_process_that_a_reader_has_started_as_well(worker, tmp_path):
+    begun, pid = tmp_path / "begun", tmp_path / "pid"
+    code = f"""
+import pathlib, subprocess
+process = subprocess.Popen(["sleep", "600"])
+pathlib.Path({str(pid)!r}).write_text(str(process.pid))
+pathlib.Path({str(begun)!r}).touch()
+process.wait()
+"""
+    with pytest.raises(Cancelled):
+        worker.run(partial(exec, code), "log.ods", None, begun.exists)
+    wait_until(lambda: not is_running(int(pid.read_text())), "the end of the process that was started")
+
+
+@posix
 @pytest.mark.parametrize(
     ("code", "said"),
     [
