@@ -24,7 +24,7 @@ from kalscope.errors import KalscopeError
 from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
 
 IDLE_S = 0.5
-"""Seconds without a first task in which one may be on its way."""
+"""Seconds to wait for the first task before warming up: it may be on its way."""
 REPORT_S = 0.1
 """Seconds between two reports of progress, at least."""
 MEMORY_SHARE = 0.8

@@ -1,4 +1,4 @@
-"""How much memory is free: who is about to fill it refuses instead, before the system ends a program."""
+"""How much memory is free, so that what will not fit is refused before the system kills the program."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ _USED = Path("/proc/self/statm")
 
 
 def free_memory() -> int | None:
-    """Bytes that programs can still take without swapping, here and in the container; None where it is unknown.
+    """Bytes that can still be allocated without swapping, within the limits of a container; None if unknown.
 
-    It is known on Linux: what the kernel calls available, and what is left in each control group.
+    Known on Linux only: the least of what the kernel calls available and what is left in each control group.
     """
     with suppress(OSError, ValueError):
         fields = dict(line.split(":", 1) for line in _MEMORY.read_text().splitlines())
         available = int(fields["MemAvailable"].split()[0]) << 10
-        return max(0, min(available, *_left_in_groups(), available))
+        return max(0, min([available, *_left_in_groups()]))
     return None
 
 
 def does_not_fit(name: str) -> NoMemory:
-    """What to say of something that was read until the memory was full."""
+    """The error for something that filled the memory while it was read."""
     return NoMemory(f"{name} must fit into the memory that is free, and it does not: open a part of it")
 
 
 def _left_in_groups() -> Iterator[int]:
-    """What is left in the control group of this process and in those around it; caches of files are given back."""
+    """What is left in the control group of this process and in each parent; file caches can be reclaimed."""
     with suppress(OSError, ValueError):
         own = next(line[3:] for line in _OWN_GROUP.read_text().splitlines() if line.startswith("0::"))
         folder = _GROUPS / own.strip("/")
         for group in (folder, *folder.parents):
             if not group.is_relative_to(_GROUPS):
                 return
-            with suppress(OSError, ValueError):  # no limit is written "max", and the outermost group has none
+            with suppress(OSError, ValueError):  # "max" is no limit, and the root group has no such file
                 most = int((group / "memory.max").read_text())
                 kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
                 yield most - int((group / "memory.current").read_text()) + int(kept["file"])
 
 
 def limit_memory(more: int) -> None:
-    """Let this process take so many bytes more; beyond that Python raises MemoryError. On Linux; else no limit."""
+    """Let this process allocate this many more bytes, then raise MemoryError; only Linux has such a limit."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 

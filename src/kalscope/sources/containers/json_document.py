@@ -20,12 +20,12 @@ from kalscope.sources.containers.table import Text
 from kalscope.sources.grammar.json_line import load_json
 
 MAX_BYTES = 1 << 28
-"""Largest document, in bytes: it is held in memory as a whole. Objects one a line may be of any number."""
+"""Largest document, bytes: it is held in memory as a whole. A file with one object per line may be of any size."""
 
 _COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
-"""Bytes of memory that what stands at each mark takes about: a value, a name, a list, an object."""
+"""Approximate memory for each occurrence of a mark, bytes: of a value, a name, a list, an object."""
 _TEXTS = 3
-"""How often its characters are in memory: in the file, in its text and in the values."""
+"""Copies of its characters in memory: the bytes of the file, its text, and the values."""
 _MAX_DEPTH = 4
 _KIND = "a JSON document"
 Rows = list[dict[str, Any]]
@@ -55,7 +55,7 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
 
 
 def _require_room(data: bytes, name: str) -> None:
-    """NoMemory where the values of a document will not fit: they take up to 25 times its size."""
+    """Raise NoMemory if the values of a document will not fit: they take up to 25 times its size."""
     need = _TEXTS * len(data) + sum(cost * data.count(mark) for mark, cost in _COSTS.items())
     free = free_memory()
     if free is not None and need > free:

@@ -1,4 +1,4 @@
-"""Names of ports as users type them. Opens nothing; what each kind of address is says `transports.registry`."""
+"""Names of ports as users type them. Nothing is opened; `transports.registry` knows the kinds of address."""
 
 from __future__ import annotations
 
@@ -69,20 +69,19 @@ def port_of(
         reset: See PortSpec.
 
     Raises:
-        BadSetting: no port is named, or the baud rate is no number of its range.
+        BadSetting: no port is named, or the baud rate is not a number in its range.
     """
     address = text.strip()
     if SERIAL.begins(address):
         address = address[len(SERIAL.prefixes[0]) :].strip()
     transport = transport_of(address, in_dashboard=in_dashboard)
-    url, baud = _split_baud(address) if transport.has_baud else (address, None)
-    if baud is None:
-        baud = default_baud if transport.has_baud else str(DEFAULT_BAUD)
+    url, baud = _split_baud(address) if transport.has_baud else (address, str(DEFAULT_BAUD))
+    baud = default_baud if baud is None else baud
     if not (baud.isascii() and baud.isdecimal()):
         try:
             transport.refuse(url)
         except BadSetting:
-            transport.refuse(address)  # the whole address, of which no password is then repeated
+            transport.refuse(address)  # the whole one, since a message hides the password of a whole address only
         raise BadSetting(f"baud rate must be a whole number, as in COM3@9600 (got {baud!r} in {quoted(text)})")
     return PortSpec(url, int(baud[:10]), reset)  # more digits are too many in any case
 
