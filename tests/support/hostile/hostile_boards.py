@@ -134,16 +134,16 @@ def _send(connection: socket.socket, held: bytearray, last: bytes, sent: LineTal
 ESCAPES = b"\x1b]52;c;ZXZpbA==\x07\x1b[2J\x1b[31m1,2\x1b[0m\n"
 MIB = 1024
 BOARDS = (
-    Board("noise", noise, 300, 4_000, 40),
+    Board("noise", noise, 100, 4_000, 40),
     Board("no end of a line, digits", endless(b"1"), MIB, 100 * MIB, 40),
     Board("no end of a line, NULs", endless(b"\0"), MIB, 100 * MIB, 40),
     Board("lines of 1 MB", lines(lambda i: b"%d," % i + b"7," * 500_000 + b"\n"), 2, 50, 40),
-    Board("lines of 60 kB", lines(lambda i: b"%d," % i + b"7," * 30_000 + b"\n"), 20, 1000, 60),
+    Board("lines of 60 kB", lines(lambda i: b"%d," % i + b"7," * 30_000 + b"\n"), 8, 1000, 60),
     Board("a new label on each line", lines(b"label%d:1\n".__mod__), 1000, 100_000, 100),
     Board(
         "many labels on each line",
         lines(lambda i: b" ".join(b"l%d:%d" % (k, i) for k in range(2000)) + b"\n"),
-        4,
+        2,
         50,
         100,
     ),
@@ -159,11 +159,11 @@ BOARDS = (
     Board(
         "a new program every 40 lines",
         lines(lambda i: (b"%d;%d;%d\n", b"a:%d,b:%d,c:%d\n", b"%d\t%d %d\n")[i // 40 % 3] % (i, i, i)),
-        2000,
+        500,
         10_000,
         60,
     ),
-    Board("escape sequences", lines(lambda _: ESCAPES), 1000, 20_000, 60),
+    Board("escape sequences", lines(lambda _: ESCAPES), 300, 20_000, 60),
     Board("carriage returns alone", lines(b"%d,1.5\r".__mod__), 1000, 300_000, 60),
     Board("blank lines", lines(lambda _: b"\n"), 1000, 500_000, 40),
     Board("zeros between lines", lines(lambda _: bytes(30) + b"\n"), 1000, 150_000, 40),
@@ -172,10 +172,10 @@ BOARDS = (
     Board(
         "numbers that are none",
         lines(lambda i: (b"1e999,", b"nan,", b"9" * 400 + b",", b"0x1F,", b"--1,")[i % 5] + b"%d\n" % i),
-        3000,
+        1000,
         300_000,
         60,
     ),
-    Board("stamps that jump", lines(lambda i: b"t:%d,x:%d\n" % (10 ** (i % 19), i)), 1000, 300_000, 60),
-    Board("255 channels", lines(lambda i: b",".join([b"%d" % i] * 255) + b"\n"), 100, 20_000, 400),
+    Board("stamps that jump", lines(lambda i: b"t:%d,x:%d\n" % (10 ** (i % 19), i)), 500, 300_000, 60),
+    Board("255 channels", lines(lambda i: b",".join([b"%d" % i] * 255) + b"\n"), 60, 20_000, 400),
 )

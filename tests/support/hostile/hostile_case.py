@@ -70,6 +70,11 @@ def examine(path: Path, during: Callable[[Path], object] | None = None) -> Seen:
     return Seen(outcome, peak_mib() - memory, busy_s() - seconds)
 
 
+def examine_all(files: list[tuple[Path, Callable[[Path], object] | None]]) -> list[Seen]:
+    """Read files in this fresh process, one after the other: each adds what its peak is above those before it."""
+    return [examine(*file) for file in files]
+
+
 def outcome_of(path: Path, during: Callable[[Path], object] | None) -> str:
     """What reading a file comes to; a warning counts as a failure, because it would reach the terminal."""
     waiting = [during] if during else []

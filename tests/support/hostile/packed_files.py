@@ -369,9 +369,9 @@ PACKED = (
         10_000_000,
         200,
     ),
-    container("JSON of empty lists", "log.json", json_bomb("[]"), "refused: ", 100_000, 5_000_000, 1000),
-    container("JSON of empty objects", "log.json", json_bomb("{}"), "refused: ", 20_000, 2_000_000, 1500),
-    container("JSON of a new key each", "log.json", json_keys, "refused: ", 5000, 500_000, 600),
+    container("JSON of empty lists", "log.json", json_bomb("[]"), "refused: ", 30_000, 5_000_000, 1000),
+    container("JSON of empty objects", "log.json", json_bomb("{}"), "refused: ", 8_000, 2_000_000, 1500),
+    container("JSON of a new key each", "log.json", json_keys, "refused: ", 2000, 500_000, 600),
     container("JSON of numbers that are none", "log.json", text(ODD_JSON), "read: 4 rows"),
     container("HDF5 that was never written", "log.h5", hdf5(never_written), "read: ", 100_000, 1 << 25, 1200),
     container(

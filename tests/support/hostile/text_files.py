@@ -123,13 +123,15 @@ def day(i: int) -> str:
 
 
 def one_line(run: str, expected: str) -> Case:
-    return Case(f"one line of `{run.strip() or 'blanks'}`", line_of(run, alone=True), expected, 2 * MIB, 500 * MIB)
+    return Case(
+        f"one line of `{run.strip() or 'blanks'}`", line_of(run, alone=True), expected, 3 * MIB // 2, 500 * MIB
+    )
 
 
 def between(run: str) -> Case:
     make = line_of(run, alone=False)
     return Case(
-        f"a line of `{run.strip() or 'blanks'}` between rows", make, READ + "1 rejected", 2 * MIB, 500 * MIB
+        f"a line of `{run.strip() or 'blanks'}` between rows", make, READ + "1 rejected", 5 * MIB // 4, 500 * MIB
     )
 
 
@@ -193,20 +195,20 @@ TEXTS = (
     Case("256 columns of one name", wide("a".format), "read: 3 rows, 256 channels, 0 rejected", 256, 256),
     Case("a long name", with_name, "read: 50 rows, 2 channels", MIB // 2, 10 * MIB, then=NO_ROWS),
     Case("an open quote", open_quote, "read: [0-9]+ rows, 3 channels, 0 rejected", 10, 20_000, big_mib=300),
-    endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 10_000, 1_000_000),
+    endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 4_000, 1_000_000),
     endless("a new name on each row", lambda i: f"{i},n{i},{i % 7}.5\n", "read: ", 10_000, 1_000_000),
-    endless("a new width on each line", lambda i: ",".join(repeat("1", i % 2000)) + "\n", NO_TABLE, 1000, 100_000),
+    endless("a new width on each line", lambda i: ",".join(repeat("1", i % 2000)) + "\n", NO_TABLE, 400, 100_000),
     endless("headers without end", "a{},b,c\n".format, NO_TABLE, 10_000, 5_000_000),
     endless("comments without end", "# a{}\n".format, NO_LINES, 20_000, 5_000_000),
     endless("text without end", "the {} quick brown foxes\n".format, "read: ", 20_000, 5_000_000, 400),
-    endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 10_000, 1_000_000, 200),
+    endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 3_000, 1_000_000, 200),
     endless("quotes in quotes", lambda i: '"' * (i % 400) + f"{i},2\n", "read: ", 5000, 200_000),
     *(
         Case(
             f"lines of `{line.strip().replace(chr(10), chr(32)) or chr(32)}`",
             lines_of(lambda _, line=line: line),
             ".*",
-            15_000,
+            4_000,
             500_000,
             mib=60,
             big_mib=200,
@@ -215,8 +217,8 @@ TEXTS = (
     ),
     content("rows of three widths in turn", WIDTHS, "read: "),
     Case("random bytes", noise(bytes(range(256))), NO_TEXT, 2 * MIB, 100 * MIB),
-    Case("random letters", noise(LETTERS), "re(fus|a)", MIB // 16, 20 * MIB, big_mib=200),
-    Case("random marks of numbers", noise(MARKS), "re(fus|a)", MIB // 32, 4 * MIB, big_mib=200),
+    Case("random letters", noise(LETTERS), "re(fus|a)", MIB // 64, 20 * MIB, big_mib=200),
+    Case("random marks of numbers", noise(MARKS), "re(fus|a)", MIB // 128, 4 * MIB, big_mib=200),
     content("UTF-16 of odd length", PLAIN.encode("utf-16") + b"1", READ + "1 rejected"),
     content("UTF-16 without its mark, of odd length", PLAIN.encode("utf-16-le") + b"1", READ + "1 rejected"),
     content(
