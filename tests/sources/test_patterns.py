@@ -19,7 +19,7 @@ import kalscope
 SOURCE = Path(kalscope.__file__).parent
 METHODS = ("match", "fullmatch", "search", "findall", "finditer", "sub", "subn", "split")
 USE = re.compile(rf"\b(\w+)(?:\[\w+\])?\.({'|'.join(METHODS)})\(")
-SIZE, MAX_STEPS = 120, 24
+SIZE, MAX_STEPS = 80, 24
 """Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
 
 OWN_TEXT = (

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from re import _constants as code  # type: ignore[attr-defined]
 from re import _parser as parser  # type: ignore[attr-defined]
 from typing import Any
@@ -31,7 +32,7 @@ class Engine:
     """Counts the steps of one pattern on one text."""
 
     def __init__(self, pattern: re.Pattern[Any], text: str, limit: int) -> None:
-        self.tree: Any = parser.parse(as_text(pattern.pattern), pattern.flags & ~re.UNICODE)
+        self.tree = parsed(pattern)
         self.ignore_case = bool(pattern.flags & re.IGNORECASE)
         self.dot_all = bool(pattern.flags & re.DOTALL)
         self.text, self.limit, self.steps = text, limit, 0
@@ -173,14 +174,19 @@ def as_text(text: str | bytes) -> str:
     return text.decode("latin-1") if isinstance(text, bytes) else text
 
 
+@cache
+def parsed(pattern: re.Pattern[Any]) -> Any:
+    """The tree of a pattern."""
+    return parser.parse(as_text(pattern.pattern), pattern.flags & ~re.UNICODE)
+
+
 def worst_texts(pattern: re.Pattern[Any], size: int) -> Iterator[str]:
     """Texts of about `size` characters that lead into each repeat of a pattern and then fail."""
     flags = pattern.flags
-    tree: Any = parser.parse(as_text(pattern.pattern), flags & ~re.UNICODE)
     ignore_case, dot_all = bool(flags & re.IGNORECASE), bool(flags & re.DOTALL)
     runs = [("", char) for char in SAMPLES]
     runs += [("", pair) for pair in ("1 ", "1,", "a:", "a:1 ", "1.", "1-", ' "', "[]", "a b ", "a=1 ")]
-    runs += into_repeats(tree, "", ignore_case, dot_all)
+    runs += into_repeats(parsed(pattern), "", ignore_case, dot_all)
     for lead, body in dict.fromkeys(runs):
         for breaker in BREAKERS:
             yield lead + body * (size // len(body)) + breaker
