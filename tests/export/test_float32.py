@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effort import FUZZ
 
 from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.errors import BadSetting
@@ -44,7 +45,7 @@ def by_hand(z, q, r, p0=INFINITE, x0=UNKNOWN, gate=OFF):
     return np.array(out, F)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2 * FUZZ))
 def test_equals_the_five_lines_in_float32_to_the_bit(seed):
     rng = np.random.default_rng(seed)
     z = (100 * rng.normal() + np.cumsum(rng.normal(size=1500))).astype(F)
@@ -100,10 +101,10 @@ def awkward_samples(seed, n=1500):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2 * FUZZ))
 def test_momentum_equals_the_two_state_filter_in_float32_to_the_bit(seed):
     rng = np.random.default_rng(seed)
-    z = awkward_samples(seed)
+    z = awkward_samples(seed, 600)
     q, r, p0, x0 = 10.0 ** rng.uniform(-4, 2, 4)
     for tau in (1e-3, 0.4, 7.0, 60.0, 1e5):
         for params in (
