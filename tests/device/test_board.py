@@ -55,4 +55,4 @@ def test_at_the_wrong_speed_no_line_can_be_read(start_board, stream_sketch):
 
 def test_two_runs_flat_out_send_the_same_bytes(start_board, stream_sketch):
     first, second = (start_board(stream_sketch, range(1024), *FLAT_OUT, name=name) for name in ("one", "two"))
-    assert read_lines(first.port, 300) == read_lines(second.port, 300)
+    assert read_lines(first.port, 150) == read_lines(second.port, 150)

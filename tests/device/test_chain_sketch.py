@@ -78,7 +78,7 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
     board = start_board(firmware, z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         heard = Heard(port)
-        heard.follow(rows=200)
+        heard.follow(rows=150)
         first = heard.ask("?")
         before = len(heard.rows)
         heard.ask("q 0.7")

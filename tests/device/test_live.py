@@ -12,11 +12,12 @@ from kalscope.sources.live.live_source import LiveSource
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
+RATE = (r"(?<=SAMPLES_PER_SECOND = )200", "900")
 
 
-def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_board, stream_sketch):
+def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_board, workshop):
     counts = np.random.default_rng(5).permutation(1024)
-    board = start_board(stream_sketch, counts, *FLAT_OUT)
+    board = start_board(workshop.sketch(SKETCH, RATE), counts, *FLAT_OUT)
     with LiveSource(board.port) as live:
         wait_for(lambda: live.status().accepted >= 1024)
         recording, status = live.snapshot().recording, live.status()
@@ -40,14 +41,10 @@ def test_the_clock_of_the_board_is_the_time(start_board, workshop):
 def test_900_lines_a_second_at_115200_baud_lose_none(start_board, workshop, monkeypatch):
     # A simulator that stalls inside a line looks, soon after the opening, like a board that was reset there.
     monkeypatch.setattr(live_lines, "_SILENCE", 60.0)
-    rate = (r"(?<=SAMPLES_PER_SECOND = )200", "900")
-    bare = (r"(?<=CHECKSUM = )true", "false")
-    counts = np.arange(4500) % 1000
-    board = start_board(
-        workshop.sketch(SKETCH, rate, bare), counts, "--wait-open", "--speed", "1", "--seconds", "4"
-    )
+    counts = np.arange(2700) % 1000
+    board = start_board(workshop.sketch(SKETCH, RATE), counts, "--wait-open", "--speed", "1", "--seconds", "2")
     with LiveSource(board.port) as live:
-        wait_for(lambda: live.status().accepted >= 3000)
+        wait_for(lambda: live.status().accepted >= 1500)
         recording, status = live.snapshot().recording, live.status()
     received = recording.values[:, 0]
     np.testing.assert_array_equal(received, counts[: len(received)])
