@@ -113,13 +113,14 @@ def test_any_text_stays_in_comments_and_strings(target, hostile):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", WRITING)
-def test_hostile_channel_names_are_only_identifiers(target):
+def test_hostile_channel_names_are_only_identifiers_and_plain_file_names(target):
     """The code with hostile names is the code with the names that they become."""
     for names in SIXES:
         found = export_tuning(tuning_of(*names), target)
         calm = export_tuning(tuning_of(*identifiers(names)), target)
         assert list(found) == list(calm)
         for file, text in found.items():
+            assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", file), file
             assert text.isascii()
             assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
 
@@ -151,13 +152,6 @@ def test_hostile_names_and_texts_do_no_more_with_fixed_gains(target, momentum):
         assert code_of(target, "h", text) == code_of(target, "h", expected)
         macros = re.findall(r"#define (\w+)", text)
         assert len(set(macros)) == len(macros) == len(names) + 1
-
-
-@pytest.mark.parametrize("target", WRITING)
-def test_file_names_are_plain(target):
-    for names in SIXES:
-        for name in export_tuning(tuning_of(*names), target):
-            assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", name), name
 
 
 def test_the_names_in_json_are_whole():
