@@ -7,6 +7,7 @@ import gzip
 import http
 import logging
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,11 +30,7 @@ class RequestFilter:
     """Answers each request instead of viser, or lets viser answer."""
 
     def __init__(self, policy: rules.Policy, page_script: str = "") -> None:
-        stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        page = pages.dashboard_page(stock.read_text("utf-8"), page_script)
-        self._script_hashes = pages.inline_script_hashes(page)
-        self._page = page.encode()
-        self._packed = gzip.compress(self._page, 1)
+        self._page, self._packed, self._script_hashes = served_page(page_script)
         self._policy = policy
         self._clients = 0
         self.is_open = False
@@ -101,6 +98,19 @@ class RequestFilter:
                 if name not in response.headers:
                     response.headers[name] = value
         return response
+
+
+@cache
+def served_page(page_script: str) -> tuple[bytes, bytes, tuple[str, ...]]:
+    """The page of viser with our script, plain and packed, and the CSP sources of its scripts.
+
+    Raises:
+        ValueError: viser's page is not the known one.
+    """
+    stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    page = pages.dashboard_page(stock.read_text("utf-8"), page_script)
+    plain = page.encode()
+    return plain, gzip.compress(plain, 1), pages.inline_script_hashes(page)
 
 
 def _head_of(request: Request) -> rules.RequestHead:

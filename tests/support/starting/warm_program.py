@@ -20,8 +20,10 @@ from kalscope.export import device_limits  # noqa: F401
 from kalscope_app.commands import run
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
+from kalscope_app.guard.request_filter import served_page
 from kalscope_app.session.opening import opened
 from kalscope_app.studies import alternatives, channels_overview, checks, spectra, tuning_map, variant_table
+from kalscope_app.views.window.page.page_script import page_script
 
 STUDIES = (
     lambda state: compute_frame(state, 0, choose_samples(state.recording, state.channel, None)),
@@ -43,5 +45,6 @@ with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
 for offer in OFFERS.values():
     offer.load()
+served_page(page_script())
 "".encode("idna")  # as a connection does with the name of a host
 gc.freeze()  # looking for garbage would write to all the memory that the programs share
