@@ -8,7 +8,7 @@ import signal
 import socket
 
 import pytest
-from program import end, is_free, link_of, next_line, running, start
+from program import end, is_free, link_of, running, start
 from required import needs
 from wire import PATIENCE
 
@@ -23,17 +23,6 @@ def refusal(arguments, capsys):
     (line,) = err.splitlines()
     assert line.startswith("kalscope: ")
     return line
-
-
-STOPPED = "kalscope: stopped by Ctrl+C: no file is left half-written\n"
-
-
-def test_ctrl_c_ends_a_command_within_a_loop_that_nothing_can_interrupt(tmp_path):
-    busy = "print('busy', flush=True) or hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"  # minutes
-    change = f"import hashlib, kalscope.catalogue as c\nc.open_source = lambda *_, **__: {busy}"
-    with start(tmp_path, "filter", "demo", "--q", "1", "--r", "1", source=None, change=change) as program:
-        assert next_line(program) == "busy\n"
-        assert end(program, signal.SIGINT) == (130, "", STOPPED)
 
 
 def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_path):

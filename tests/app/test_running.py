@@ -204,7 +204,7 @@ open_command.first_state = lambda *_: (print("reading", flush=True), time.sleep(
 @posix
 @pytest.mark.parametrize(("by", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_file_that_takes_long_to_open_can_be_given_up(tmp_path, by, expected):
-    with start(tmp_path, "--no-browser", change=READING, fresh=by == signal.SIGINT) as program:
+    with start(tmp_path, "--no-browser", change=READING) as program:
         assert next_line(program) == "reading\n"
         assert end(program, by)[0] == expected
 

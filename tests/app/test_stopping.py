@@ -10,6 +10,7 @@ import re
 import signal
 import socket
 from contextlib import ExitStack
+from itertools import cycle, product
 
 import pytest
 from floods import FLOODS, Flood
@@ -126,6 +127,8 @@ BUSY = {
 }
 SWALLOW = """
 import hashlib, time
+from kalscope.common import stopping
+stopping.MAX_STOP_S = 0.1
 import kalscope.{module} as module
 def swallow():
     while True:
@@ -146,11 +149,13 @@ COMMANDS = {
 """Commands, and what in them is replaced by something that goes on for ever."""
 
 
-@pytest.mark.parametrize(("command", "busy", "by"), [
-    (command, [*BUSY][number % len(BUSY)], [*SIGNALS][number // len(BUSY) % len(SIGNALS)])
-    for number, command in enumerate([*COMMANDS, *COMMANDS])
-], ids=lambda one: one.replace(" ", "-"))  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "busy", "by"),
+    [(command, *how) for command, how in zip(cycle(COMMANDS), product(BUSY, SIGNALS), strict=False)],
+    ids=lambda one: one.replace(" ", "-"),
+)
 def test_a_command_ends_whatever_it_does(command, busy, by, tmp_path):
+    """Every way to be busy with every signal."""
     module, name = COMMANDS[command]
     change = SWALLOW.format(module=module, name=name, busy=BUSY[busy])
     with start(tmp_path, *command.split(), source=None, change=change) as program:
