@@ -29,11 +29,11 @@ def reopen(monkeypatch):
     def run(line):
         seen = []
 
-        def caught(_guarded, state, *_):
+        def caught(state, *_, **__):
             seen.append(state)
             raise Stopped
 
-        monkeypatch.setattr("kalscope_app.dashboard.Dashboard", caught)
+        monkeypatch.setattr("kalscope_app.open_command.serve", caught)
         words = shlex.split(line)
         assert words[:2] == ["kalscope", "open"]
         with pytest.raises(Stopped):
