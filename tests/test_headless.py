@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -81,27 +82,17 @@ def test_every_public_name_has_a_docstring():
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The wheel, built and installed outside the checkout; its dependencies come from this environment."""
+    """The wheel, built and unpacked outside the checkout; its dependencies come from this environment.
+
+    `make packages` installs it with pip.
+    """
     folder = tmp_path_factory.mktemp("wheel")
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "-w",
-        folder,
-        ROOT,
-    ]
-    subprocess.run(build, check=True)
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder]
+    subprocess.run(build, check=True, capture_output=True, cwd=ROOT)
     (wheel,) = folder.glob("kalscope-*.whl")
-    target = folder / "site"
-    subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", target, wheel], check=True
-    )
-    return target
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(folder / "site")
+    return folder / "site"
 
 
 def test_the_installed_wheel_opens_the_demo_outside_the_checkout(installed, tmp_path):

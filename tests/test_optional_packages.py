@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -29,6 +30,7 @@ for name in [name for name in sys.modules if name.partition(".")[0] in {modules!
 """Makes these modules ones that are not installed."""
 
 
+@cache
 def without_extras():
     """Python that hides all modules of the packages that only the extras install."""
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]

@@ -73,7 +73,7 @@ def test_rows_come_back_as_they_were(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5 * FUZZ))
+@pytest.mark.parametrize("seed", range(3 * FUZZ))
 def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
     draw = random.Random(seed)
     keys = [f"k{i}" for i in range(40)]
@@ -88,8 +88,9 @@ def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
                 left[draw.randrange(0, 6) :],
             )  # some lie in two parts, or none
             write_part(tmp_path, {key: contents[key] for key in some})
+    done = find_parts(tmp_path)
     for key in keys:
-        if key not in find_parts(tmp_path):
+        if key not in done:
             write_part(tmp_path, {key: contents[key]})
     pool = merge(tmp_path, batches, find_parts(tmp_path))
     assert read(tmp_path) == [row for key in keys for row in contents[key][0]]
