@@ -80,6 +80,28 @@ class BareReader(Probe):
             before = now
 
 
+class Starved(Probe):
+    """A process that notes for how long a thread of another one was ready to run and had no processor."""
+
+    def __init__(self, pid: int) -> None:
+        super().__init__()
+        self._pid = pid
+
+    def between(self, begin: float, end: float) -> float:
+        """That time between two monotonic moments, s; 0 on other systems than Linux."""
+        looked, without = np.frombuffer(self._late).reshape(KEPT, 2).T
+        seen_by = looked[looked >= end].min(initial=math.inf)
+        return float(without[(looked >= begin) & (looked <= seen_by)].sum())
+
+    def _run(self) -> None:
+        table, i, before = np.frombuffer(self._late).reshape(KEPT, 2), 0, waited(self._pid)
+        while True:
+            time.sleep(NAP)
+            now = waited(self._pid)
+            table[i] = time.monotonic(), max((now[one] - before.get(one, now[one]) for one in now), default=0.0)
+            before, i = now, (i + 1) % KEPT
+
+
 def _write_until_alone(master: int) -> NoReturn:
     """Write a byte a millisecond while the process that reads them is there."""
     reader = os.getppid()
