@@ -1,5 +1,6 @@
 """Lines of a port: the first after an opening, boot text, another program on the board; every line is counted."""
 
+import random
 import re
 from itertools import pairwise
 
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.live.live_lines import BOOT_SECONDS, LiveLines
+from kalscope.sources.lines import line_parser
+from kalscope.sources.live.live_lines import BOOT_SECONDS, MAX_UNKNOWN_LINES, LiveLines
 from kalscope.sources.port.events import BytesReceived
 
 ESP32 = b"""ets Jul 29 2019 12:21:46\r
@@ -274,3 +276,36 @@ def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
             stream.feed((form.format(*((7 * i + 3 * k) % 11 for k in range(60))) + "\n").encode())
     assert stream.events[-1].kind == "row"
     assert np.count_nonzero(np.isfinite(stream.events[-1].rows[0])) == row.count("{}")
+
+
+DRAW = random.Random(4)
+DAMAGED = b"".join(DRAW.randbytes(60).translate(None, b"\r\n") + b"\x01\n" for _ in range(500))
+PRINTABLE = b"".join(bytes(DRAW.choices(range(32, 127), k=60)) + b"\n" for _ in range(500))
+
+
+@pytest.fixture
+def looked_at(monkeypatch):
+    """How many lines each look for a layout took in."""
+    found, real = [], line_parser.sniff
+    monkeypatch.setattr(
+        line_parser, "sniff", lambda head, options: (found.append(len(head)), real(head, options))[1]
+    )
+    return found
+
+
+@pytest.mark.parametrize(("noise", "most"), [(DAMAGED, 0), (PRINTABLE, 4.0)], ids=["bytes", "letters"])
+def test_noise_is_looked_at_ever_more_rarely(noise, most, looked_at):
+    Stream().feed(noise, 3.0)
+    assert sum(looked_at) <= most * 500
+
+
+@pytest.mark.parametrize("noise", [DAMAGED, PRINTABLE, PRINTABLE + DAMAGED], ids=["bytes", "letters", "both"])
+@pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
+def test_a_good_board_after_noise_is_heard_within_so_many_lines(noise, line):
+    stream = Stream().feed(noise, 3.0).feed(line * (MAX_UNKNOWN_LINES + 1))
+    assert stream.rows[-1] == (1.0, 2.0)
+
+
+def test_noise_brings_no_sample():
+    noise = random.Random(5).randbytes(1 << 18)
+    assert Stream().feed(noise, 3.0).rows == []

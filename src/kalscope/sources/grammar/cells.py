@@ -32,6 +32,9 @@ NUMBER = {
 _TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
 """What is typed for blanks that do not break, as browsers write them before AM, and for the typographic minus."""
 _NUMBER_STARTS = (*"0123456789+-.", "nan", "NaN", "None", "null")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+DAMAGED = "\0"
+"""Stands for a damaged line where lines are sniffed: it counts as one that is no row, and costs nothing."""
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
 
 
@@ -43,6 +46,11 @@ def is_comment(line: str) -> bool:
 def is_blank(line: str, delimiter: str = "") -> bool:
     """True where nothing but blanks and delimiters (a spreadsheet's empty row) is on the line."""
     return not line.strip(" \t\r\n" + delimiter)
+
+
+def is_damaged(line: str) -> bool:
+    """Whether a line was damaged on the wire or on the disk: where it has control characters no cell is trusted."""
+    return _CONTROL.search(line) is not None
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:

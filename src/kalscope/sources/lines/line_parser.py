@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 
 from kalscope.recording import MAX_ISSUE_LENGTH
-from kalscope.sources.grammar.cells import is_blank, is_comment
+from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged
 from kalscope.sources.grammar.line_format import without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
@@ -35,8 +35,8 @@ HEAD_BYTES = 65_536
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
 
-_SHORT_HEAD = 64
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
+_SHORT_HEAD = 16
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by half."""
 
 _NEWLINE = re.compile(rb"[\r\n]")
 
@@ -194,15 +194,16 @@ class LineParser:
         event = self._reader.read(self._number, line) if self._reader else None
         if self._settled:
             return event or _without_layout(self._number, line)
-        self._head.append(line)
+        damaged = is_damaged(line)  # then it can be neither a row nor names
+        self._head.append(DAMAGED if damaged else line)
         self._head_bytes += len(line) + 1
-        if event is None or event.kind in ("rejected", "text") or event.issues:
+        if not damaged and (event is None or event.kind in ("rejected", "text") or event.issues):
             event = self._look_again(line, event)
         if self._head_bytes >= HEAD_BYTES:
             # As long as nothing was data, the head is still to come.
             self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
             self._next_look = 0
-        return event
+        return event or _without_layout(self._number, line)
 
     def prime(self, lines: Sequence[str]) -> None:
         """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
@@ -239,7 +240,7 @@ class LineParser:
             return self._misfits & (self._misfits - 1) == 0
         if len(self._head) < self._next_look:
             return False
-        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
+        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 3 // 2
         return True
 
     def _has_chosen_rows(self, head: Sequence[str]) -> bool:

@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     NumberForm,
     is_blank,
     is_comment,
+    is_damaged,
     parse_number,
     split_fields,
 )
@@ -30,7 +31,6 @@ from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
 TAIL_LINES = 64
 """Rows before a last line without newline by which it is judged."""
@@ -117,8 +117,7 @@ class LineReader:
         self, number: int, text: str, issues: list[LineIssue], missing: list[str]
     ) -> tuple[tuple[float, ...], ...] | None:
         """The rows of a line; None for prose; _Fault for a wrong shape."""
-        if _CONTROL.search(text):
-            # Damaged on the wire or on the disk: nor can the other cells be trusted.
+        if is_damaged(text):
             which = "NUL" if "\0" in text else "control"
             raise _Fault(f"must be printable text (got {which} bytes)")
         head: list[str] = []

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from kalscope.sources.grammar.cells import is_comment
+from kalscope.sources.grammar.cells import DAMAGED, is_comment, is_damaged
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser
@@ -25,8 +25,11 @@ _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is taken to run another program."""
-_MAX_UNKNOWN_RUN = 8
-"""Lines after which lines of unknown layout are sniffed again."""
+_UNKNOWN_RUN = 8
+"""Lines of unknown layout that are sniffed together."""
+MAX_UNKNOWN_LINES = 32
+"""Lines between two such looks at most, and so those that a board may send after noise before it is heard: the
+first looks follow each run, and each that finds nothing doubles the lines until the next."""
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
@@ -88,6 +91,7 @@ class LiveLines:
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._void = 0  # rows in a row none of whose cells is a number
         self._names = ""
+        self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
 
     @property
@@ -104,6 +108,7 @@ class LiveLines:
         self._held.clear()
         self._opened, self._fresh = at if inside else -math.inf, starts != "where it stopped"
         self._window, self.wrong_baud = (at, 0, 0), False
+        self._patience = _UNKNOWN_RUN
 
     def disconnected(self) -> None:
         """The port was lost, and the rest of its last line with it."""
@@ -195,6 +200,10 @@ class LiveLines:
         `ERR,OK` is no header. Where each line names its values, no line above them is one: `a94*2B`.
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
+        if is_damaged(text):
+            self._names, self._void = "", 0
+            self._recent.append(DAMAGED)
+            return None
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and no row of missing samples
@@ -204,11 +213,13 @@ class LiveLines:
             self._recent.clear()
             return None
         self._recent.append(text)
-        patience = _MAX_REJECTED_RUN if self.layout else _MAX_UNKNOWN_RUN
+        patience = _MAX_REJECTED_RUN if self.layout else self._patience
         full = len(self._recent) >= patience and (event.kind != "row" or self._void >= patience)
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
+        if full and self.layout is None:
+            head, self._patience = head[-_UNKNOWN_RUN:], min(2 * patience, MAX_UNKNOWN_LINES)
         self._recent.clear()
         self._void = 0
         return self._parser.adopt_layout(head, named=fits)
