@@ -23,7 +23,7 @@ from wire import CAMERA, PATIENCE, Guest, client, packed
 from kalscope_app.views.window.page.page_script import MAP_POINTED
 
 DRAG_S = float(os.environ.get("KALSCOPE_DRAG", "1"))
-MESSAGES = 250 if FUZZ == 1 else 400 * FUZZ
+MESSAGES = 120 if FUZZ == 1 else 400 * FUZZ
 MIB = 2**20
 
 

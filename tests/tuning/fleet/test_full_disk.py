@@ -34,21 +34,20 @@ def disk_of(folder, kilobytes):
         subprocess.run(["umount", str(folder)], check=True)
 
 
-@pytest.mark.parametrize("kilobytes", [128, 256])
-def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_path, at_once, capsys, kilobytes):
+def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_path, at_once, capsys):
     logs, disk = tmp_path / "logs", tmp_path / "disk"
-    write_devices(logs, 60, n=40, comment=20_000)
-    with disk_of(disk, kilobytes):
+    write_devices(logs, 30, n=40, comment=20_000)
+    with disk_of(disk, 128):
         out = disk / "out"
         full = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)
         assert full.err.startswith("kalscope: ")
         assert full.err.endswith("No space left on device\n")
         assert files_of(out) == {".lock", "run.json"}
         kept = sum(len(units_of(part)) for part in parts(out))
-        assert 0 < kept < 60
+        assert 0 < kept < 30
         assert all(units_of(part) for part in parts(out)), "a part is torn"
         assert "No space left" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
         subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
         said = run_here(capsys, logs, "-o", out, *PLAIN).out
-        assert f": {60 - kept} of 60 files or row groups read" in said
+        assert f": {30 - kept} of 30 files or row groups read" in said
         assert [row["id"] for row in table(out)] == sorted(path.name for path in logs.iterdir())
