@@ -89,8 +89,9 @@ def ratio_of(log_moves: float, tau: float) -> float:
 
 def step_variances(tau: Array) -> Array:
     """Variance of one step of the signal for q = 1, shape of `tau`."""
-    values, places = np.unique(tau, return_inverse=True)
-    return np.array([step_variance(value) for value in values.tolist()])[places]
+    values = tau.tolist()
+    known = {value: step_variance(value) for value in set(values)}  # many lanes have one τ
+    return np.array([known[value] for value in values])
 
 
 def step_variance(tau: float) -> float:

@@ -51,6 +51,8 @@ _RAYS = np.linspace(-1.0, 1.0, 41)
 _ON_RAYS = [chebyshev.chebvander(_RAYS, count - 1) for count in _NODES]
 _FROM_VALUES = [_from_values(count) for count in _NODES]
 _RAYS_FINE = np.linspace(-1.0, 1.0, 2001)
+_PATCH = [part.ravel() for part in np.meshgrid(*map(chebyshev.chebpts1, _NODES), indexing="ij")]
+"""The points of a patch of half the side 1 around 0, each of the two in a row."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,7 @@ def _patch_top(data: Samples, log_tau: float, log_moves: float, size: float) -> 
     low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
     log_tau = min(max(log_tau, low + size), high - size)
     log_moves = min(log_moves, HIGHEST - size)
-    nodes = [chebyshev.chebpts1(count) for count in _NODES]
-    t, y = (part.ravel() for part in np.meshgrid(*nodes, indexing="ij"))
+    t, y = _PATCH
     height, _ = data.concentrated(log_moves + size * y, np.exp(log_tau + size * t))
     shape = _coefficients(height.reshape(_NODES))
     at = _highest(shape)
