@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from each import each
+from effort import FUZZ
 from verdict_states import SIGNALS, STATES, VerdictState, row_of, white
 
 from kalscope import FilterParams, estimate, kalman_filter, read_recording, steady_state
@@ -46,7 +47,7 @@ def random_states(count, seed=11):
     return states
 
 
-ALL = [*STATES, *random_states(60)]
+ALL = [*STATES, *random_states(30 * FUZZ)]
 every_state = each("state", ALL, ids=[one.name() for one in ALL])
 
 

@@ -29,7 +29,7 @@ def test_threads_draw_the_same_bytes_and_leave_the_settings_alone():
     ):
         before = dict(matplotlib.rcParams)
         with ThreadPoolExecutor(4) as threads:
-            assert set(threads.map(lambda _: chart(), range(8))) == {expected}
+            assert set(threads.map(lambda _: chart(), range(4))) == {expected}
         assert dict(matplotlib.rcParams) == before
 
 

@@ -79,7 +79,7 @@ def test_moments_of_the_nile_flows(nile):
 @pytest.mark.parametrize("method", ["moments", "als", "allan", "em", "ml"])
 @pytest.mark.parametrize("ratio", [0.05, 0.5, 5.0])
 def test_every_method_recovers_the_truth_from_a_long_record(method, ratio):
-    found = estimate(walk(200_000, ratio, seed=11, r=4.0), method)
+    found = estimate(walk(60_000, ratio, seed=11, r=4.0), method)
     assert found.q == pytest.approx(4.0 * ratio, rel=0.12)
     assert found.r == pytest.approx(4.0, rel=0.12)
     assert abs(found.q - 4.0 * ratio) < 5 * found.q_se

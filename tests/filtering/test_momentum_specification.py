@@ -39,7 +39,7 @@ def test_no_momentum_gives_the_ratio_of_before_and_a_short_one_comes_close(targe
 @pytest.mark.slow
 @pytest.mark.parametrize("momentum", MOMENTA)
 def test_noise_and_cutoff_rise_with_the_gain_so_that_halving_finds_them(momentum):
-    gains = [*np.geomspace(1e-6, 0.5, 100), *(1.0 - np.geomspace(0.49, 1e-6, 100))]
+    gains = [*np.geomspace(1e-6, 0.5, 40), *(1.0 - np.geomspace(0.49, 1e-6, 40))]
     found = [
         steady_state(FilterParams(ratio_for(gain=gain, momentum=momentum), 1.0, momentum=momentum), 1.0)
         for gain in gains
@@ -84,7 +84,7 @@ def test_no_overshoot_is_the_filter_without_momentum():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lag", [0.01, 0.1, 0.5, 3.0, 40.0, 1e4])
+@pytest.mark.parametrize("lag", [0.01, 0.5, 3.0, 1e4])
 def test_more_overshoot_never_gives_more_noise(lag):
     allowed = [0.0, *np.geomspace(1e-5, 0.12, 10)]
     found = [steady_state(params_for_specification(1.0, lag_samples=lag, overshoot=each)) for each in allowed]

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from each import each
+from effort import FUZZ
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.estimation.estimate import estimate
@@ -131,7 +132,7 @@ def test_another_unit_gives_the_same_answer(nile, name):
     gappy, short = walk(300, 0.02, missing=0.2), walk(40, 1.0)
     z = {"nile": nile, "gappy": gappy, "short": short, "unemployment": numbers(UNEMPLOYMENT)}[name]
     one = estimate(z)
-    for s in (1e-9, 0.3, 1e3, 1e9):
+    for s in (1e-9, 0.3e9):
         other = estimate(z * s)
         assert other.q == pytest.approx(one.q * s * s, rel=1e-6)
         assert other.r == pytest.approx(one.r * s * s, rel=1e-6)
@@ -178,7 +179,7 @@ def test_lines_repeated_with_the_same_time_and_value_prove_nothing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.001, 0.01, 0.1, 1.0])
+@pytest.mark.parametrize("ratio", [0.001, 1.0] if FUZZ == 1 else [0.001, 0.01, 0.1, 1.0])
 def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
     g = np.random.default_rng(2)
     hits = 0
