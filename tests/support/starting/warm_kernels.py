@@ -29,6 +29,7 @@ from kalscope import (
     read_recording,
     smooth,
 )
+from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.estimation.fleet.held_out import held_out
 from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32
@@ -48,15 +49,19 @@ spiky = z[:400].copy()
 spiky[[50, 170, 320]] += 40.0
 pair = z[:, None] + rng.standard_normal((SAMPLES, 2))
 
+live = z.copy()
+live.flags.writeable = False  # as the samples of a board, for which the loops are compiled once more
 for params in (PLAIN, MOVING):
-    denoise(z, params)
-    kalman_filter(z, params)
-    smooth(z, params)
+    for samples in (z, live):
+        denoise(samples, params)
+        kalman_filter(samples, params)
+        smooth(samples, params)
     KalmanFilter(params).update(1.0)
     filter_float32(z, params)
     filter_at(z, params, np.arange(0, SAMPLES, 100))
 classic = Median(5), MovingAverage(5), Exponential(0.1), Butterworth(0.1), OneEuro(0.1, 0.1, 0.1)
 RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
+compare_alternatives(live, PLAIN)
 for method in ("ml", "em", "als"):
     estimate(spiky, method=method)
 estimate_many([z[:400], spiky])
