@@ -40,15 +40,15 @@ def open_folder(screen, folder):
     screen.page.get_by_role("button", name="Open fleet").click()
 
 
-def header(screen, name):
-    wait_until(lambda: name in screen.page.inner_text("body"), f"{name} on the screen")
+def wait_for_values(screen, expected):
+    """Until the tab Tune shows this pair of q and r; the tab Source is open before and after."""
+    screen.tab("Tune")
+    wait_until(lambda: values(screen) == pytest.approx(expected, rel=1e-6), f"q and r of {expected}")
+    screen.tab("Source")
 
 
 def values(screen):
-    screen.tab("Tune")
-    found = [float(screen.text_box(name).input_value()) for name in ("process noise q", "measurement noise r")]
-    screen.tab("Source")
-    return found
+    return [float(screen.text_box(name).input_value()) for name in ("process noise q", "measurement noise r")]
 
 
 def mark(page):
@@ -79,7 +79,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     page.locator("table", has_text="device").locator("tr").nth(2).wait_for(state="detached")
     screen.choose("open device", "1. dev03.csv")
     own = [fleet.devices.q[NOISY], fleet.devices.r[NOISY]]
-    wait_until(lambda: values(screen) == pytest.approx(own, rel=1e-6), "the device at its own filter")
+    wait_for_values(screen, own)
 
     page.get_by_text("at the filter for all").click()
     state = open_fleet(fleet)(opened(reopen(kept_at(fleet, NOISY))))
@@ -96,11 +96,11 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     page.mouse.click(*place)  # says which device it is, and changes nothing else
     wait_until(lambda: page.locator(".kalscope-map img").first.get_attribute("src") != before, "the device's card")
     screen.shot("fleet-device-picked")
-    assert values(screen) == pytest.approx(own, rel=1e-6)
+    wait_for_values(screen, own)
     page.mouse.click(*place)  # opens it
-    header(screen, fleet.devices.ids[picked])
+    page.get_by_text(fleet.devices.ids[picked]).locator("visible=true").first.wait_for()
     shared = [float(fleet.shared.params.q), float(fleet.shared.params.r)]
-    wait_until(lambda: values(screen) == pytest.approx(shared, rel=1e-6), "the device at the filter for all")
+    wait_for_values(screen, shared)
     screen.shot("fleet-device-from-map")
 
     page.get_by_role("button", name="Close fleet").click()
