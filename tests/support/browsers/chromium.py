@@ -25,6 +25,7 @@ FLAGS = (
     "--disable-gpu",
     "--disable-3d-apis",  # nobody needs WebGL: scene.js takes its place, whether there is one or not
     "--disable-quic",  # and nothing that calls home
+    "--js-flags=--no-opt --no-maglev",  # a page of a test ends before compiling it for speed is worth the work
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
