@@ -17,7 +17,7 @@ def findings(page, rules=()):
         page.evaluate(AXE_SCRIPT)
     page.evaluate(NAMED)
     violations = page.evaluate(
-        "(rules) => axe.run({resultTypes: ['violations'], ...(rules.length && {runOnly: rules})})"
+        "(rules) => axe.run({resultTypes: ['violations'], preload: false, ...(rules.length && {runOnly: rules})})"
         ".then((found) => found.violations)",
         list(rules),
     )
