@@ -9,6 +9,7 @@ So the newest line that a chart shows can be read off the drawn value, and a rec
 
 from __future__ import annotations
 
+import argparse
 import math
 import multiprocessing
 import os
@@ -43,6 +44,23 @@ def number_of(drawn: NDArray[np.float64], sent: int) -> NDArray[np.int64]:
     """The numbers of the lines that drawn values of the first channel belong to: the last such before `sent`."""
     mark = np.round(np.asarray(drawn) * 1e8).astype(np.int64) % 100_000
     return sent - 1 - (sent - 1 - mark) % MARKS
+
+
+def soak_parser(doc: str | None) -> argparse.ArgumentParser:
+    """The options of both soaks; `doc` is the docstring of the script."""
+    parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="lines a second of the numbered board")
+    parser.add_argument("--channels", type=_channels, default=2, help="at least 2: the wave and the number")
+    parser.add_argument("--every", type=float, default=30.0, help="seconds between two looks")
+    return parser
+
+
+def _channels(text: str) -> int:
+    if int(text) < 2:
+        raise argparse.ArgumentTypeError("must be at least 2: the wave and the number")
+    return int(text)
 
 
 class NumberedBoard:

@@ -10,7 +10,6 @@ at 1,000 lines/s takes 21 minutes, at all), or where the lag grows.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -30,7 +29,7 @@ from dashboard_page import (
 )
 from live_memory import MemoryLook, kept_mb, memory_of, settled_at
 from machine import cpu_seconds, rss_mb
-from numbered_board import NumberedBoard, RecordedRows
+from numbered_board import NumberedBoard, RecordedRows, soak_parser
 from playwright.sync_api import CDPSession, Page
 from starved import Probe
 from watch_draws import DrawWatch
@@ -237,16 +236,9 @@ def row(look: Look) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--rate", type=float, default=1000.0, help="lines a second")
-    parser.add_argument("--channels", type=int, default=2)
-    parser.add_argument("--every", type=float, default=30.0, help="seconds between two looks")
+    parser = soak_parser(__doc__)
     parser.add_argument("--window", default="10 s", help="what the chart shows, as the dashboard names it")
     options = parser.parse_args()
-    if options.channels < 2:
-        parser.error("--channels must be at least 2: the wave and the number")
     if not options.json:
         print(HEAD)
     board = NumberedBoard(options.rate, options.channels, 60.0 * options.minutes + 120.0)

@@ -12,7 +12,6 @@ takes more than 2 s, or where a process or a temporary file is left.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -30,7 +29,7 @@ from dashboard_page import PROGRAM, Program
 from hostile_input import END_S, HostileBoards, HostileFiles, Repeated, Tally, Victim, WebAttacks, crowding
 from live_memory import MemoryLook, kept_mb, memory_of
 from machine import rss_mb
-from numbered_board import NumberedBoard, RecordedRows
+from numbered_board import NumberedBoard, RecordedRows, soak_parser
 from program import port_of, token_of
 from soak import pause_in
 from starved import Probe
@@ -40,6 +39,8 @@ ERROR = re.compile(r"^.* ERROR (?!websockets\.).*$", re.MULTILINE)
 """In the log; the server names each broken frame of the attacks."""
 MEMORY_MB = 150.0
 """Growth of the program beyond the kept samples that passes, MB: libraries of formats, caches, the allocator."""
+MEMORY_MINUTES = 2.0
+"""Length of a run from which on memory is judged, minutes."""
 RECORDING, LOG = "recording.csv", "kalscope.log"
 CATCH_UP_S = 30.0
 """Longest time after the last line of the board in which it must be recorded, s."""
@@ -171,9 +172,8 @@ def soak(minutes: float, board: NumberedBoard, every: float, tell: bool) -> dict
             faults = tally.faults[:]  # what is attacked next finds no program
             end_s, lost = end(program, watch.rows, sent)
             faults += faults_of_end(program, end_s, folders)
-    memory = memory_of(watch.rests) if watch.rests else {"unexplained_mb": float("nan")}
     return {
-        **memory,
+        **judged(watch.rests, minutes),
         "minutes": minutes,
         "rate": board.rate,
         "sent": sent,
@@ -192,6 +192,14 @@ def soak(minutes: float, board: NumberedBoard, every: float, tell: bool) -> dict
         "rests": [asdict(one) for one in watch.rests],
         "looks": [asdict(one) for one in looks],
     }
+
+
+def judged(rests: list[MemoryLook], minutes: float) -> dict[str, object]:
+    """What the memory showed, and whether it passes; a short run only shows how the program warms up."""
+    if minutes < MEMORY_MINUTES:
+        return {"memory": "too short to judge memory", "memory_flat": True}
+    memory = memory_of(rests) if rests else {"unexplained_mb": float("nan")}
+    return {**memory, "memory_flat": memory["unexplained_mb"] <= MEMORY_MB}
 
 
 def end(program: Program, rows: RecordedRows, sent: int) -> tuple[float, int]:
@@ -248,30 +256,20 @@ def row(look: Look) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--rate", type=float, default=1000.0, help="lines a second of the good board")
-    parser.add_argument("--channels", type=int, default=2)
-    parser.add_argument("--every", type=float, default=30.0, help="seconds between two looks")
-    options = parser.parse_args()
-    if options.channels < 2:
-        parser.error("--channels must be at least 2: the wave and the number")
+    options = soak_parser(__doc__).parse_args()
     if not options.json:
         print(HEAD)
     board = NumberedBoard(options.rate, options.channels, 60.0 * options.minutes + 120.0)
     found = soak(options.minutes, board, options.every, tell=not options.json)
     faults = found["faults"]
     assert isinstance(faults, list)
-    unexplained = found["unexplained_mb"]
-    is_flat = isinstance(unexplained, float) and unexplained <= MEMORY_MB
     if options.json:
         print(json.dumps(found, indent=1))
     else:
         left_out = ("rests", "looks", "faults")
         print(*(f"{name:20} {value}" for name, value in found.items() if name not in left_out), sep="\n")
         print(f"{len(faults)} faults", *faults[:MOST_FAULTS], sep="\n")
-    sys.exit(0 if found["lost"] == 0 and is_flat and not faults else 1)
+    sys.exit(0 if found["lost"] == 0 and found["memory_flat"] and not faults else 1)
 
 
 if __name__ == "__main__":
