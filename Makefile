@@ -73,7 +73,7 @@ bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour of a live board (MINUTES=2 for a look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, then every random test at 25 times its usual effort or more.
+# Half an hour of a live board (MINUTES=2 for a look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
@@ -82,6 +82,7 @@ soak: .venv/test.stamp
 	$(BIN)/python benchmarks/soak_hostile.py --minutes $(MINUTES)
 	$(BIN)/python benchmarks/live.py --ssh --rate 1000
 	$(BIN)/python benchmarks/flooded.py --seconds 20 --times 4
+	$(BIN)/python benchmarks/stopping.py --quick
 	KALSCOPE_FUZZ=25 KALSCOPE_DRAG=60 $(PYTEST) -o timeout=3600 $(RANDOM_TESTS)
 
 system:
