@@ -24,9 +24,10 @@ RATE = (r"(?<=SAMPLES_PER_SECOND = )200", "100")
 
 def test_two_sensors_of_a_board_are_fused_as_they_come_in(start_board, workshop):
     g = np.random.default_rng(6)
-    level = 500.0 + 200.0 * np.sin(0.02 * np.arange(2000))
-    counts = np.rint(level[:, None] + g.normal(size=(2000, 2)) * [4.0, 12.0] + [0.0, 20.0]).astype(int)
-    board = start_board(workshop.sketch(SKETCH, TWO_CHANNELS, RATE), counts, "--speed", "1", "--wait-open")
+    level = 500.0 + 200.0 * np.sin(0.02 * np.arange(300))
+    counts = np.rint(level[:, None] + g.normal(size=(300, 2)) * [4.0, 12.0] + [0.0, 20.0]).astype(int)
+    until = ("--seconds", 3)  # a recording of thousands of rows would be drawn from some of them
+    board = start_board(workshop.sketch(SKETCH, TWO_CHANNELS, RATE), counts, "--speed", "1", "--wait-open", *until)
     with LiveSource(board.port) as live:
         wait_for(lambda: live.status().accepted >= 150)
         state = refreshed(opened_live(BoardId(), "x"), live.snapshot())
