@@ -69,7 +69,8 @@ class Tally:
         self.lines[event.kind] += 1
         if event.kind == "row":
             self.bad_cells += len(event.issues)
-            self.missing.update(event.missing)
+            if event.missing:
+                self.missing.update(event.missing)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
 
     @property
