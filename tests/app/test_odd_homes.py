@@ -68,10 +68,10 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
     nowhere = "/proc/none/out"
     with line_sender() as url:
         for change, arguments, reason in (
-            (FOLDER_GONE, ("tune", "demo", "-o", "out.toml"), "must exist"),
+            (FOLDER_GONE, ("tune", "demo", "--lag-ms", "50", "-o", "out.toml"), "must exist"),
             (FOLDER_GONE, ("record", url, "-o", "out.csv"), "No such file"),
             ("", ("filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"), "'/dev/full': No space left"),
-            ("", ("tune", "demo", "-o", nowhere), f"'{nowhere}': No such file"),
+            ("", ("tune", "demo", "--lag-ms", "50", "-o", nowhere), f"'{nowhere}': No such file"),
             ("", ("record", url, "-o", nowhere), f"'{nowhere}': No such file"),
         ):
             (tmp_path / "work").mkdir(exist_ok=True)

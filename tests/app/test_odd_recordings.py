@@ -16,6 +16,7 @@ from kalscope.export.report.content import make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
 from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope_app import dashboard as dashboard_module
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine import idle_studies as studies
 from kalscope_app.guard.server import guarded_server
@@ -122,6 +123,7 @@ class Bench:
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
         patch.setattr(studies, "idle_delay", lambda _: 0.0)
+        patch.setattr(dashboard_module, "WARM_UP_AFTER_S", 1e6)  # nothing is read in the worker
         patch.setattr(map_view, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()

@@ -232,7 +232,7 @@ def test_a_standard_stream_that_is_closed_is_no_mistake(number, name, tmp_path):
 
 def test_an_answer_that_cannot_be_written_is_one_line_and_status_2(tmp_path):
     change = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)"
-    for command in ("tune demo", "filter demo", "ports"):
+    for command in ("tune demo --lag-ms 50", "filter demo", "ports"):
         with start(tmp_path, *command.split(), source=None, change=change) as program:
             _, err = program.communicate(timeout=PATIENCE)
         assert (program.returncode, err.count("\n")) == (2, 1), (command, err)
