@@ -458,7 +458,7 @@ def test_each_line_of_stdin_is_answered_before_the_next_is_sent() -> None:
         for z in (1.0, 2.5, -4.0):
             program.stdin.write(f"{z}\n".encode())
             program.stdin.flush()
-            assert select.select([program.stdout], [], [], 30.0)[0], "no answer to a line"
+            assert select.select([program.stdout], [], [], PATIENCE)[0], "no answer to a line"
             assert float(program.stdout.readline()) == twin.update(z)
         program.stdin.close()
         assert program.wait(PATIENCE) == 0
