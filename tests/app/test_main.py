@@ -94,7 +94,7 @@ def test_a_busy_port_is_refused_in_one_line(capsys):
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
     (tmp_path / "one.csv").write_text("z\n5\n")
-    with running(tmp_path, source="one.csv", fresh=stop == "SIGINT") as (program, url):
+    with running(tmp_path, source="one.csv") as (program, url):
         port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", url)[1])
         with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
             pass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import Forked
 from waiting import PATIENCE, wait_until
 
 from kalscope.catalogue import open_source
@@ -183,9 +183,9 @@ os._exit(9)
 
 
 @posix
-def test_no_process_or_file_outlives_a_dashboard_that_was_killed():
-    answer = subprocess.run([sys.executable, "-c", KILLED], capture_output=True, text=True, timeout=PATIENCE)
-    pid, made = answer.stdout.split()
+def test_no_process_or_file_outlives_a_dashboard_that_was_killed(tmp_path):
+    with Forked(KILLED, tmp_path, os.environ) as program:
+        pid, made = program.communicate(timeout=PATIENCE)[0].split()
     wait_until(lambda: not is_running(int(pid)), "the end of the process")
     assert not Path(made).parent.exists()
 
