@@ -241,7 +241,11 @@ def kill_worker(driver, out, died):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(tmp_path, devices, whole, at_once, capsys):
+def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
+    tmp_path, devices, whole, at_once, capsys, monkeypatch
+):
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
     out, died = tmp_path / "out", tmp_path / "a worker died"
     with command("fleet", devices, "-o", out, *PLAIN, cwd=tmp_path, change=DRIVER) as driver:
@@ -260,6 +264,7 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(tmp_path, device
     assert stderr.startswith("kalscope: stopped by Ctrl+C: ")
     assert stderr.endswith("run the same command again to go on\n")
     assert stderr.count("\n") == 1, stderr
+    assert [*(tmp_path / "tmp").iterdir()] == []
     assert not (out / "fleet.parquet").exists()
     kept = len(parts(out))
     assert 0 < kept < 20

@@ -155,9 +155,8 @@ def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
                 n_workers=count,
                 processes=True,
                 dashboard_address=None,
-                scheduler_kwargs={
-                    "dashboard_address": "127.0.0.1:0"
-                },  # Dask serves numbers there; 8787 may be taken
+                # Dask serves numbers there, as 8787 may be taken; a scheduler has a folder of files, too.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": str(folder)},
                 local_directory=str(folder),
                 silence_logs=60,  # a worker that dies is handled here
                 preload=["kalscope.tuning.fleet.worker_setup"],
