@@ -162,13 +162,13 @@ def measure_by_ssh(seconds: float, rate: float, channels: int) -> Figures:
 def _watch_reads(live: LiveSource) -> list[float]:
     """The times between the reads, noted as the reader hands over."""
     gaps: list[float] = []
-    release = live._reader.release
+    release = live._reader.items.release
 
     def note(item):
         gaps.append(item.end - item.begin)
         release(item)
 
-    live._reader.release = note
+    live._reader.items.release = note
     return gaps
 
 

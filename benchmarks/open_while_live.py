@@ -106,13 +106,13 @@ def measure(files: list[Path], recording: Path, worker: Worker | None) -> list[R
 def watch_reads(live: LiveSource) -> list[Wait]:
     """From each read of the port to the next."""
     waits: list[Wait] = []
-    release = live._reader.release
+    release = live._reader.items.release
 
     def note(item):
         waits.append((item.begin, item.end))
         release(item)
 
-    live._reader.release = note
+    live._reader.items.release = note
     return waits
 
 
