@@ -80,7 +80,6 @@ class LineReader:
         """The names of a long table and their numbers, which stand in its first "series" column."""
         self.before = -1
         """Fields of the row before; −1 at the first row."""
-        self._longest_names = [max(row, key=len, default="") for row in layout.header_rows]
         self._labels = frozenset(self._form.labels)
         # A blank label would match at each place of a long run of blanks.
         names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
@@ -109,14 +108,10 @@ class LineReader:
             return "comment"
         if self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names:
             return "header"
-        if self._may_be_header(text) and tuple(split_fields(text, self._form.delimiter)) in self.layout.header_rows:
+        rows = self.layout.header_rows
+        if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
             return "header"
         return None
-
-    def _may_be_header(self, text: str) -> bool:
-        """False where no header can be; to part every line for it would take a tenth of the time of all."""
-        is_plain = text.isascii() and '"' not in text  # each cell stands in it as it is
-        return not is_plain or any(name in text for name in self._longest_names)
 
     def _rows(
         self, number: int, text: str, issues: list[LineIssue], missing: list[str]

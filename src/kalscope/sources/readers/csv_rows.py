@@ -69,8 +69,7 @@ class Tally:
         self.lines[event.kind] += 1
         if event.kind == "row":
             self.bad_cells += len(event.issues)
-            if event.missing:
-                self.missing.update(event.missing)
+            self.missing.update(event.missing)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
 
     @property
