@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from itertools import product
 
 import numpy as np
 import pytest
@@ -18,21 +19,22 @@ MAIN = """
 #include "kalscope_fixed_gains.h"
 int main(void)
 {
-    kalscope_fixed filter = KALSCOPE_FIXED_LIGHT;
-    kalscope_fixed_real z;
-    while (fread(&z, sizeof z, 1, stdin) == 1) {
-        z = kalscope_fixed_update(&filter, z);
-        if (fwrite(&z, sizeof z, 1, stdout) != 1) return 1;
-    }
+    kalscope_fixed filters[] = {FILTERS};
+    kalscope_fixed_real z, x;
+    while (fread(&z, sizeof z, 1, stdin) == 1)
+        for (size_t i = 0; i < sizeof filters / sizeof filters[0]; i++) {
+            x = kalscope_fixed_update(&filters[i], z);
+            if (fwrite(&x, sizeof x, 1, stdout) != 1) return 1;
+        }
     return 0;
 }
 """
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
-CHANNELS = [
-    ChannelTuning("light", "V", 0.05, 4.0, momentum=momentum, x0=x0, p0=p0)
-    for momentum in (0.0, 0.3, 20.0, 500.0)
-    for x0, p0 in ((None, None), (100.0, 4.0))
-]
+STARTS = (None, None), (100.0, 4.0)
+CHANNELS = tuple(
+    ChannelTuning(f"light_{i}", "V", 0.05, 4.0, momentum=momentum, x0=x0, p0=p0)
+    for i, (momentum, (x0, p0)) in enumerate(product((0.0, 0.3, 20.0, 500.0), STARTS))
+)
 
 
 def samples(n=4000):
@@ -55,25 +57,31 @@ def settled(channel, z, dtype):
     return np.array(out)
 
 
-def compiled(folder, channel, target, z, *flags):
-    for name, text in export_tuning(Tuning((channel,)), target, fixed_gains=True).items():
+def compiled(folder, channels, target, z, *flags):
+    """What the exported filters of some channels answer, shape (n, channels)."""
+    for name, text in export_tuning(Tuning(channels), target, fixed_gains=True).items():
         (folder / name).write_text(text, encoding="ascii")
     compiler, main = ("gcc", "main.c") if target == "c" else ("g++", "main.cpp")
     if shutil.which(compiler) is None:
         not_here(f"{compiler} is not installed")
-    (folder / main).write_text(MAIN)
+    filters = ", ".join(f"KALSCOPE_FIXED_{channel.name.upper()}" for channel in channels)
+    (folder / main).write_text(MAIN.replace("FILTERS", filters))
     subprocess.run([compiler, *STRICT, *flags, main, "-o", "main", "-lm"], cwd=folder, check=True)
     done = subprocess.run([folder / "main"], input=z.tobytes(), capture_output=True, check=True)
-    return np.frombuffer(done.stdout, z.dtype)
+    return np.frombuffer(done.stdout, z.dtype).reshape(len(z), -1)
 
 
-@pytest.mark.parametrize("channel", CHANNELS)
-def test_the_bits_are_those_of_the_recursion(channel, tmp_path):
-    z, short = samples(), samples().astype(np.float32)
-    in_double, in_float = settled(channel, z, np.float64), settled(channel, z, np.float32)
-    np.testing.assert_array_equal(compiled(tmp_path, channel, "c", z, "-std=c99"), in_double)
-    np.testing.assert_array_equal(compiled(tmp_path, channel, "c", short, "-std=c99", "-DKALSCOPE_FLOAT"), in_float)
-    np.testing.assert_array_equal(compiled(tmp_path, channel, "arduino", short, "-std=c++11"), in_float)
+@pytest.mark.parametrize("channels", [CHANNELS[:2], CHANNELS[2:]], ids=["five lines", "momentum"])
+def test_the_bits_are_those_of_the_recursion(channels, tmp_path):
+    z, short = samples(2000), samples(2000).astype(np.float32)
+    in_double, in_float = (
+        np.column_stack([settled(channel, z, dtype) for channel in channels]) for dtype in (np.float64, np.float32)
+    )
+    np.testing.assert_array_equal(compiled(tmp_path, channels, "c", z, "-std=c99"), in_double)
+    np.testing.assert_array_equal(
+        compiled(tmp_path, channels, "c", short, "-std=c99", "-DKALSCOPE_FLOAT"), in_float
+    )
+    np.testing.assert_array_equal(compiled(tmp_path, channels, "arduino", short, "-std=c++11"), in_float)
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
