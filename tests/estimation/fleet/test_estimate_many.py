@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from each import each
@@ -133,21 +135,22 @@ def with_spikes(count):
         yield z
 
 
+@pytest.fixture(scope="module", params=[{}, {"r": 1.0}, {"ratio": 0.05}], ids=["free", "r", "ratio"])
+def both_ways(request):
+    """Series of which some have spikes, their table, and what is found of each alone."""
+    options, series = request.param, list(with_spikes(60))
+    known = {"r": estimate_fixed_r, "ratio": estimate_fixed_ratio}
+    alone = known.get(next(iter(options), ""), partial(estimate, momentum=0.0))
+    return series, estimate_many(series, **options), [alone(z, *options.values()) for z in series]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
-def test_spikes_are_set_aside_where_estimate_does_it(options):
-    series = list(with_spikes(60))
-    table = estimate_many(series, **options)
+def test_spikes_are_set_aside_where_estimate_does_it(both_ways):
+    series, table, singles = both_ways
     assert 7 < np.count_nonzero(table.spikes) < 40
     assert len(table.set_aside) == table.spikes.sum()
     starts = np.cumsum([0, *map(len, series)])
-    for row, z in enumerate(series):
-        if "r" in options:
-            one = estimate_fixed_r(z, 1.0)
-        elif "ratio" in options:
-            one = estimate_fixed_ratio(z, 0.05)
-        else:
-            one = estimate(z, momentum=0.0)
+    for row, one in enumerate(singles):
         assert_same(table, row, one, row)
         away = np.empty(0) if one.outliers is None else np.flatnonzero(one.outliers)
         assert table.spikes[row] == len(away)
@@ -158,18 +161,15 @@ def test_spikes_are_set_aside_where_estimate_does_it(options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"r": 1.0}, {"ratio": 0.05}])
-def test_intervals_are_of_one_kind_alone_or_in_a_table(options):
-    series = list(with_spikes(45))
-    table = estimate_many(series, **options)
-    for row, z in enumerate(series):
-        if table.verdict[row] == "ok":
-            single = {"r": estimate_fixed_r, "ratio": estimate_fixed_ratio}.get(next(iter(options), ""))
-            one = estimate(z, momentum=0.0) if single is None else single(z, *options.values())
-            ends = [float(end[row]) for end in (*table.q_interval, *table.r_interval)]
-            assert pair_intervals(one, z, np.empty(0)) == pytest.approx(ends, rel=1e-9), row
-            assert ends[0] <= one.q <= ends[1]
-            assert ends[2] <= one.r <= ends[3]
+def test_intervals_are_of_one_kind_alone_or_in_a_table(both_ways):
+    series, table, singles = both_ways
+    assert "ok" in table.verdict
+    for row in np.flatnonzero(table.verdict == "ok"):
+        one, z = singles[row], series[row]
+        ends = [float(end[row]) for end in (*table.q_interval, *table.r_interval)]
+        assert pair_intervals(one, z, np.empty(0)) == pytest.approx(ends, rel=1e-9), row
+        assert ends[0] <= one.q <= ends[1]
+        assert ends[2] <= one.r <= ends[3]
 
 
 def test_steps_and_spikes_together_are_those_of_estimate():
