@@ -61,6 +61,7 @@ def test_the_first_picture_and_a_small_file_that_is_filtered_load_no_compiler_an
     assert "numba" not in picture.split()
     assert len(filtered) > 100  # a line a sample
     assert "numba" not in after.split()
+    assert "matplotlib" not in after.split()
 
 
 def test_the_core_never_names_the_dashboard():

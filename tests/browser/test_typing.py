@@ -93,7 +93,7 @@ def type_and_compare(session, screen, count):
     """Type into q and r in turn, end it with Enter, by leaving the box, or not at all, and wait for agreement."""
     ends = itertools.cycle(("Enter", "Tab", None))
     for text, delay, label in zip(
-        numbers(count), itertools.cycle(DELAYS), itertools.cycle((Q, Q, R)), strict=False
+        numbers(count), itertools.cycle(DELAYS), itertools.cycle((Q, Q, R, Q, R)), strict=False
     ):
         retype(screen, label, text, delay)
         if key := next(ends):

@@ -97,7 +97,7 @@ class Process:
         if os.name != "posix":
             self._process.kill()
         elif self._process.poll() is None:  # else its number may be that of another process
-            with suppress(ProcessLookupError):
+            with suppress(OSError):  # it has just ended: macOS then refuses where Linux finds no process
                 os.killpg(self.pid, signal.SIGKILL)
 
     def why_ended(self, what: str) -> BadFile | NoMemory:

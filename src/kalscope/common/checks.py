@@ -29,8 +29,10 @@ def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> 
 
 
 def _number(value: object) -> float:
-    """`value` as a float; NaN where it is no number."""
+    """`value` as a float; NaN where it is no number, as a text is none."""
+    if isinstance(value, str):
+        return math.nan
     try:
         return float(value)  # pyright: ignore[reportArgumentType] (the error is caught)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return math.nan

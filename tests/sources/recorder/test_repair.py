@@ -50,7 +50,7 @@ TAILS = [b"", b"\0" * 512, b"\0" * 7 + b"0.25,1,2,3\n# end\n"]
 @pytest.mark.slow
 @pytest.mark.parametrize("tail", TAILS, ids=["cut", "zeros", "zeros and old bytes"])
 def test_cut_at_any_byte_a_repaired_recording_holds_the_first_rows_and_nothing_else(tmp_path, recorded, tail):
-    for cut in range(0, len(recorded) + 1, STEP):
+    for cut in (*range(0, len(recorded), STEP), len(recorded)):
         path = tmp_path / f"{cut}.csv"
         path.write_bytes(recorded[:cut] + tail)
         report = repair(path)
@@ -68,7 +68,7 @@ def test_cut_at_any_byte_a_repaired_recording_holds_the_first_rows_and_nothing_e
 def test_our_reader_takes_no_wrong_value_from_a_recording_cut_at_any_byte(tmp_path, recorded):
     path = tmp_path / "run.csv"
     first = next(i for i in range(len(recorded)) if recorded[:i].count(b"\n") == 5 + SETTLED)
-    for cut in range(first, len(recorded) + 1, STEP):
+    for cut in (*range(first, len(recorded), STEP), len(recorded)):
         path.write_bytes(recorded[:cut])
         recording = read_recording(path)
         n = len(recording)
@@ -79,7 +79,7 @@ def test_our_reader_takes_no_wrong_value_from_a_recording_cut_at_any_byte(tmp_pa
 
 @pytest.mark.slow
 def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
-    for cut in range(0, len(recorded) + 1, 3 * STEP):
+    for cut in (*range(0, len(recorded), 3 * STEP), len(recorded)):
         path = tmp_path / f"{cut}.csv"
         path.write_bytes(recorded[:cut])
         recorder = Recorder(path, source="again", started=0.0, wall=1.7e9 + 60.0, resume=True)

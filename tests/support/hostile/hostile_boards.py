@@ -177,5 +177,5 @@ BOARDS = (
         60,
     ),
     Board("stamps that jump", lines(lambda i: b"t:%d,x:%d\n" % (10 ** (i % 19), i)), 500, 300_000, 60),
-    Board("255 channels", lines(lambda i: b",".join([b"%d" % i] * 255) + b"\n"), 60, 20_000, 400),
+    Board("255 channels", lines(lambda i: b",".join([b"%d" % i] * 255) + b"\n"), 100, 20_000, 400),
 )

@@ -195,20 +195,20 @@ TEXTS = (
     Case("256 columns of one name", wide("a".format), "read: 3 rows, 256 channels, 0 rejected", 256, 256),
     Case("a long name", with_name, "read: 50 rows, 2 channels", MIB // 2, 10 * MIB, then=NO_ROWS),
     Case("an open quote", open_quote, "read: [0-9]+ rows, 3 channels, 0 rejected", 10, 20_000, big_mib=300),
-    endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 4_000, 1_000_000),
+    endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 7_000, 1_000_000),
     endless("a new name on each row", lambda i: f"{i},n{i},{i % 7}.5\n", "read: ", 10_000, 1_000_000),
     endless("a new width on each line", lambda i: ",".join(repeat("1", i % 2000)) + "\n", NO_TABLE, 400, 100_000),
     endless("headers without end", "a{},b,c\n".format, NO_TABLE, 10_000, 5_000_000),
     endless("comments without end", "# a{}\n".format, NO_LINES, 20_000, 5_000_000),
     endless("text without end", "the {} quick brown foxes\n".format, "read: ", 20_000, 5_000_000, 400),
-    endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 3_000, 1_000_000, 200),
+    endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 4_000, 1_000_000, 200),
     endless("quotes in quotes", lambda i: '"' * (i % 400) + f"{i},2\n", "read: ", 5000, 200_000),
     *(
         Case(
             f"lines of `{line.strip().replace(chr(10), chr(32)) or chr(32)}`",
             lines_of(lambda _, line=line: line),
             ".*",
-            4_000,
+            max(4_000, (1 << 15) // len(line) + 1),  # above 32 kB a file is read in blocks
             500_000,
             mib=60,
             big_mib=200,

@@ -35,8 +35,8 @@ HEAD_BYTES = 65_536
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
 
-_SHORT_HEAD = 16
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by half."""
+_SHORT_HEAD = 64
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
 
 _NEWLINE = re.compile(rb"[\r\n]")
 
@@ -240,7 +240,7 @@ class LineParser:
             return self._misfits & (self._misfits - 1) == 0
         if len(self._head) < self._next_look:
             return False
-        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 3 // 2
+        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
         return True
 
     def _has_chosen_rows(self, head: Sequence[str]) -> bool:

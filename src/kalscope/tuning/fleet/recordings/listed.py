@@ -19,7 +19,7 @@ def read_list(path: str) -> list[tuple[str, str | None]]:
     """
     try:
         # str.splitlines would cut a path at a form feed.
-        with open(path, encoding="utf-8-sig", newline="\n") as file:
+        with open(path, encoding="utf-8-sig") as file:
             lines = file.readlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = describe(error) if isinstance(error, OSError) else "it must be text in UTF-8"
