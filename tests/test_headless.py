@@ -64,6 +64,7 @@ def test_the_first_picture_and_a_small_file_that_is_filtered_load_no_compiler_an
     assert "matplotlib" not in after.split()
 
 
+@pytest.mark.slow
 def test_the_core_never_names_the_dashboard():
     for path in (ROOT / "src").rglob("*.py"):
         assert not re.search(r"^\s*(import|from)\s+(viser|kalscope_app)\b", path.read_text(), re.M), path

@@ -13,6 +13,7 @@ MAX_LINES = 300
 NOT_COUNTED = {"__init__.py", "__pycache__", "py.typed"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["src", "app", "docs"])
 def test_no_folder_holds_more_than_twelve_entries(part):
     below = (path for path in (ROOT / part).rglob("*") if path.is_dir() and path.name not in NOT_COUNTED)

@@ -166,6 +166,7 @@ def test_false_alarm_rates_are_near_their_nominal_levels(n, ratio, missing):
     assert rates["advice"] <= 0.10, rates
 
 
+@pytest.mark.slow
 def test_spikes_by_chance_are_as_many_as_expected():
     found = judge(noisy_walk(500_000), 0.01)
     assert found.spikes_expected == pytest.approx(31.7, abs=0.1)

@@ -294,6 +294,7 @@ CASES += [("walk", FilterParams(0.01, 1.0, p0=1.0, x0=500.0)), ("spikes", Filter
 CASES += [("steps", FilterParams(1.0, 1.0, gate=9.0)), ("walk", FilterParams(1e-4, 0.01, gate=9.0))]
 
 
+@pytest.mark.slow
 @each(("name", "params"), CASES)
 def test_after_taking_the_first_advice_the_sentence_changes(name, params):
     z = RECORDS[name]

@@ -140,6 +140,7 @@ def test_a_constant_has_no_power():
     assert np.all(allan_deviation(np.full(500, 1e6), PARAMS).deviation < 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("q", "r"), [(0.0, 4.0), (1e-4, 1.0), (0.25, 0.0), (1e-2, 9.0)])
 def test_allan_of_simulated_noise_and_walk_follows_the_model(q, r):
     n = 400_000
@@ -214,6 +215,7 @@ def test_allan_of_a_signal_that_keeps_its_direction_follows_the_model():
     assert np.abs(found.deviation / allan_deviation(z, FilterParams(q=q, r=4.0)).model - 1.0).max() > 0.2
 
 
+@pytest.mark.slow
 def test_the_minimum_with_momentum_is_the_minimum_of_the_model():
     for q, r, momentum in ((0.01, 1.0, 20.0), (1.0, 1.0, 1e3), (1e-3, 1.0, 1e5), (1e-4, 1.0, 0.01)):
         best = best_average(q, r, momentum)

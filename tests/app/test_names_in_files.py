@@ -118,6 +118,7 @@ def test_node_loads_filters_of_the_names_that_are_identifiers(tmp_path):
     assert [word.lower() for word in loaded] == [word for names in SIXES for word in identifiers(names)]
 
 
+@pytest.mark.slow
 def test_a_tuning_file_gives_the_names_back(tmp_path):
     path = tmp_path / "tuning.toml"
     for name in NAMES:
@@ -130,6 +131,7 @@ def test_a_tuning_file_gives_the_names_back(tmp_path):
         assert not CONTROL.search(text)
 
 
+@pytest.mark.slow
 @each("name", NAMES)
 def test_a_filtered_csv_has_its_columns_and_no_formula(tmp_path, name):
     header = csv_header([name, "b", name])

@@ -38,6 +38,7 @@ def files(tmp_path: Path) -> tuple[str, str]:
     return str(log), str(config)
 
 
+@pytest.mark.slow
 def test_a_recording_and_lines_go_through_the_chains_of_the_tuning(
     files: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,6 +89,7 @@ def test_tune_keeps_the_chains_of_other_channels_and_says_which_one_it_replaces(
     assert [one.chain for one in after.channels] == [EURO, None, None]
 
 
+@pytest.mark.slow
 def test_the_report_says_which_chain_runs_and_judges_nothing(files: tuple[str, str], tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     assert run(["report", files[0], "--config", files[1], "--channel", "a", "-o", str(page)]) == 0

@@ -183,6 +183,7 @@ def of_each(said: dict, field: str) -> list:
     return [sensor[field] for sensor in said["sensors"]]
 
 
+@pytest.mark.slow
 def test_json_says_what_the_library_says(capsys: Captured) -> None:
     said = tuned(capsys, WALK, "--fuse", "a,b,c")
     best = estimate_fusion(readings(WALK), names=("a", "b", "c"))
@@ -199,6 +200,7 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
     assert len(said["held_out"]["single"]) == 3
 
 
+@pytest.mark.slow
 def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> None:
     long = WALK.replace("n=1200", "n=12000")
     said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
@@ -208,6 +210,7 @@ def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> 
     assert error[100:].std() == pytest.approx(said["error"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot_be_known(capsys: Captured) -> None:
     assert run(["tune", WALK, "--fuse", "a,b,c"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -221,6 +224,7 @@ def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot
     assert "The record allows (95 %):" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "fusion.md").read_text(encoding="utf-8")
     example = page[page.index("    $ kalscope") : page.index("![Three level")]
@@ -263,6 +267,7 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
     assert "No movement can be identified" not in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "said"),
     [
@@ -285,6 +290,7 @@ def test_the_next_step_suits_what_is_wrong(path: str, said: str, tmp_path: Path,
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
     assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1"), "r")[1] == 1.1
     assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2"), "r") == [4.0, 9.0]
@@ -293,6 +299,7 @@ def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
     assert tuned(capsys, WALK, "--fuse", "a,b", "--gate", "16")["gate"] == 16.0
 
 
+@pytest.mark.slow
 def test_the_gain_of_a_sensor_in_another_unit_is_estimated(tmp_path: Path, capsys: Captured) -> None:
     truth = open_source("synthetic:random_walk?n=600&noise=none&period=1&amplitude=5").values[:, 0]
     noise = np.random.default_rng(4).normal(0.0, (0.4, 0.8), (600, 2))
@@ -309,6 +316,7 @@ def test_the_gain_of_a_sensor_in_another_unit_is_estimated(tmp_path: Path, capsy
     assert "gain" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves_it(
     tmp_path: Path, capsys: Captured
 ) -> None:

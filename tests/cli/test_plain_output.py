@@ -38,6 +38,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 def test_names_of_files_channels_and_options_are_plain(tmp_path, capsys):
     log = tmp_path / f"{HOSTILE}.csv"
     values = np.cumsum(np.random.default_rng(1).normal(size=200)).tolist()
@@ -65,6 +66,7 @@ def test_the_ports_as_json_are_plain_and_whole(capsys, monkeypatch):
     assert json.loads(said)[0]["description"] == HOSTILE
 
 
+@pytest.mark.slow
 def test_what_a_board_sends_is_plain(tmp_path, capsys):
     lines = [f"{HOSTILE}: starting\n".encode(), b"\x9b2J\xff\x00\n", f"# {HOSTILE}\n".encode(), b"1,2\n"]
     with line_sender(500.0, lambda: cycle(lines)) as address:

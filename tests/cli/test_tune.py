@@ -65,6 +65,7 @@ def tuned(capsys: Captured, *argv: str) -> dict:
     return json.loads(out, parse_constant=refuse)
 
 
+@pytest.mark.slow
 def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) -> None:
     lines = bare.read_text().splitlines()
     for row in range(20, 90, 20):
@@ -144,6 +145,7 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
         assert f"{'Next' if one['action'] else 'Note'}{how}: {one['text']}"[:80] in page
 
 
+@pytest.mark.slow
 def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None:
     assert run(["tune", "sample:nile"]) == 0
     _, found, does, *_ = capsys.readouterr().out.splitlines()
@@ -165,6 +167,7 @@ def test_a_note_of_several_sentences_begins_each_with_a_capital(tmp_path: Path, 
     assert "Note: You chose a lag of 200 ms. The best statistical fit" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_all_channels_have_their_six_lines(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--all"]) == 0
     _, rest = capsys.readouterr().out.split("\n", 1)
@@ -173,6 +176,7 @@ def test_all_channels_have_their_six_lines(log: Path, capsys: Captured) -> None:
     assert all(len(block.splitlines()) <= 5 for block in blocks)
 
 
+@pytest.mark.slow
 def test_a_gate_is_taken_told_and_saved(log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "t.toml"
     said = tuned(capsys, str(log), "--gate", "12.25", "-o", str(path))
@@ -216,6 +220,7 @@ def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Capt
     assert "Residuals:" not in out
 
 
+@pytest.mark.slow
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
@@ -291,6 +296,7 @@ def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options:
 # ---- JSON
 
 
+@pytest.mark.slow
 def test_estimators_without_momentum_are_named_so_also_where_momentum_finds_no_noise(
     tmp_path: Path, capsys: Captured
 ) -> None:
@@ -343,6 +349,7 @@ def test_a_filter_too_quick_for_a_cutoff_has_none(log: Path, capsys: Captured) -
 # ---- what the user knows and wishes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "value", "field", "met"),
     [
@@ -361,6 +368,7 @@ def test_a_wish_is_met_exactly(
         assert said["verdict"] == "chosen"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "value", "field", "met"),
     [("--lag-ms", "150", "lag_s", 0.15), ("--noise-reduction-db", "9", "noise_reduction_db", 9.0)],
@@ -400,6 +408,7 @@ def test_a_lag_is_met_at_a_given_momentum(log: Path, capsys: Captured) -> None:
     assert said["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_method_is_the_one_asked_for(method: str, log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--method", method)
@@ -407,6 +416,7 @@ def test_the_method_is_the_one_asked_for(method: str, log: Path, capsys: Capture
     assert (said["q"], said["r"]) == (best.q, best.r)
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_noise_gives_r(log: Path, capsys: Captured) -> None:
     assert tuned(capsys, str(log), "--r", "1.5")["r"] == 1.5
     assert tuned(capsys, str(log), "--sigma", "1.5")["r"] == 2.25
@@ -425,6 +435,7 @@ def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: 
     assert by_time["how"] == "r from a still stretch, q by maximum likelihood"
 
 
+@pytest.mark.slow
 def test_a_still_stretch_is_found_where_the_recording_pauses(tmp_path: Path, capsys: Captured) -> None:
     moving = np.where((np.arange(1200) > 400) & (np.arange(1200) < 800), 0.0, 1.0)
     g = np.random.default_rng(0)
@@ -477,6 +488,7 @@ def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path
     )
 
 
+@pytest.mark.slow
 def test_channels_are_tuned_one_after_another_into_one_file(log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "tuning.toml"
     assert run(["tune", str(log), "--channel", "smooth", "--lag-ms", "50", "-o", str(path)]) == 0
@@ -731,6 +743,7 @@ def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(name: str, caps
         assert said["judgement"]["headline"].endswith(".")
 
 
+@pytest.mark.slow
 def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
     rng = np.random.default_rng(11)
     time = np.cumsum(np.where(rng.random(400) < 0.1, 25.0, 1.0))  # long gaps, in which the level wanders on
@@ -750,6 +763,7 @@ def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
     assert "delimiter must be" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_counter_is_not_tuned_unless_it_is_asked_for(log: Path, capsys: Captured) -> None:
     header, *rows = log.read_text().splitlines()
     log.write_text("\n".join([f"seq,{header}", *(f"{i},{row}" for i, row in enumerate(rows)), ""]))

@@ -87,6 +87,7 @@ def test_the_filter_gives_the_same_bits_plain_and_compiled():
     assert compared > 5000
 
 
+@pytest.mark.slow
 def test_one_step_gives_the_same_bits_plain_and_compiled():
     step, values = kernels.step.dispatcher, [0.0, -0.0, 1.0, 3e-9, 1e200, np.nan, np.inf]
     for seed in range(2000):
@@ -139,6 +140,7 @@ def test_only_what_the_cache_lacks_is_reported_as_compiled(tmp_path):
     assert second == ""
 
 
+@pytest.mark.slow
 def test_loops_run_where_no_folder_takes_their_cache(monkeypatch):
     from numba.core import caching
 

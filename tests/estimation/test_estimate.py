@@ -57,6 +57,7 @@ def test_em_climbs_to_the_maximum_of_the_likelihood(nile):
     assert em.r == pytest.approx(ml.r, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_em_says_so_when_it_has_not_arrived():
     found = estimate(walk(60_000, 1e-4), "em")
     assert found.verdict == "not_converged"
@@ -86,6 +87,7 @@ def test_every_method_recovers_the_truth_from_a_long_record(method, ratio):
     assert abs(found.r - 4.0) < 5 * found.r_se
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["moments", "als", "allan", "em"])
 def test_every_method_works_over_gaps(method):
     z = walk(60_000, 0.2, seed=4)
@@ -137,6 +139,7 @@ def records(draw):
     return z, draw(st.sampled_from(steps))
 
 
+@pytest.mark.slow
 @given(records())
 def test_any_record_gets_numbers_and_words(record):
     z, dt = record
@@ -153,6 +156,7 @@ def test_any_record_gets_numbers_and_words(record):
 # --- side by side ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_methods_agree_where_the_model_holds(nile):
     for z in (nile, walk(20_000, 0.1, seed=2), walk(5_000, 3.0, seed=3)):
         table = compare_methods(z)
@@ -161,6 +165,7 @@ def test_methods_agree_where_the_model_holds(nile):
         assert "does not describe" not in table[0].message
 
 
+@pytest.mark.slow
 def test_a_wave_under_noise_is_named_as_not_this_model():
     g = np.random.default_rng(0)
     z = np.sin(np.arange(20_000) / 40) * 5 + g.normal(0, 1, 20_000)
@@ -219,6 +224,7 @@ def test_progress_rises_to_one(method, nile):
     assert all(text for _, text in seen)
 
 
+@pytest.mark.slow
 def test_progress_of_a_comparison_of_two_channels_rises_to_one():
     seen = []
     z = np.stack([walk(300, 0.1), walk(300, 1.0)], axis=1)

@@ -84,6 +84,7 @@ def test_spikes_are_set_aside_where_something_is_estimated_and_may_be_kept() -> 
 # ---- the truth table: who decides λ, who decides r, and what is left to the record
 
 
+@pytest.mark.slow
 @each("method", METHODS)
 @each("known", KNOWN)
 @each("ratio", [None, 0.01])

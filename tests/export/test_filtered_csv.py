@@ -141,6 +141,7 @@ def test_true_time_between_samples_counts_where_it_was_chosen() -> None:
     np.testing.assert_array_equal(table[:, 0], time_s)
 
 
+@pytest.mark.slow
 def test_pandas_reopens_it_without_options(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     source = recording(np.random.default_rng(9).normal(size=(50, 2)), ("left, right", 'say "hi"'))
@@ -172,6 +173,7 @@ def test_the_filtered_csv_can_be_filtered_again(tmp_path: Path) -> None:
     assert len(set(header)) == len(header) == 10
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(max_size=8) | st.sampled_from(["time", "a", "a_filtered", "a_filtered_2"]), unique=True))
 def test_headers_are_distinct_plain_and_run_no_formula(names: list[str]) -> None:
     line = csv_header(names, dict.fromkeys(names[::2], "filtered"))
@@ -217,6 +219,7 @@ def test_an_empty_recording_is_a_header() -> None:
     assert filtered_csv(recording(np.empty((0, 1))), {"a": PARAMS}) == "time,a,a_filtered,a_variance\n"
 
 
+@pytest.mark.slow
 def test_every_row_of_a_long_recording_is_written() -> None:
     source = recording(np.random.default_rng(7).normal(size=100_000))
     assert filtered_csv(source, {"a": PARAMS}).count("\n") == 100_001

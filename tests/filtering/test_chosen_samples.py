@@ -29,6 +29,7 @@ def record(*, missing=0.05):
     return z
 
 
+@pytest.mark.slow
 @each("params", PARAMS, ids=repr)
 @each("timed", [False, True])
 @each("missing", [0.0, 0.05])

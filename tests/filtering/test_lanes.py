@@ -77,6 +77,7 @@ def test_whatever_the_start(params):
     assert_same(np.zeros(N), params)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.integers(0, N - 1), max_size=4), st.sampled_from([1e-4, 0.01, 1.0]))
 def test_whatever_is_missing(missing, q):

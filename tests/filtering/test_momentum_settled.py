@@ -135,6 +135,7 @@ def test_every_answer_is_a_number_at_every_edge(q, r, momentum):
     assert found.settle_samples >= 0.0
 
 
+@pytest.mark.slow
 def test_the_overshoot_never_passes_a_quarter_and_less_lag_costs_more_of_it():
     """At the same noise reduction of 13 dB: 9.5 samples of lag without momentum, 0 with 20 % overshoot."""
     found = [at_13_db(momentum) for momentum in (1e-3, 10.0, 20.0, 50.0, 200.0, 1e4)]

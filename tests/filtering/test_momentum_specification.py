@@ -21,6 +21,7 @@ TARGETS = [
 ]
 
 
+@pytest.mark.slow
 @each("momentum", MOMENTA)
 @each(("target", "value"), TARGETS)
 def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value, momentum):
@@ -55,6 +56,7 @@ def test_noise_and_cutoff_rise_with_the_gain_so_that_halving_finds_them(momentum
 # ---- an overshoot that is allowed
 
 
+@pytest.mark.slow
 @each("overshoot", [1e-4, 0.02, 0.1, 0.18])
 @each(
     ("target", "value"),
@@ -146,6 +148,7 @@ def test_the_largest_overshoot_that_the_message_names_is_possible():
     assert found.overshoot == pytest.approx(0.2055, rel=1e-6)
 
 
+@pytest.mark.slow
 @each(("ratio", "tau"), [(1e-4, 1e3), (1e-6, 4e3), (1e-8, 4e4), (1e-9, 1e5), (1e-10, 7e4)])
 def test_the_overshoot_of_a_slow_filter_is_that_of_its_limit(ratio, tau):
     """The limit of slow filters: 1 - H = s(s + 1/τ)/(s² + as + b) with b = √λ/τ and a² = 1/τ² + 2b."""

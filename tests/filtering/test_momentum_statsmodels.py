@@ -40,6 +40,7 @@ def trend_model(z, move, r, start):
     return model.ssm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
 def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, momentum):
     z = record(missing=0.1)

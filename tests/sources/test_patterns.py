@@ -94,6 +94,7 @@ def test_a_pattern_takes_steps_in_proportion_to_its_text():
     assert slow == []
 
 
+@pytest.mark.slow
 def test_no_pattern_is_made_where_the_others_are_not_found():
     made = []
     for path in (SOURCE / "sources").rglob("*.py"):

@@ -19,6 +19,7 @@ def _maker():
     return module
 
 
+@pytest.mark.slow
 def test_the_script_makes_every_sample_again_bit_for_bit(tmp_path):
     maker = _maker()
     maker.make(tmp_path)

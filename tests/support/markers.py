@@ -22,6 +22,7 @@ FIXTURES = {"browser": "browser", "firefox": "browser", "workshop": "device"}
 """Markers by the fixture that starts the thing."""
 STARTERS = {
     "attack_table",
+    "broker",
     "forked",
     "kalscope_app.guard.server",
     "kalscope_app.worker.worker",

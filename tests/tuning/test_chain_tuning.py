@@ -40,6 +40,7 @@ def with_chain(chain: Chain | None) -> Tuning:
     return replace(PLAIN, channels=(replace(PLAIN.channels[0], chain=chain), PLAIN.channels[1]))
 
 
+@pytest.mark.slow
 def test_every_chain_comes_back_from_a_file_and_leaves_no_key_of_the_one_before(tmp_path):
     path = tmp_path / "t.toml"
     for chain in (*CHAINS, *CHAINS[::-1], None):

@@ -149,6 +149,7 @@ def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -
 # ---- the file
 
 
+@pytest.mark.slow
 @given(fusions())
 def test_a_fusion_comes_back_from_its_text_bit_for_bit_and_over_any_other(fusion: FusionTuning) -> None:
     from kalscope.tuning.tuning_file import _plain

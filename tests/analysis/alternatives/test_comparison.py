@@ -137,6 +137,7 @@ def test_every_alternative_is_equivariant_in_unit_and_level():
     assert a.verdict == b.verdict
 
 
+@pytest.mark.slow
 def test_on_a_random_walk_under_white_noise_nothing_beats_the_true_kalman_filter():
     truth = np.cumsum(0.2 * RNG.normal(size=60_000))
     z = truth + RNG.normal(size=60_000)
@@ -239,6 +240,7 @@ def test_chance_is_not_called_a_difference():
     assert "about 5\u202f000 samples, so 400\u202f080 are needed, 8 blocks of 50\u202f010, and" in short
 
 
+@pytest.mark.slow
 def test_the_interval_covers_no_difference_as_often_as_it_promises():
     wrong = 0
     for seed in range(300):
@@ -292,6 +294,7 @@ def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
     assert "No samples are missing" in compare_alternatives(z[:900], params).identity
 
 
+@pytest.mark.slow
 def test_the_stretch_is_all_or_the_most_around_what_is_looked_at():
     assert stretch_of(1000, (10, 20)) == (0, 1000)
     assert stretch_of(10 * MAX_SAMPLES, None) == (4.5 * MAX_SAMPLES, 5.5 * MAX_SAMPLES)
@@ -323,6 +326,7 @@ def test_the_bench_takes_noise_and_speed_from_the_recording():
     assert bench.longest_window == 24_999
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
     """The mean squared error of exponential smoothing of a walk is known: αr/(2 − α) + q(1 − α)²/(α(2 − α))."""
     q, present, quick, covered = 0.01, 0.0951, 0.9, 0

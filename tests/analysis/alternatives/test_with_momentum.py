@@ -148,6 +148,7 @@ def test_a_specification_is_compared_at_its_lag_and_its_overshoot():
     assert lags == pytest.approx([4.0, 4.0], rel=1e-15)
 
 
+@pytest.mark.slow
 def test_what_has_the_same_noise_is_measured_on_ramps_as_long_as_its_own_lag():
     _, z, _ = moving(20_000)
     params = params_for_specification(1.0, noise_reduction_db=26.0, momentum=1e5)

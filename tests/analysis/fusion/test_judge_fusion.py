@@ -31,6 +31,7 @@ def in_turns(z):
     return np.where(turns, z, np.nan)
 
 
+@pytest.mark.slow
 @each("seed", range(12))
 @each("sensors", [1, 2, 3])
 def test_nothing_is_wrong_with_sensors_as_the_model_has_them(seed, sensors):

@@ -136,6 +136,7 @@ def test_drawn_indices_are_chosen_once_for_one_view(running):
     assert screen.frames[-1].drawn is screen.frames[-2].drawn
 
 
+@pytest.mark.slow
 def test_every_part_of_the_screen_shows_the_last_value(running):
     session, screen = running
     last = session.request(set_exponent("q", -1.0))

@@ -22,6 +22,7 @@ def test_long_studies_wait_longer(longest, delay):
     assert idle_delay(longest) == delay
 
 
+@pytest.mark.slow
 def test_the_wait_is_that_of_the_longest_study_of_the_round_before(monkeypatch):
     asked, done = [], threading.Event()
     monkeypatch.setattr(idle_studies, "idle_delay", lambda longest: asked.append(longest) or 0.0)

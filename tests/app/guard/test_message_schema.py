@@ -63,6 +63,7 @@ junk = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from([0.5, False, "a", (0.0, 1.0)]), junk)
 def test_whatever_comes_the_result_is_of_the_kind_and_within_the_range(current, value):
     taken = fitting_value(current, value, 0.0, 1.0, ("a", "b") if isinstance(current, str) else None)

@@ -23,6 +23,7 @@ def put(folder, text=SECRET, mode=0o600, name="token-8080"):
     return file
 
 
+@pytest.mark.slow
 def test_a_restart_on_the_same_port_has_the_same_token(tmp_path):
     folder = tmp_path / "a" / "kalscope"
     token = kept_token(8080, folder)

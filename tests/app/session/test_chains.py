@@ -49,6 +49,7 @@ def frame_of(state):
     return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
+@pytest.mark.slow
 def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
     for chain in CHAINS:
         tuned = use_chain(chain)(state)

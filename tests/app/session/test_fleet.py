@@ -69,6 +69,7 @@ def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
     assert "the filter for all" in shared.answers.note
 
 
+@pytest.mark.slow
 def test_a_device_without_q_and_r_says_why(fleet, state):
     empty = fleet.devices.ids.index("empty.csv")
     after = at_device(fleet, empty)(opened(open_source("demo"), state))

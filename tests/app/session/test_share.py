@@ -115,6 +115,7 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     assert essence(reopen(share_line(state).line)) == essence(state)
 
 
+@pytest.mark.slow
 def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     list(files(tmp_path))

@@ -49,6 +49,7 @@ def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     assert tuple(one.name for one in everything.alternatives) == NAMES
 
 
+@pytest.mark.slow
 def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     n = 450_000
     values = np.resize(RNG.normal(size=9973), n).reshape(-1, 1)
@@ -61,6 +62,7 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     assert end.inside.all()
 
 
+@pytest.mark.slow
 def test_the_study_is_computed_again_only_when_the_comparison_changes():
     study, state = AlternativesStudy(), state_of()
     first = study.compute(state).found

@@ -30,6 +30,7 @@ def profile_of(state):
     return momentum_profile(state, lambda _share, _text: None, lambda: False)
 
 
+@pytest.mark.slow
 def test_every_point_is_the_best_pair_of_its_momentum():
     state = opened(recording())
     profile = profile_of(state)
@@ -39,6 +40,7 @@ def test_every_point_is_the_best_pair_of_its_momentum():
         assert profile.loglik[i] == pytest.approx(best.loglik)
 
 
+@pytest.mark.slow
 def test_it_finds_the_momentum_of_a_signal_that_keeps_its_direction_and_none_of_a_random_walk():
     state = opened(recording())
     profile = profile_of(state)
@@ -69,6 +71,7 @@ def test_a_profile_belongs_to_its_channel_alone():
     assert not profile.belongs_to(opened(recording()))
 
 
+@pytest.mark.slow
 def test_a_profile_drawn_again_is_another_one():
     state = opened(recording(200))
     first, again = profile_of(state), profile_of(state)

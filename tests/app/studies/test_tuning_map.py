@@ -204,6 +204,7 @@ def test_a_demo_has_a_map():
     assert MapMaker()(opened(open_source("demo"))).optimum is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [7.0, 300.0])
 def test_each_cell_is_that_of_the_filter_with_the_present_momentum(momentum):
     state = set_momentum_text("momentum", str(momentum))(opened(known()))

@@ -265,6 +265,7 @@ def test_opinions_belong_to_their_channel(state):
     assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
 
 
+@pytest.mark.slow
 def test_opinions_on_a_sine_name_the_disagreement():
     n = 3000
     z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)

@@ -141,6 +141,7 @@ def test_targets_that_cannot_fuse_say_so(state):
     assert limits_text(state, Choice("bachagas")).startswith("Cannot export")
 
 
+@pytest.mark.slow
 def test_the_report_is_on_the_fused_sensors(state):
     assert b"bench + roof + door" in html_report(state)
 

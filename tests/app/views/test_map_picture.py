@@ -64,6 +64,7 @@ def test_lightness_alone_tells_better_from_worse(palette):
     assert abs(light[-1] - light[0]) > 120
 
 
+@pytest.mark.slow
 def test_the_picture_has_the_size_asked_for_and_nothing_leaves_it():
     for width, height in SIZES:
         picture = draw_map_picture(inputs(width, height))

@@ -131,6 +131,7 @@ def test_a_phone_gets_the_picture_of_every_frame_and_a_wide_window_none(phones):
     assert scene.set_background_image.call_count == drawn == 1
 
 
+@pytest.mark.slow
 def test_a_report_that_is_overtaken_by_a_later_one_has_no_effect(phones):
     phones.during_report = lambda: phones.overtake(lambda: phones.report(False))
     phones.report(True)
@@ -138,6 +139,7 @@ def test_a_report_that_is_overtaken_by_a_later_one_has_no_effect(phones):
     assert phones.is_forgotten()
 
 
+@pytest.mark.slow
 def test_a_window_that_becomes_wide_during_a_drawing_is_drawn_no_more(phones):
     phones.report(True)
     phones.during_drawing = lambda: phones.overtake(lambda: phones.report(False))
@@ -146,6 +148,7 @@ def test_a_window_that_becomes_wide_during_a_drawing_is_drawn_no_more(phones):
     assert phones.is_forgotten()
 
 
+@pytest.mark.slow
 def test_a_browser_that_disconnects_during_its_report_is_forgotten(phones):
     def disconnect():
         phones.browsers.clear()

@@ -44,6 +44,7 @@ def test_the_statistic_is_the_textbook_one():
     assert found.expected == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_devices_that_do_not_change_are_left_alone():
     alarms, share = 0, []
     for seed in range(10):
@@ -93,6 +94,7 @@ def test_an_estimate_of_zero_counts_where_it_contradicts_the_others():
     assert found.changed.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_holm_is_that_of_statsmodels():
     from statsmodels.stats.multitest import multipletests
 

@@ -75,6 +75,7 @@ def assert_same(table, row, one, named=""):
         assert ends == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
 
 
+@pytest.mark.slow
 def test_simulated_series_give_the_numbers_of_estimate():
     series = list(simulated(120))
     table = estimate_many(series, robust=False)
@@ -172,6 +173,7 @@ def test_intervals_are_of_one_kind_alone_or_in_a_table(both_ways):
         assert ends[2] <= one.r <= ends[3]
 
 
+@pytest.mark.slow
 def test_steps_and_spikes_together_are_those_of_estimate():
     series = list(with_spikes(24))
     steps = [steps_for(z, seed) for seed, z in enumerate(series)]
@@ -190,6 +192,7 @@ def test_few_series_without_spikes_are_looked_at_twice():
     assert suspect.sum() <= 6
 
 
+@pytest.mark.slow
 def test_a_signal_that_moves_far_more_than_its_noise_is_fitted_without_single_fits(monkeypatch):
     series, singles, one_fit = [walk(seed, 300, 100.0) for seed in range(60)], [], estimate_many_module.estimate
     series += [walk(seed, 300, 3.0) for seed in range(30)]
@@ -204,6 +207,7 @@ def test_a_signal_that_moves_far_more_than_its_noise_is_fitted_without_single_fi
         assert_same(table, row, estimate(z, momentum=0.0), row)
 
 
+@pytest.mark.slow
 def test_momentum_and_spikes_are_those_of_estimate():
     rng = np.random.default_rng(2)
     spiky = walk(2, 300, 0.01)

@@ -94,6 +94,7 @@ def test_units_of_the_devices_change_only_r_where_each_has_its_own():
     assert scaled.r == pytest.approx(found.r * math.exp(2.0 * np.log(sizes).mean()), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", SCALES)
 def test_the_truth_lies_in_the_interval_as_often_as_it_says(scale):
     held = 0

@@ -33,6 +33,7 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum, missing):
     assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_likelihood_is_that_of_the_filter_and_not_below_the_truth():
     truth = FusionParams(q=0.1, r=[0.25, 1.0, 2.0], offset=[1.0, -3.0, 2.0])
     for seed in range(6):
@@ -117,6 +118,7 @@ def test_a_known_noise_stays_and_the_others_follow():
     assert fixed.loglik < free.loglik
 
 
+@pytest.mark.slow
 def test_gains_are_found_where_they_are_asked_for():
     z = 5.0 + (record(n=1500, q=0.5) - 20.0) * [1.0, 2.0, -0.5]
     named = estimate_fusion(z, gains=True, reference=0, **PLAIN)
@@ -141,6 +143,7 @@ def test_a_pair_of_opposite_signs_keeps_its_offsets_near_its_readings():
     assert "sum, each with the sign of its gain, is 0, and the gains so that their sizes" in found.notes[0]
 
 
+@pytest.mark.slow
 def test_statsmodels_finds_the_same_maximum():
     from statsmodels.tsa.statespace.mlemodel import MLEModel
 

@@ -130,6 +130,7 @@ def test_a_drifting_offset_is_noticed():
     assert said(estimate_fusion(z, names=["a", "b", "c"], **PLAIN), "fused value and b changes slowly")
 
 
+@pytest.mark.slow
 def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
     z = walk()[:, None] + noise(1.0, 2.0)
     rng = np.random.default_rng(5)
@@ -152,6 +153,7 @@ def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
     assert not np.intersect1d(estimate_fusion(both, momentum=0.0).spikes[0], rows).size
 
 
+@pytest.mark.slow
 def test_momentum_is_found_by_the_rule_of_one_signal():
     z = moving(1500)[:, None] + noise(1.0, 2.0)
     found = estimate_fusion(z)

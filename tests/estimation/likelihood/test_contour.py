@@ -49,6 +49,7 @@ def test_the_nile_and_a_record_with_gaps():
     assert drops(z, likelihood_contour(z, best, dt), best, dt) == pytest.approx(np.full(122, DROP_95), abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_long_record_has_a_small_region():
     z = walk(200_000, 0.01, 1.0)
     best = estimate(z)

@@ -158,6 +158,7 @@ def test_a_unit_in_which_variances_do_not_fit_a_double_is_named(nile, s):
 # --- irregular sampling ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_irregular_sampling_recovers_the_truth():
     g = np.random.default_rng(5)
     dt = g.choice([0.0, 0.5, 1.0, 4.0], 20_000)
@@ -235,6 +236,7 @@ def test_poor_records_get_a_verdict_and_no_parameters(z, verdict):
     assert not np.isnan([found.q, found.r, found.ratio, found.loglik, *found.ratio_interval]).any()
 
 
+@pytest.mark.slow
 def test_a_short_record_that_any_ratio_explains_is_called_flat():
     g = np.random.default_rng(1)
     found = [estimate(np.cumsum(g.normal(0, 1, 10)) + g.normal(0, 1, 10)) for _ in range(60)]

@@ -38,6 +38,7 @@ def walk(n, ratio, seed):
 # --- found ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["walk", "sine", "levels", "shaken"])
 def test_the_pause_of_a_movement_is_found_and_gives_r(kind):
     inside = 0

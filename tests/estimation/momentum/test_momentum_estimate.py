@@ -51,6 +51,7 @@ def dense_loglik(z, times, q, r, tau):
 # --- the maximum ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tau", "seed"), [(3.0, 1), (30.0, 2), (100.0, 5)])
 def test_the_truth_is_recovered(tau, seed):
     found = estimate(moving(8000, tau, seed=seed))
@@ -88,6 +89,7 @@ def test_the_interval_ends_where_twice_the_likelihood_is_3_84_lower(record):
         assert 2.0 * (found.loglik - estimate(record, momentum=end).loglik) == pytest.approx(3.8415, abs=0.02)
 
 
+@pytest.mark.slow
 def test_standard_errors_of_a_long_record_are_those_of_the_observed_information():
     """By second differences of the filter's own likelihood in ln q, ln r and ln τ."""
     record = moving(20_000, 20.0, seed=8)
@@ -167,6 +169,7 @@ def test_walks_get_no_momentum():
     assert sum(one.momentum > 0.0 for one in found) <= 1
 
 
+@pytest.mark.slow
 def test_the_promised_gain_is_kept_on_samples_to_come():
     z = moving(6000, 20.0, seed=6)
     found, plain = estimate(z[:3000]), estimate(z[:3000], momentum=0)
@@ -205,6 +208,7 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
     assert 0.0 < found.momentum <= max(300.0, found.momentum_interval[0])
 
 
+@pytest.mark.slow
 @each("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
 @each("dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)])
 @each("momentum", ["auto", 0.001, 1e5])

@@ -285,6 +285,7 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     assert np.flatnonzero(estimate(coarse).outliers).tolist() == [100, 600, 601]
 
 
+@pytest.mark.slow
 @each(
     "z",
     [

@@ -91,6 +91,7 @@ def test_what_is_no_answer_or_a_damaged_one_is_not_read():
         assert read_answer(line) is None, line
 
 
+@pytest.mark.slow
 def test_no_damaged_answer_is_an_error_or_another_number():
     rng, letters = np.random.default_rng(7), np.array(list("0123456789ABCDEFabcnrq=.,:;#-+ \x00é"))
     for _ in range(2000):
@@ -132,6 +133,7 @@ def connected():
         close()
 
 
+@pytest.mark.slow
 def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(connected):
     board, source = connected(("light", "temp"))
     told = []
@@ -195,6 +197,7 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
         hindered(source, board, act, words)
 
 
+@pytest.mark.slow
 def test_a_cancelled_measurement_names_what_the_board_has_measured_already(connected):
     board, source = connected(("light", "temp"))
     board.mute = ("temp",)
@@ -202,6 +205,7 @@ def test_a_cancelled_measurement_names_what_the_board_has_measured_already(conne
         measure(source, None, 1.0, Progress(cancelled=lambda: board.used["light"][1] != 20.0))
 
 
+@pytest.mark.slow
 def test_a_board_that_does_not_answer_is_left_once_nobody_waits_for_it(connected):
     board, source = connected()
     board.deaf = True

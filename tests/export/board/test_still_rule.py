@@ -27,6 +27,7 @@ def hosts_figure(z, step):
     return noise_from_still(np.asarray(measured, np.float32), step if step > 0.0 else None)
 
 
+@pytest.mark.slow
 def test_the_figure_is_the_hosts_within_one_percent_at_20_noise_levels_and_5_quantisations_with_drift_and_spikes():
     rng = np.random.default_rng(8)
     for i, sigma in enumerate(np.geomspace(0.05, 500.0, 20)):
@@ -92,6 +93,7 @@ def test_readings_that_hardly_change_are_the_rounding_of_a_known_step():
     assert found.r == pytest.approx(noise_from_still(np.full(ROWS, 512.0), 1.0).r)
 
 
+@pytest.mark.slow
 def test_still_noise_is_hardly_ever_refused():
     found = [measure_on_board(still(sigma, seed=i)) for i in range(20) for sigma in (0.1, 30.0)]
     assert sum(isinstance(one, str) for one in found) <= 1

@@ -86,6 +86,7 @@ def test_a_low_pass_of_a_low_cut_off_trails_a_ramp_by_its_lag_to_the_last_digits
     assert filtered(step, Butterworth(0.01))[-1] == pytest.approx(1.0, rel=1e-15)
 
 
+@pytest.mark.slow
 def test_a_long_median_by_scipy_gives_the_bits_of_the_loop_and_its_state(monkeypatch):
     z = np.round(walk(900), 0)
     for kind in (np.float64, np.float32):
@@ -142,6 +143,7 @@ def test_one_euro_is_its_authors_own_ground_truth():
     assert np.abs(ours - truth).max() < 1e-5  # times and values are printed with six digits
 
 
+@pytest.mark.slow
 def test_float32_stays_within_a_unit_of_its_last_digit_and_does_not_drift():
     """A level of 1e5 under noise of 1, whose distance of two floats is 0.0078, over a million samples."""
     rng = np.random.default_rng(3)

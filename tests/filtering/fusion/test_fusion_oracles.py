@@ -46,6 +46,7 @@ def must_agree(found, mean, cov, rel):
                 assert getattr(found, value)[i] == pytest.approx(m, abs=rel * (abs(m) + math.sqrt(c) + 20.0)), i
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 10**6),
     sensors=st.integers(1, 4),

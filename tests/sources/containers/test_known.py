@@ -56,6 +56,7 @@ def test_a_container_is_cancelled_and_reports_its_progress(container):
     assert all(0.0 <= fraction <= 1.0 and text for fraction, text in done)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIBRARIES)
 def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
     path = CONTAINERS[name](tmp_path / name)

@@ -60,6 +60,7 @@ def test_a_parquet_file_without_samples_is_refused(parquet, select):
         parquet(select)
 
 
+@pytest.mark.slow
 @each("name", ["log[1].parquet", "log*.parquet", "log?.parquet", "run=7/log1.parquet"])
 def test_only_the_named_parquet_file_is_read(tmp_path, name):
     (tmp_path / "run=7").mkdir()

@@ -40,6 +40,7 @@ def rows(n=20):
     return [["Time", "Temp (°C)", "State"], *([stamp, 20 + i / 8, "ok"] for i, stamp in enumerate(stamps))]
 
 
+@pytest.mark.slow
 def test_a_sheet_with_dates_units_and_text(book):
     recording = read_recording(book(log=[["Station 5"], [], *rows()]))
     assert (recording.names, recording.units) == (("Temp",), ("°C",))
@@ -48,6 +49,7 @@ def test_a_sheet_with_dates_units_and_text(book):
     assert recording.report.rows == 20
 
 
+@pytest.mark.slow
 def test_the_sheet_with_most_numbers_is_read_and_the_others_named(book):
     path = book(notes=[["a note"]], small=rows(3), log=rows())
     recording = read_recording(path)

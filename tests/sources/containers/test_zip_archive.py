@@ -117,6 +117,7 @@ def test_of_two_tables_of_one_name_the_larger_is_read(tmp_path):
     assert len(read_recording(path)) == 300
 
 
+@pytest.mark.slow
 def test_what_is_said_of_names_is_printable(archive):
     name = "../../\x1b[31mevil\r\n\x07"
     recording = read_recording(archive(**{f"{name}.csv": ACCELERATION}))

@@ -144,6 +144,7 @@ def comma(line):
     return line.replace(",", ";").replace(".", ",")
 
 
+@pytest.mark.slow
 @each("name", FILES)
 @each("ending", ["\n", "\r\n"])
 def test_a_whole_file(name, ending, tmp_path):
@@ -218,6 +219,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.slow
 @each("mangling", MANGLED)
 @each("name", NAMES)
 def test_a_file_that_a_script_copied(name, mangling, tmp_path):

@@ -173,6 +173,7 @@ def test_a_stamp_before_labels_is_the_time_and_a_line_that_lacks_labels_is_damag
     assert recording.sample_period == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_what_stands_only_further_down_is_seen_as_well(read):
     empty = "".join(f"{i / 10:.1f},{i % 7},-,\n" for i in range(9000))
     recording = read("t,a,b,c\n" + empty + "".join(f"{i / 10:.1f},{i % 7},ok,3C\n" for i in range(9000, 16000)))

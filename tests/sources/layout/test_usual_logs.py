@@ -148,6 +148,7 @@ def read(tmp_path, text, options=DEFAULTS):
     return read_recording(path, options)
 
 
+@pytest.mark.slow
 @each("name", LOGS)
 def test_a_usual_log_is_read_right(tmp_path, name):
     text, channels, period = LOGS[name]

@@ -5,6 +5,7 @@ import math
 from functools import reduce
 
 import numpy as np
+import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
@@ -131,6 +132,7 @@ def test_each_new_variable_of_teleplot_has_its_column_at_once():
     assert events[-1].rows[0][5] == 6.0
 
 
+@pytest.mark.slow
 def test_a_late_variable_of_teleplot_counts_from_its_second_line_on():
     """A name that came once may be damage on the wire."""
     parser, _ = events_of(b">a:1\n" * 20_000)
@@ -140,6 +142,7 @@ def test_a_late_variable_of_teleplot_counts_from_its_second_line_on():
     assert names_in(parser) == ["a", "b", "c"]
 
 
+@pytest.mark.slow
 def test_variables_of_teleplot_are_no_more_than_a_table_may_have_columns():
     _, events = events_of("".join(f">v{i}:1\n" for i in range(300)).encode())
     assert [event.kind for event in events] == ["row"] * 255 + ["rejected"] * 45
@@ -198,6 +201,7 @@ STREAMS = {
 }
 
 
+@pytest.mark.slow
 @each("name", STREAMS)
 def test_cuts_change_nothing(name):
     data = STREAMS[name]

@@ -134,6 +134,7 @@ def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
     assert stream.lines.counts.rejected == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lines", "names"),
     [
@@ -266,6 +267,7 @@ def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
     assert counts.dropped == len(told) - told.count("row") - told.count("rejected") + stream.lines.unreported_drops
 
 
+@pytest.mark.slow
 @each("row", ["{}.5,{}.25", "{} {}", "[{}, {}]", "c:{},d:{}", ",".join(["{}.125"] * 60)])
 @each("before", ["{}.5,{}.25,1", "{}.5,{}.25", "a:{},b:{}", '{{"a": {}, "b": {}}}'])
 def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
@@ -299,6 +301,7 @@ def test_noise_is_looked_at_ever_more_rarely(noise, most, looked_at):
     assert sum(looked_at) <= most * 500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [DAMAGED, PRINTABLE, PRINTABLE + DAMAGED], ids=["bytes", "letters", "both"])
 @pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
 def test_a_good_board_after_noise_is_heard_within_so_many_lines(noise, line):

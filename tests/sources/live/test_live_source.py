@@ -219,6 +219,7 @@ def test_what_an_avr_would_lose_is_not_sent(live, line):
 LOST = BadDevice("lost")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("starts", "kept_values", "counts"),
     [
@@ -238,6 +239,7 @@ def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wa
         assert (status.received, status.accepted, status.rejected, status.dropped) == counts
 
 
+@pytest.mark.slow
 def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_opening(wait_for):
     first = ScriptedPort([b"heat,light\n2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"force,way\n4,0\n5,0\n"], "at a line")
@@ -246,6 +248,7 @@ def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_openin
         wait_for(lambda: live.snapshot() is not None and live.snapshot().recording.names == ("force", "way"))
 
 
+@pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.port_reader._KEPT_BYTES", 5_000)

@@ -150,6 +150,7 @@ host time [s],device time [ms],temp [°C],light
 """
 
 
+@pytest.mark.slow
 @each(
     ("head", "row", "options"),
     [
@@ -176,6 +177,7 @@ def test_a_followed_file_is_what_it_is_when_it_is_opened(log, wait_for, head, ro
     assert live.status().rejected == 0
 
 
+@pytest.mark.slow
 def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for):
     log.write_text("t [s],heat\n0,1\n0.1,2\n")
     with followed(log) as live:

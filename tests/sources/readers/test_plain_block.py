@@ -96,6 +96,7 @@ def assert_same(path, options=DEFAULTS):
     np.testing.assert_array_equal(fast.values, slow.values)
 
 
+@pytest.mark.slow
 @each("name", SEEDS)
 def test_plain_tables_are_one_block_and_are_the_same(tmp_path, taken, name):
     taken.clear()
@@ -229,6 +230,7 @@ change = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from(sorted(SEEDS)), st.lists(change, min_size=1, max_size=4))
 def test_damage_is_the_same_to_both(tmp_path_factory, name, changes):
     path = tmp_path_factory.getbasetemp() / "damaged.csv"
@@ -257,6 +259,7 @@ def test_options_are_the_same_to_both(tmp_path, taken, options):
     assert sum(taken) == 39
 
 
+@pytest.mark.slow
 def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, taken, monkeypatch):
     monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 1 << 14)
     rng = np.random.default_rng(3)
@@ -270,6 +273,7 @@ def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, taken,
     assert sum(taken) >= 7_850
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "lines"),
     [
@@ -321,6 +325,7 @@ def long_log(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_progress_rises_to_the_end(long_log):
     seen = []
     read_recording(long_log, progress=lambda fraction, text: seen.append((fraction, text)))

@@ -41,6 +41,7 @@ def _oracle(text):
     return np.array(rows)
 
 
+@pytest.mark.slow
 @each("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 @each("newline", ["\n", "\r\n", "\r"])
 @each("delimiter", [",", ";", "\t", "|", "  "])
@@ -104,6 +105,7 @@ def test_a_line_without_a_readable_stamp_is_rejected(read):
     assert [issue.line for issue in recording.report.issues] == [3, 4]
 
 
+@pytest.mark.slow
 def test_a_cut_number_is_never_taken_for_a_number(read):
     lines = CLEAN.splitlines()
     body = "\n".join(lines[:-1]) + "\n"
@@ -353,12 +355,14 @@ def _check_any_bytes(path, data):
         assert set(values.tolist()) <= written
 
 
+@pytest.mark.slow
 @given(st.sampled_from(SEEDS), st.sampled_from(["utf-8", "utf-16"]), st.lists(mutation, max_size=6))
 def test_any_damage_is_accounted_for_and_invents_nothing(tmp_path_factory, seed, encoding, changes):
     path = tmp_path_factory.getbasetemp() / "mutated.csv"
     _check_any_bytes(path, damaged(seed.encode(encoding), changes))
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=300) | st.text(alphabet='0123456789.,;:-+eE \t\n"#naT/', max_size=200).map(str.encode))
 def test_any_bytes_at_all_give_a_recording_or_a_bad_file(tmp_path_factory, data):
     _check_any_bytes(tmp_path_factory.getbasetemp() / "any.csv", data)
@@ -372,6 +376,7 @@ def test_a_damaged_gzip_archive_is_a_bad_file(tmp_path_factory, tail):
         read_recording(path)
 
 
+@pytest.mark.slow
 def test_a_large_clean_file_is_read_whole(tmp_path):
     n = 50_000
     path = tmp_path / "large.csv"
@@ -410,6 +415,7 @@ def test_rows_of_which_one_steps_forward_keep_the_order_of_the_file(read):
     assert recording.time.tolist() == stamps
 
 
+@pytest.mark.slow
 def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_path, monkeypatch):
     rows = [f"{i},{i % 7}.5,text\n" for i in range(40_000)]
     path = tmp_path / "log.csv"

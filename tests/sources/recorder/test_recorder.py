@@ -112,6 +112,7 @@ def test_our_reader_takes_host_time_as_the_time_and_device_time_as_no_channel(tm
     assert recording.report.rejected == 0
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=20))
 def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("r") / "run.csv"
@@ -276,6 +277,7 @@ EVENTS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(EVENTS)
 def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
     path = tmp_path_factory.mktemp("r") / "run.csv"
@@ -530,6 +532,7 @@ def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
     assert data_lines(tmp_path / "run-2.csv") == ["0.000000,3,4"]
 
 
+@pytest.mark.slow
 def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
     recorder = new_recorder(tmp_path / "run.csv")
     held = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0

@@ -60,6 +60,7 @@ def fleet():
     return devices_of(series), pool_of(series)
 
 
+@pytest.mark.slow
 def test_the_odd_devices_are_found_and_no_others(fleet):
     answer = answer_for(*fleet, NOTHING)
     assert set(answer.unlike["r"].devices) == set(NOISY)
@@ -68,6 +69,7 @@ def test_the_odd_devices_are_found_and_no_others(fleet):
     assert all(one.expected == 0.05 for one in answer.unlike.values())
 
 
+@pytest.mark.slow
 def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_find(fleet):
     low, high = answer_for(*fleet, NOTHING).shared.fit.ratio_interval
     several = Pool.empty()

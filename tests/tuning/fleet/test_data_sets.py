@@ -88,6 +88,7 @@ def test_a_row_group_a_series_is_read_once(tmp_path):
     assert [unit.pieces[0].groups for unit in units] == [(i,) for i in range(len(series))]
 
 
+@pytest.mark.slow
 @given(st.randoms(use_true_random=False))
 def test_mixed_rows_within_a_row_group_are_sorted(tmp_path_factory, draw):
     folder = tmp_path_factory.mktemp("mixed")
@@ -106,6 +107,7 @@ def test_a_small_data_set_may_be_in_any_order(tmp_path):
     assert equal(read(tmp_path), series)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "units"), [(1, 8), (1 << 20, 1)])
 @pytest.mark.parametrize("files", [1, 3])
 def test_a_data_set_in_any_order_is_cut_by_its_ids(tmp_path, monkeypatch, size, units, files):

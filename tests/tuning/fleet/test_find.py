@@ -122,6 +122,7 @@ def test_a_line_of_a_list_that_is_longer_than_any_path_is_refused(tmp_path):
         read_list(str(tmp_path / "list.txt"))
 
 
+@pytest.mark.slow
 def test_folders_may_be_nested_deeper_than_python_calls(tmp_path):
     (tmp_path / "/".join("d" * 100)).mkdir(parents=True)
     limit = sys.getrecursionlimit()

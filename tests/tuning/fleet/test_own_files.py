@@ -40,6 +40,7 @@ def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, caps
     assert not (out / "parts").exists()
 
 
+@pytest.mark.slow
 def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
     logs, out = fleet
     run_here(capsys, logs, "-o", out, *PLAIN)
@@ -55,6 +56,7 @@ def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
     assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
 
 
+@pytest.mark.slow
 def test_the_own_tuning_is_known_by_its_values_whatever_died(fleet, capsys):
     logs, out = fleet
     run_here(capsys, logs, "-o", out, *PLAIN)

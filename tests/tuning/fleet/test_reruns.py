@@ -65,6 +65,7 @@ def failing(monkeypatch, name, error):
     monkeypatch.setattr(task, "read_file", read)
 
 
+@pytest.mark.slow
 def test_a_cause_outside_of_the_recording_is_tried_again_and_one_in_it_is_not(
     tmp_path, at_once, capsys, monkeypatch
 ):
@@ -87,6 +88,7 @@ def test_a_cause_outside_of_the_recording_is_tried_again_and_one_in_it_is_not(
     assert len(parts(out)) == 2  # no trace of the failure
 
 
+@pytest.mark.slow
 def test_what_killed_its_workers_is_tried_again(tmp_path, at_once, capsys):
     faults, _ = at_once
     logs, out = tmp_path / "logs", tmp_path / "out"
@@ -99,6 +101,7 @@ def test_what_killed_its_workers_is_tried_again(tmp_path, at_once, capsys):
     assert [row["id"] for row in table(out) if not row["reason"]] == sorted(path.name for path in logs.iterdir())
 
 
+@pytest.mark.slow
 def test_a_missing_library_is_no_fault_of_the_file(tmp_path, at_once, capsys, monkeypatch):
     h5py = pytest.importorskip("h5py")
     logs, out = tmp_path / "logs", tmp_path / "out"

@@ -44,6 +44,7 @@ def own(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "result")
 
 
+@pytest.mark.slow
 def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
     fleet = FleetReader(folder).read()
     assert (len(fleet), fleet.failed, fleet.done, fleet.begun.units) == (13, 1, None, 13)
@@ -69,6 +70,7 @@ def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(fold
         own_tuning(fleet, fleet.devices.ids.index("empty.csv"))
 
 
+@pytest.mark.slow
 def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch):
     """Read as the dashboard does: by another process, each part once."""
     write_logs(tmp_path / "logs")
@@ -103,6 +105,7 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch
     }
 
 
+@pytest.mark.slow
 def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     write_logs(tmp_path / "logs", devices=4)
     asked = Asked(TuneOptions(numbers={"--lag-ms": 20.0}, momentum=0.0))
@@ -125,6 +128,7 @@ def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):
     write_logs(tmp_path / "logs", devices=3)
     FleetRun(tmp_path / "logs", tmp_path / "result").do()

@@ -37,6 +37,7 @@ SHARED_DATA = Path(__file__).parents[4] / "shared" / "data"
 PLAIN = ["--momentum", "0", "--no-robust"]
 
 
+@pytest.mark.slow
 def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
     """Generated recordings, an empty file, a picture, an unreadable file, a dead link, a folder named x.csv."""
     logs = tmp_path / "logs"
@@ -78,6 +79,7 @@ def test_twenty_real_recordings_are_accounted_for(tmp_path, at_once, capsys):
     assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
 
 
+@pytest.mark.slow
 def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys):
     logs, out = tmp_path / "logs", tmp_path / "out"
     write_devices(logs, 12)
@@ -96,6 +98,7 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys)
     assert {row["verdict"] for row in table(out)} == {"chosen"}
 
 
+@pytest.mark.slow
 def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys):
     write_devices(tmp_path / "logs", 3)
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--lag-ms", "30", "--rate", "200", "--gate", "9")
@@ -131,6 +134,7 @@ def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsy
     )
 
 
+@pytest.mark.slow
 def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_once, capsys):
     faults, _ = at_once
     write_devices(tmp_path / "logs", 14)
@@ -152,6 +156,7 @@ def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsy
     assert made[0].most <= 4
 
 
+@pytest.mark.slow
 def test_a_batch_out_of_time_leaves_the_rest_to_others(tmp_path, at_once, capsys, monkeypatch):
     write_devices(tmp_path / "logs", 9)
     monkeypatch.setattr(task, "MAX_SECONDS", -1.0)
@@ -160,6 +165,7 @@ def test_a_batch_out_of_time_leaves_the_rest_to_others(tmp_path, at_once, capsys
     assert len(table(tmp_path / "out")) == 9
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_said_and_a_rerun_goes_on(tmp_path, at_once, capsys):
     faults, _ = at_once
     write_devices(tmp_path / "logs", 6)
@@ -306,6 +312,7 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch
     assert done.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
     from kalscope.tuning.fleet.answer import save
 

@@ -67,6 +67,7 @@ def test_progress_counts_what_was_kept_in_both_numbers():
     assert progress_text(Tally(4, 4, 9, 9)) == "4 of 4 done (100 %)"
 
 
+@pytest.mark.slow
 def test_a_straggling_batch_ends_with_its_slow_recording_and_the_rest_is_shared_out(
     tmp_path, at_once, capsys, monkeypatch
 ):

@@ -89,11 +89,13 @@ def test_chance_explains_the_answers_to_records_of_the_model(n, ratio, missing):
         assert "chance explains" in comparison(table).lower()
 
 
+@pytest.mark.slow
 def test_the_share_does_not_depend_on_the_unit():
     z = walk(300, 0.5)
     assert opinions(z) == opinions(2.0**40 * z)
 
 
+@pytest.mark.slow
 def test_a_filter_that_would_be_the_same_does_not_contradict(drivers):
     """However sure a difference is, it is not worth a word where the filter stays as it is."""
     first, allan = drivers[0], drivers[-1]

@@ -72,6 +72,7 @@ FORMS = {
 }
 
 
+@pytest.mark.slow
 @each("name", FORMS)
 @settings(max_examples=EXAMPLES // 2)
 @given(instant=INSTANTS)

@@ -2,6 +2,7 @@
 
 from datetime import datetime
 
+import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,6 +18,7 @@ PATTERNS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @each("pattern", PATTERNS)
 @given(instant=INSTANTS)
 def test_a_stamp_of_any_form_is_one(pattern, instant):

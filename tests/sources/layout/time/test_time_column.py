@@ -85,6 +85,7 @@ def test_numbers_that_go_back_and_forth_are_no_time_whatever_their_name():
     assert name_of({"reaction_time_ms": NOISE, "a": NOISE}) == []
 
 
+@pytest.mark.slow
 @each("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
 @each("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
 @each("is_date_first", [True, False])

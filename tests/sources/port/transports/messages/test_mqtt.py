@@ -95,6 +95,7 @@ def test_what_is_no_address_of_a_broker(text, says):
     assert "secret" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait_for, tmp_path):
     with publisher(open_broker) as client:
         for topic, kept in (("home/barn/air/temperature", "9"), ("home/barn/air", '{"hum": 9}')):
@@ -120,6 +121,7 @@ def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait
     assert len(read_recording(tmp_path / "run.csv")) == 2000
 
 
+@pytest.mark.slow
 def test_a_value_that_the_broker_had_kept_names_its_channel_only(open_broker, wait_for):
     with publisher(open_broker) as client:
         client.publish("kept/old", "99", qos=1, retain=True).wait_for_publish()
@@ -134,6 +136,7 @@ def test_a_value_that_the_broker_had_kept_names_its_channel_only(open_broker, wa
     np.testing.assert_array_equal(recording.values[:1], [[np.nan, 1.0]])
 
 
+@pytest.mark.slow
 def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
     with broker(tmp_path) as running:
         live = opened(f"{running.address}/t")
@@ -206,6 +209,7 @@ def hang_up(listening, *answers):
         connection.recv(4096)
 
 
+@pytest.mark.slow
 @each("scheme", ["mqtt", "mqtts"])
 def test_a_server_that_stays_silent_is_given_up_in_time_and_at_once_where_nobody_waits(scheme, monkeypatch):
     """During the handshake of TLS, too, for which the library has a limit of its own."""
@@ -236,6 +240,7 @@ def test_what_is_no_broker(open_broker):
         assert "refuses the connection (code 136)" in refusal(address)
 
 
+@pytest.mark.slow
 def test_a_picture_is_counted_and_left_out(open_broker, wait_for):
     with publisher(open_broker) as client:
         live = opened(f"{open_broker.address}/big/#")
@@ -271,6 +276,7 @@ def send_empty(listening, given_up):
             connection.sendall(100 * EMPTY)
 
 
+@pytest.mark.slow
 def test_a_reader_is_asked_to_end_while_nothing_but_empty_messages_comes():
     given_up = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as listening:
