@@ -42,6 +42,7 @@ def test_the_formulas_of_the_theory_are_those_of_the_code(with_answers):
         with_answers(page.replace("K / (2 - K)", "K / (1 - K)"))
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_fails_the_page(with_answers):
     with pytest.raises(RuntimeError, match="--lag-ms must be"):
         with_answers("```sh run\nkalscope tune demo --lag-ms -1\n```\n")

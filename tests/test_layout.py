@@ -26,6 +26,7 @@ def entries(folder):
     return {path.name for path in folder.iterdir()} - NOT_COUNTED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["src", "app"])
 def test_no_module_is_longer_than_three_hundred_lines(part):
     lengths = {

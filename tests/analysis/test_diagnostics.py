@@ -340,6 +340,7 @@ def test_irregular_time_is_taken_from_the_result(r):
     assert judge(z, 0.005, r, dt).q_factor == pytest.approx(10.0, rel=0.4)
 
 
+@pytest.mark.slow
 def test_long_record_is_judged_by_stretches_with_the_same_verdict():
     z = noisy_walk(200_000, 0.01)
     assert judge(z, 0.01).advice == NO_FAULT
@@ -509,6 +510,7 @@ def moving(tau, q=1.0, r=1.0, n=6000, seed=3):
     return np.cumsum(v) + math.sqrt(r) * rng.normal(size=n)
 
 
+@pytest.mark.slow
 @each(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
 @each("ratio", [0.01, 1.0])
 def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):

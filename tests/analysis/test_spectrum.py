@@ -200,6 +200,7 @@ def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
     assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
 
 
+@pytest.mark.slow
 def test_allan_of_a_signal_that_keeps_its_direction_follows_the_model():
     n, tau, q = 200_000, 30.0, 0.25
     fade = math.exp(-1.0 / tau)

@@ -56,6 +56,7 @@ def test_a_recording_and_lines_go_through_the_chains_of_the_tuning(
     np.testing.assert_array_equal(answers, np.stack([whole.x for whole in expected], axis=1))
 
 
+@pytest.mark.slow
 def test_a_chain_may_be_given_and_only_kalman_needs_q_and_r(
     files: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -401,6 +401,7 @@ def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_pa
     assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_the_report_of_one_of_its_channels_is_the_page_of_a_channel(
     tmp_path: Path, config: Path, capsys: Captured
 ) -> None:

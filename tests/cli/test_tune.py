@@ -102,6 +102,7 @@ def test_spikes_are_kept_out_of_the_second_opinions_and_of_the_range(
     assert kept["opinions"][0]["r"] > 5.0 * said["opinions"][0]["r"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("period", "option"), [(0.01, "--lag-ms 50"), (3600.0, "--gain 0.2"), (2e-9, "--gain 0.2")]
 )
@@ -157,6 +158,7 @@ def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None
     assert does.endswith("), noise −7.78 dB, no overshoot")
 
 
+@pytest.mark.slow
 def test_a_note_of_several_sentences_begins_each_with_a_capital(tmp_path: Path, capsys: Captured) -> None:
     g = np.random.default_rng(3)
     z = np.cumsum(g.normal(size=2000)) + g.normal(size=2000)
@@ -186,6 +188,7 @@ def test_a_gate_is_taken_told_and_saved(log: Path, tmp_path: Path, capsys: Captu
     assert tuned(capsys, str(log), "--gate", "off")["gate"] is None
 
 
+@pytest.mark.slow
 def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     assert run(["tune", "sample:nile"]) == 0
     summary = capsys.readouterr().out
@@ -203,12 +206,14 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     assert max(map(len, out.removeprefix(summary).splitlines())) <= 96
 
 
+@pytest.mark.slow
 def test_a_disagreement_of_the_methods_is_named(capsys: Captured) -> None:
     assert run(["tune", "demo", "--momentum", "0", "--details"]) == 0
     out = capsys.readouterr().out
     assert "The model does not describe this signal: maximum likelihood finds gain" in out
 
 
+@pytest.mark.slow
 def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--channel", "smooth", "--details"]) == 0
     out, err = capsys.readouterr()
@@ -233,6 +238,7 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
     assert "Other channels" not in out
 
 
+@pytest.mark.slow
 def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -> None:
     assert run(["tune", str(bare), "--details"]) == 0
     out = capsys.readouterr().out
@@ -325,6 +331,7 @@ def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
     assert said["sha256"] == recording.sha256
 
 
+@pytest.mark.slow
 def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--channel", "smooth")
     assert [said[name] for name in ("q", "r", "ratio", "steady", "advice", "held_out")] == [None] * 6
@@ -333,6 +340,7 @@ def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsy
     assert said["opinions"][0]["ratio"] == "inf"
 
 
+@pytest.mark.slow
 def test_json_of_all_channels_is_one_object(log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--all")
     assert [(one["channel"], one["verdict"]) for one in said["channels"]] == [
@@ -340,6 +348,7 @@ def test_json_of_all_channels_is_one_object(log: Path, capsys: Captured) -> None
     ]
 
 
+@pytest.mark.slow
 def test_a_filter_too_quick_for_a_cutoff_has_none(log: Path, capsys: Captured) -> None:
     assert tuned(capsys, str(log), "--gain", "0.95")["steady"]["cutoff_hz"] is None
     assert run(["tune", str(log), "--gain", "0.95", "--details"]) == 0
@@ -392,6 +401,7 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     assert "The best statistical fit would" not in out  # with momentum the record names no faster one
 
 
+@pytest.mark.slow
 def test_no_overshoot_is_the_filter_without_momentum(log: Path, capsys: Captured) -> None:
     asked = (str(log), "--lag-ms", "150", "--channel", "noisy")
     plain = tuned(capsys, *asked)
@@ -425,6 +435,7 @@ def test_what_is_known_of_the_noise_gives_r(log: Path, capsys: Captured) -> None
     assert tuned(capsys, str(log), "--ratio", "0.01")["ratio"] == pytest.approx(0.01)
 
 
+@pytest.mark.slow
 def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: Path, capsys: Captured) -> None:
     z = read_recording(log).channel("noisy")
     expected = find_parameters(z, Request(noise=Noise(still=(0, 100)))).params
@@ -466,6 +477,7 @@ def test_a_still_stretch_must_not_span_a_step_back_of_time(tmp_path: Path) -> No
 # ---- the tuning file
 
 
+@pytest.mark.slow
 def test_the_tuning_file_filters_as_the_page_says(log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "tuning.toml"
     said = tuned(capsys, str(log), "-o", str(path))
@@ -478,6 +490,7 @@ def test_the_tuning_file_filters_as_the_page_says(log: Path, tmp_path: Path, cap
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "tuning.toml"
     assert run(["tune", str(log), "--all", "-o", str(path)]) == 0
@@ -568,6 +581,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("argv", "says"), USER_ERRORS)
 def test_every_user_error_is_status_2_and_one_line_on_stderr(
     argv: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
@@ -775,6 +789,7 @@ def test_a_counter_is_not_tuned_unless_it_is_asked_for(log: Path, capsys: Captur
     )
 
 
+@pytest.mark.slow
 def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: Captured) -> None:
     header, *rows = log.read_text().splitlines()
     log.write_text("\n".join([header, *rows[:300], *["battery low"] * 40, *rows[300:], ""]))

@@ -82,6 +82,7 @@ def test_every_number_comes_back_bit_for_bit(samples: list[float]) -> None:
     np.testing.assert_array_equal(np.array(table), np.column_stack(columns))
 
 
+@pytest.mark.slow
 def test_pieces_join_without_a_seam() -> None:
     n = 2 * ROWS_PER_CHUNK + 1
     source = recording(np.random.default_rng(5).normal(size=n))
@@ -91,6 +92,7 @@ def test_pieces_join_without_a_seam() -> None:
     np.testing.assert_array_equal(table[:, 2], kalman_filter(source.channel("a"), PARAMS).x)
 
 
+@pytest.mark.slow
 def test_our_reader_reopens_it_unchanged(tmp_path: Path) -> None:
     source = recording(np.random.default_rng(6).normal(size=(50, 2)), ("left, right", 'say "hi"'))
     path = tmp_path / "out.csv"

@@ -86,6 +86,7 @@ def test_whatever_is_missing(missing, q):
     assert_same(z, FilterParams(q, 0.25))
 
 
+@pytest.mark.slow
 @each("lane", range(LANES))
 @each("beside", [-1, 0, 1])
 def test_a_missing_sample_at_the_edge_of_a_lane(lane, beside, stretches):

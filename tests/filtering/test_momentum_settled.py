@@ -71,6 +71,7 @@ def test_a_short_momentum_settles_as_the_five_lines(ratio):
     assert short.overshoot < 1e-8
 
 
+@pytest.mark.slow
 @each("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
 def test_gains_and_what_follows_are_those_of_the_riccati_equation_in_fifty_digits(momentum):
     for ratio in (1e-12, 1e-5, 0.1, 6.0, 1e3, 1e12):

@@ -95,6 +95,7 @@ def test_more_overshoot_never_gives_more_noise(lag):
     assert noise[-1] > noise[0] + 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.7, 4.0, 60.0])
 def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
     best = params_for_specification(1.0, lag_samples=lag, overshoot=0.07)

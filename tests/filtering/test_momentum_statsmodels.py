@@ -59,6 +59,7 @@ def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, 
     assert filtered.loglik == pytest.approx(theirs.llf_obs.sum(), rel=1e-10)
 
 
+@pytest.mark.slow
 def test_a_long_momentum_is_the_local_linear_trend():
     """UnobservedComponents as it comes, its trend a random walk, against samples that are far closer than τ."""
     z, tau = record(), 1e5
@@ -80,6 +81,7 @@ def settled(params):
     return found.gain, found.velocity_gain, kept, params.momentum * (1.0 - kept)
 
 
+@pytest.mark.slow
 @each(("q", "r", "momentum"), PAIRS)
 def test_the_likelihood_is_that_of_an_arima(q, r, momentum):
     """Its differences are an ARMA(1, 2), whose moving average has the poles of the settled filter."""

@@ -67,6 +67,7 @@ def assert_close(a, b, scale, tolerance=1e-10):
 # --- against the Whittaker smoother ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(
     samples=st.lists(st.one_of(st.none(), st.floats(-100, 100)), min_size=1, max_size=24),
     log_ratio=st.floats(-8, 4),

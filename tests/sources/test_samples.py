@@ -35,6 +35,7 @@ def test_the_list_is_the_folder():
     assert len(NAMES) >= 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_sample_is_small_clean_has_units_and_says_how_it_was_made(name):
     path = FOLDER / f"{name}.csv"
@@ -61,6 +62,7 @@ def test_nile_is_the_published_series():
     assert recording.units == ("1e8 m3",)
 
 
+@pytest.mark.slow
 def test_the_resting_sensors_rest():
     x, y, z = open_source("sample:lis302dl").values.T
     assert (np.median(x), np.median(y), np.median(z)) == (2, -3, 55)

@@ -244,6 +244,7 @@ def test_saving_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert os.listdir(tmp_path) == ["t.toml"]
 
 
+@pytest.mark.slow
 def test_a_tuning_too_large_to_be_read_again_is_not_saved(tmp_path: Path) -> None:
     tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), source="x" * 1_000_001)
     with pytest.raises(BadSetting, match="1000000"):

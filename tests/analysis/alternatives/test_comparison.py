@@ -158,6 +158,7 @@ def test_on_a_random_walk_under_white_noise_nothing_beats_the_true_kalman_filter
         )
 
 
+@pytest.mark.slow
 def test_on_rare_spikes_the_median_wins_and_the_verdict_says_so():
     n = 40_000
     z = np.sin(np.arange(n) / 300) + 0.01 * RNG.normal(size=n)

@@ -78,6 +78,7 @@ def test_a_filter_with_momentum_is_compared_at_its_own_lag():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("match", ["lag", "noise"])
 def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
     truth, z, params = moving()
@@ -91,6 +92,7 @@ def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
         assert exponential.lag_samples > 2.0 * found.present.lag_samples
 
 
+@pytest.mark.slow
 def test_the_verdict_names_who_overshoots():
     _, z, params = moving()
     said = compare_alternatives(z, params).verdict

@@ -127,6 +127,7 @@ def test_a_first_frame_that_fails_lets_the_browsers_in(session):
     engine.stop()
 
 
+@pytest.mark.slow
 def test_drawn_indices_are_chosen_once_for_one_view(running):
     session, screen = running
     last = session.request(set_exponent("q", -1.0))

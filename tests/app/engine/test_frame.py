@@ -64,6 +64,7 @@ def test_extremes_of_the_signal_survive_the_decimation():
     assert 123_457 in choose_samples(rec, "z", None).indices
 
 
+@pytest.mark.slow
 def test_a_parameter_changes_y_only():
     state = opened(recording())
     before, after = frame_of(state), frame_of(set_text("q", "100")(state))

@@ -33,6 +33,7 @@ def drawn(moments):
     return log
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.001, 0.5), max_size=60))
 def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
     moments = np.cumsum([1.0, *gaps]).tolist()

@@ -82,6 +82,7 @@ def test_whatever_comes_the_result_is_of_the_kind_and_within_the_range(current, 
         assert taken in ("a", "b")
 
 
+@pytest.mark.slow
 @given(st.sampled_from(BROWSER_MESSAGES), st.data())
 def test_a_message_of_junk_is_judged_and_nothing_else_is_raised(kind, data):
     message = kind(**{field.name: data.draw(junk) for field in dataclasses.fields(kind)})

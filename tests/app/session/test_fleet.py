@@ -77,6 +77,7 @@ def test_a_device_without_q_and_r_says_why(fleet, state):
     assert after.tuning == after.start
 
 
+@pytest.mark.slow
 def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     session = Session(opened(open_source("demo")))
     session.request(open_fleet(fleet))
@@ -128,6 +129,7 @@ def test_the_corners_hold_the_devices_and_the_filter_for_all(fleet, state):
     assert math.isfinite(to_q)
 
 
+@pytest.mark.slow
 def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short_line(fleet, state):
     picked = pick_device(NOISY)(state)
     assert picked.fleet.picked == NOISY

@@ -87,12 +87,14 @@ def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, mo
         assert np.array_equal(again.recording.values, state.recording.values, equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["demo", "sample:lis302dl", "synthetic:sine?n=300&sigma=0.2&seed=1"])
 def test_samples_and_made_signals_reopen_too(source, reopen):
     state = set_text("q", "0.3")(opened(open_source(source)))
     assert essence(reopen(share_line(state).line)) == essence(state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"])
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
@@ -143,6 +145,7 @@ def test_names_that_no_line_can_show_become_numbers():
     assert "\n" not in shared.line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "name"), [("x", "x"), ("1", "x"), ("2", "3"), ("3", "3"), ("9", "9"), ("0", "0")])
 def test_a_channel_is_named_by_name_first_and_then_by_number(text, name):
     recording = replace(open_source("sample:lis302dl"), names=("x", "3", "z"))

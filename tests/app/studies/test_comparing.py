@@ -114,6 +114,7 @@ def test_with_momentum_the_table_has_the_overshoot_of_each_filter():
     assert "overshoot" not in text_of(AlternativesStudy().compute(state_of())).splitlines()[0]
 
 
+@pytest.mark.slow
 def test_while_a_chain_runs_every_sentence_names_the_kalman_filter():
     chained = {"chain": Chain(3)}
     cases = {

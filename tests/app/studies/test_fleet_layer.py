@@ -195,6 +195,7 @@ def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
     assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS
 
 
+@pytest.mark.slow
 def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
     shown = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
     state = pick_device(1)(open_fleet(shown)(opened(synthesize("random_walk", n=1000, seed=1))))

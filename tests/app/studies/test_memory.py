@@ -88,6 +88,7 @@ def test_opening_a_record_keeps_no_array():
     assert held <= 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 5.0])
 @pytest.mark.parametrize("window", [None, (300.0, 900.0)])
 def test_a_move_of_a_slider_holds_what_is_drawn_and_no_more(states, momentum, window):

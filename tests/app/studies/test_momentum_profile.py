@@ -50,6 +50,7 @@ def test_it_finds_the_momentum_of_a_signal_that_keeps_its_direction_and_none_of_
     assert "No momentum explains it better than none." in words_of(walk)
 
 
+@pytest.mark.slow
 def test_the_chart_shows_what_is_below_the_best_and_marks_the_present_momentum():
     state = set_momentum_text("momentum", "40")(opened(recording()))
     profile = profile_of(state)
@@ -63,6 +64,7 @@ def test_the_chart_shows_what_is_below_the_best_and_marks_the_present_momentum()
     assert np.isnan(lines_of(profile, off)[1][2]).all()
 
 
+@pytest.mark.slow
 def test_a_profile_belongs_to_its_channel_alone():
     state = opened(recording())
     profile = profile_of(state)

@@ -77,6 +77,7 @@ def test_another_period_of_the_device_carries_q_over(state):
         files_of(state, Choice("json", period="often"))
 
 
+@pytest.mark.slow
 def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
     state = opened_experiment("generalized_figure_8")
     with pytest.raises(BadSetting, match="cannot be exported"):

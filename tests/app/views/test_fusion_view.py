@@ -100,6 +100,7 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
         view._search(single, ("bench", "roof"), None, stop)
 
 
+@pytest.mark.slow
 def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     judge = FusionJudge()
     good = judge.of(state)
@@ -155,6 +156,7 @@ def test_what_belongs_to_one_channel_is_refused_in_words(state):
     assert any("tuning file" in remark for remark in share_line(state).remarks)
 
 
+@pytest.mark.slow
 def test_a_phone_draws_every_sensor(state):
     colours = {bytes(pixel).hex() for pixel in draw_picture(frame_of(state), 0.5).reshape(-1, 3)[::7]}
     assert {colour[1:] for colour in style.SENSORS[False][:3]} <= colours

@@ -41,6 +41,7 @@ def rgb(colour):
     return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_best_shade_lies_under_the_mark_of_the_estimate(width, height, dark):

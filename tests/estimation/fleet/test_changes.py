@@ -56,6 +56,7 @@ def test_devices_that_do_not_change_are_left_alone():
     assert 0.02 < np.mean(share) < 0.09
 
 
+@pytest.mark.slow
 def test_a_device_that_grows_noisier_is_named_with_the_file_and_the_size():
     r = np.ones(60 * 5)
     r[7 * 5 + 3 : 8 * 5] = 2.0  # device 7 from its fourth file on

@@ -100,6 +100,7 @@ def steps_for(z, seed):
     )
 
 
+@pytest.mark.slow
 def test_irregular_steps_give_the_numbers_of_estimate():
     series = [walk(seed, 200 + seed, 0.1) for seed in range(30)]
     series[4][50:60] = NAN
@@ -111,6 +112,7 @@ def test_irregular_steps_give_the_numbers_of_estimate():
         assert_same(table, row, estimate(z, dt=dt, momentum=0.0, robust=False), row)
 
 
+@pytest.mark.slow
 def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
     series = [walk(seed, 150, 10.0 ** (seed % 5 - 3)) for seed in range(20)]
     values = np.linspace(0.2, 3.0, 20)

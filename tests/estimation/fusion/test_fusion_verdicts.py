@@ -38,6 +38,7 @@ def said(found, words):
     return any(words in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_still_signal_shows_the_noise_but_no_movement():
     found = estimate_fusion(noise(1.0, 3.0, n=200, seed=3))
     assert found.verdict == "no_movement"
@@ -48,6 +49,7 @@ def test_a_still_signal_shows_the_noise_but_no_movement():
     assert "No movement can be identified" in found.message
 
 
+@pytest.mark.slow
 def test_a_momentum_that_is_given_stays_where_nothing_moves():
     found = estimate_fusion(5.0 + noise(1.0, 2.0, n=300, seed=3), momentum=20.0, robust=False)
     assert found.verdict == "no_movement"
@@ -104,6 +106,7 @@ def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
     assert np.isfinite(found.r).all()
 
 
+@pytest.mark.slow
 def test_noise_that_all_share_is_noticed():
     z = walk()[:, None] + noise(1.0, 1.0, 0.5)
     assert not said(estimate_fusion(z, **PLAIN), "share noise")
@@ -123,6 +126,7 @@ def test_readings_that_a_logger_repeats_are_noticed_but_not_those_of_a_coarse_se
     assert held_for(ramp) == held_for(z[:, 1]) == 1
 
 
+@pytest.mark.slow
 def test_a_drifting_offset_is_noticed():
     z = walk()[:, None] + noise(0.5, 0.5, 0.5)
     assert not said(estimate_fusion(z, **PLAIN), "changes slowly")
@@ -177,6 +181,7 @@ def test_of_a_momentum_as_long_as_the_record_no_end_is_said():
     assert said(found, "for about 299 samples (299 or more)")
 
 
+@pytest.mark.slow
 def test_the_fused_filter_is_nearer_than_the_best_sensor():
     x = walk()
     z = x[:, None] + noise(1.0, 1.2, 2.0)
@@ -188,6 +193,7 @@ def test_the_fused_filter_is_nearer_than_the_best_sensor():
     assert fused < best
 
 
+@pytest.mark.slow
 def test_too_few_readings_for_gains_are_not_known_rather_than_wrong():
     found = estimate_fusion(walk(10)[:, None] * [1.0, 2.0, 0.5] + noise(1.0, 1.0, 1.0, n=10), gains=True)
     for name in ("r_interval", "gain_interval", "offset_interval", "q_interval"):

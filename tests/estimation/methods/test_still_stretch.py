@@ -51,6 +51,7 @@ def test_the_pause_of_a_movement_is_found_and_gives_r(kind):
     assert inside >= 8  # of 10 at 95 %: fewer come once in a hundred times
 
 
+@pytest.mark.slow
 def test_spikes_and_missing_samples_do_not_hide_it():
     g = np.random.default_rng(3)
     z = record("walk")

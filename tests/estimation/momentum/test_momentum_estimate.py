@@ -151,6 +151,7 @@ def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():
     assert found.message.endswith("No momentum: it would explain no more.")
 
 
+@pytest.mark.slow
 def test_channels_are_independent(record):
     z = np.stack([record, walk(1500)], axis=1)
     both = estimate(z)

@@ -162,6 +162,7 @@ def test_where_the_signal_is_lively_a_spike_must_stand_out_from_that():
     assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300, 630]
 
 
+@pytest.mark.slow
 @each("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
 def test_the_ends_are_judged_by_their_only_side(ends):
     _, z = walk()
@@ -217,6 +218,7 @@ def test_each_channel_has_its_own_spikes():
     assert both.channel(1).params.gate is None
 
 
+@pytest.mark.slow
 def test_momentum_is_found_without_the_spikes():
     g = np.random.default_rng(3)
     signal = 40.0 * np.sin(np.arange(N) / 40.0) + np.cumsum(np.cumsum(g.normal(0.0, 0.01, N)))

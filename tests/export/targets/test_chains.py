@@ -239,6 +239,7 @@ def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_ru
         export_tuning(alone, "esphome")
 
 
+@pytest.mark.slow
 def test_an_uno_refuses_windows_that_its_memory_cannot_hold_and_says_what_fits():
     long = tuple(
         ChannelTuning(name, "", 1.0, 1.0, chain=chain)

@@ -51,6 +51,7 @@ def mean_of(seen, window):
     )
 
 
+@pytest.mark.slow
 def test_each_is_what_scipy_and_numpy_compute():
     from scipy.ndimage import median_filter
     from scipy.signal import butter, lfilter, sosfilt

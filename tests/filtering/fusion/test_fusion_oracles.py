@@ -67,6 +67,7 @@ def test_filter_smoother_and_likelihood_are_those_of_one_gaussian_vector(seed, s
     assert found.m == np.isfinite(z).sum() - (params.p0 is None)
 
 
+@pytest.mark.slow
 def test_a_state_space_of_statsmodels_agrees():
     from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 

@@ -178,6 +178,7 @@ def test_datasets_of_a_group_with_units_and_rate(hdf5):
     assert len(hdf5(fill, "slow")) == 5
 
 
+@pytest.mark.slow
 @each("place", ["", "run", "run/imu"])
 @each("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
 @each("rate", [50.0, np.array([50])])

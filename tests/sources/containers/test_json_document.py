@@ -64,6 +64,7 @@ def test_objects_one_a_line_are_no_document(read):
     assert not any("document" in note for note in recording.report.notes)
 
 
+@pytest.mark.slow
 @each("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 @each("newline", ["\n", "\r\n", "\r"])
 def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newline):

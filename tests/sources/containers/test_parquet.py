@@ -26,6 +26,7 @@ def parquet(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_a_parquet_file_with_a_time_in_seconds(parquet):
     recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
     assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))

@@ -42,6 +42,7 @@ WRITERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", WRITERS)
 def test_the_topic_with_most_numbers_of_a_bag(tmp_path, kind):
     path = WRITERS[kind](tmp_path)
@@ -57,6 +58,7 @@ def test_the_topic_with_most_numbers_of_a_bag(tmp_path, kind):
     assert not any("stamp" in name or "seq" in name for name in recording.names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", WRITERS)
 def test_another_topic_of_a_bag_by_the_end_of_its_name(tmp_path, kind):
     path = WRITERS[kind](tmp_path)

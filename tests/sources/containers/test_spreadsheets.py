@@ -60,6 +60,7 @@ def test_the_sheet_with_most_numbers_is_read_and_the_others_named(book):
         read_recording(path, ReadOptions(part="notes"))
 
 
+@pytest.mark.slow
 def test_an_empty_cell_is_a_missing_sample(book):
     table = rows()
     table[5][1] = None

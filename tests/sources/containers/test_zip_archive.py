@@ -43,6 +43,7 @@ def assert_same(recording, expected):
     np.testing.assert_array_equal(recording.time, expected.time)
 
 
+@pytest.mark.slow
 def test_the_table_with_most_numbers_is_read_and_the_others_are_named(archive, tmp_path):
     path = archive(**{"Pressure.csv": PRESSURE, "Raw Data.csv": ACCELERATION, "meta/device.csv": DEVICE})
     recording = read_recording(path)
@@ -57,6 +58,7 @@ def test_the_table_with_most_numbers_is_read_and_the_others_are_named(archive, t
         read_recording(path, ReadOptions(part="Gyroscope.csv"))
 
 
+@pytest.mark.slow
 @each("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"])
 def test_a_single_table_needs_no_choice_in_any_encoding(archive, tmp_path, encoding):
     text = "t,temp (°C)\r\n" + "".join(f"{i},{20 + i % 3}.5\r\n" for i in range(50))

@@ -110,6 +110,7 @@ def test_the_user_decides_the_order(day_first, order):
     assert find_stamp_form(["2024-03-04"], ".", StampHints(day_first=day_first)).order == "ymd"
 
 
+@pytest.mark.slow
 @given(
     damaged=st.lists(st.integers(10, 99), max_size=9, unique=True),
     order=st.sampled_from(["dmy", "mdy"]),

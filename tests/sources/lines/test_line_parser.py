@@ -138,6 +138,7 @@ def test_comments_and_blank_lines_are_known():
     assert not is_blank(";0;\n", ";")
 
 
+@pytest.mark.slow
 def test_text_without_data_costs_each_line_only_a_few_looks(monkeypatch):
     looked = []
 

@@ -295,6 +295,7 @@ def looked_at(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "most"), [(DAMAGED, 0), (PRINTABLE, 4.0)], ids=["bytes", "letters"])
 def test_noise_is_looked_at_ever_more_rarely(noise, most, looked_at):
     Stream().feed(noise, 3.0)

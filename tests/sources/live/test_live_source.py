@@ -166,6 +166,7 @@ def test_a_machine_that_slept_leaves_a_gap_of_that_length(board, wait_for):
         assert 1800 <= recording.time[11] - recording.time[9] < 1830
 
 
+@pytest.mark.slow
 def test_a_board_that_is_not_there_is_waited_for_or_refused(tmp_path, wait_for):
     path = str(tmp_path / "ttyNONE")
     live = LiveSource(path)

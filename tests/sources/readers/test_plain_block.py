@@ -336,6 +336,7 @@ def test_progress_rises_to_the_end(long_log):
     assert {text for _, text in seen} == {"reading"}
 
 
+@pytest.mark.slow
 def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
     before, asked = threading.active_count(), []
 

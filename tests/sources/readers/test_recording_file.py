@@ -384,6 +384,7 @@ def test_a_large_clean_file_is_read_whole(tmp_path):
     assert len(read_recording(path)) == n
 
 
+@pytest.mark.slow
 @each("blank", [" ", "\u00a0", "\u202f"])
 @each("minus", ["-", "\u2212"])
 def test_blanks_that_do_not_break_and_the_minus_sign_of_typography(read, blank, minus):

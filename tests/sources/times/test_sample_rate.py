@@ -10,6 +10,7 @@ from simulated_device import DEVICES, Device
 from kalscope.sources.times.sample_rate import find_rate
 
 
+@pytest.mark.slow
 @each("seed", range(3))
 @each("name", DEVICES)
 def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):

@@ -79,6 +79,7 @@ def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_fin
     assert high / low < 1.15
 
 
+@pytest.mark.slow
 def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serve(fleet):
     shared = answer_for(*fleet, NOTHING).shared
     assert shared.fit.ratio == pytest.approx(0.04, rel=0.1)

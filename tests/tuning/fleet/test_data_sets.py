@@ -70,6 +70,7 @@ def equal(found, series, channel="value"):
     return all(np.array_equal(found[name, channel][0], value) for name, (_, value) in series.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 13, 40, 47, 100, 10_000])
 @pytest.mark.parametrize("files", [1, 3])
 def test_every_series_is_whole_and_once_wherever_row_groups_end(tmp_path, rows, files):
@@ -154,6 +155,7 @@ def test_ids_mixed_over_too_many_bytes_are_a_row_that_says_how_to_sort_them(tmp_
     assert len(find_units([str(tmp_path)], tmp_path / "out")) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["text", "number", "date"])
 @pytest.mark.parametrize("statistics", [True, False])
 def test_rows_without_an_id_are_counted(tmp_path, kind, statistics):
@@ -245,6 +247,7 @@ def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):
         assert {round(period, 12) for _, period in read(tmp_path / name).values()} == {0.01}, name
 
 
+@pytest.mark.slow
 def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
     """Jitter, a gap and missing values: the quick way for even stamps must not be taken."""
     time = np.arange(200) / 50 + RNG.uniform(-0.002, 0.002, size=200)

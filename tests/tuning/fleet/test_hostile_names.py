@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from fleet_runs import run_here, write_devices
 from hostile_names import TERMINAL
 from required import not_here
@@ -19,6 +20,7 @@ HOSTILE = "".join(TERMINAL).replace("\0", "")
 PLAIN = ["--momentum", "0", "--no-robust"]
 
 
+@pytest.mark.slow
 def test_what_a_fleet_says_and_writes_of_hostile_names_is_plain(tmp_path, at_once, capsys):
     logs, out = tmp_path / "logs", tmp_path / f"out{HOSTILE}"
     write_devices(logs, 1)

@@ -57,6 +57,7 @@ def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
     assert "empty" in fleet.reasons[fleet.devices.ids.index("empty.csv")]
 
 
+@pytest.mark.slow
 def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(folder):
     fleet = FleetReader(folder).read()
     recording = reopen(kept_at(fleet, NOISY))
@@ -162,6 +163,7 @@ def test_the_note_keeps_how_files_are_read(tmp_path):
     assert read_begun(tmp_path).since > first.since
 
 
+@pytest.mark.slow
 def test_a_goal_gives_no_filter_for_all_before_the_end(tmp_path):
     write_logs(tmp_path / "logs", devices=3)
     run = FleetRun(tmp_path / "logs", tmp_path / "result", Asked(TuneOptions(numbers={"--lag-ms": 50.0}))).do()

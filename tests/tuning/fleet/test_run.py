@@ -146,6 +146,7 @@ def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_onc
     assert rows["dev0013.csv"]["reason"] == LOST
 
 
+@pytest.mark.slow
 def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsys):
     faults, made = at_once
     write_devices(tmp_path / "logs", 5)
@@ -303,6 +304,7 @@ def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
         pass
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE_S", 0.1)
     write_devices(tmp_path / "logs", 1)

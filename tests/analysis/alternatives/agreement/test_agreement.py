@@ -108,6 +108,7 @@ def test_a_filter_that_would_be_the_same_does_not_contradict(drivers):
 # --- when they do not count -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_spikes_silence_the_methods_that_cannot_bear_them():
     z = walk(2000, 0.1)
     z[::100] += 20.0
@@ -120,6 +121,7 @@ def test_spikes_silence_the_methods_that_cannot_bear_them():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0, 1000, -1])
 def test_one_large_spike_silences_them_wherever_it_is(at):
     """At the end it makes a single large innovation, in the middle several."""
@@ -134,6 +136,7 @@ def test_gaps_silence_the_method_that_needs_samples_in_a_row():
     assert {name for name, one in found.items() if one.not_counted} == {"als"}
 
 
+@pytest.mark.slow
 def test_second_opinions_do_not_count_beside_momentum(drivers):
     assert not worth_showing(drivers, momentum=20.0)
     assert comparison(drivers, momentum=20.0).startswith("They need not agree here")
