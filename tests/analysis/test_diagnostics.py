@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter
+from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter, starting_params
 from kalscope.analysis.diagnostics import NO_FAULT, Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.residual_tests import correlation, low_frequency_share, nis_band, variance_change
 
@@ -457,6 +457,12 @@ def test_no_parameters_make_it_fail(q, r, p0):
 def test_noise_of_another_world_is_named(size):
     found = judge(np.random.default_rng(13).normal(size=100), 0.01 * size, size)
     assert found.advice.startswith("q and r are both too large by about 1000 × or more")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_samples_at_the_ends_of_float64_are_judged_like_any():
+    z = 1.7e308 * (-1.0) ** np.arange(160)
+    assert diagnose(kalman_filter(z, starting_params(z))).advice
 
 
 def test_quantised_signal_that_mostly_stands_still_is_judged_without_failing():

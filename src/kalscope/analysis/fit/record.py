@@ -62,6 +62,7 @@ class Record:
         unit = math.sqrt(r or q or s)
         ratio = math.inf if r == 0.0 else q / r
         z /= unit
+        z[np.isinf(z)] = math.nan  # undone, a sample near the end of float64 may lie beyond it
         return Record(z, None if regular else steps / q, ratio, len(spikes) > 0)
 
     @property
