@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from board import FLAT_OUT, SKETCHES
+from waiting import PATIENCE
 from waiting import wait_until as wait_for
 
 from kalscope.sources.live import live_lines
@@ -15,6 +16,13 @@ SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
 RATE = (r"(?<=SAMPLES_PER_SECOND = )200", "900")
 
 
+@pytest.fixture
+def never_reset(monkeypatch):
+    """A simulator that stalls inside a line looks, soon after the opening, like a board that was reset there."""
+    monkeypatch.setattr(live_lines, "_SILENCE", PATIENCE)
+
+
+@pytest.mark.usefixtures("never_reset")
 def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_board, workshop):
     counts = np.random.default_rng(5).permutation(1024)
     board = start_board(workshop.sketch(SKETCH, RATE), counts, *FLAT_OUT)
@@ -27,6 +35,7 @@ def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_boa
     assert status.received == status.accepted + status.dropped
 
 
+@pytest.mark.usefixtures("never_reset")
 def test_the_clock_of_the_board_is_the_time(start_board, workshop):
     firmware = workshop.sketch(SKETCH, (r"(?<=BOARD_TIME = )false", "true"))
     board = start_board(firmware, range(1024), *FLAT_OUT)
@@ -38,9 +47,8 @@ def test_the_clock_of_the_board_is_the_time(start_board, workshop):
     np.testing.assert_allclose(np.diff(recording.time), 0.005, atol=30e-6)
 
 
-def test_900_lines_a_second_at_115200_baud_lose_none(start_board, workshop, monkeypatch):
-    # A simulator that stalls inside a line looks, soon after the opening, like a board that was reset there.
-    monkeypatch.setattr(live_lines, "_SILENCE", 60.0)
+@pytest.mark.usefixtures("never_reset")
+def test_900_lines_a_second_at_115200_baud_lose_none(start_board, workshop):
     counts = np.arange(2700) % 1000
     board = start_board(workshop.sketch(SKETCH, RATE), counts, "--wait-open", "--speed", "1", "--seconds", "2")
     with LiveSource(board.port) as live:

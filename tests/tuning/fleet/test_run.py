@@ -262,9 +262,9 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
         assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
         assert f"process {driver.pid} on " in second.err
         assert second.err.count("\n") == 1
+        below = psutil.Process(driver.pid).children(recursive=True)
         os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
         (tmp_path / "go on").touch()
-        below = psutil.Process(driver.pid).children(recursive=True)
         stdout, stderr = driver.communicate(timeout=PATIENCE)
         assert (driver.returncode, stdout) == (130, "")
     assert psutil.wait_procs(below, timeout=PATIENCE)[1] == []
