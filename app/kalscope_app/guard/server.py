@@ -27,15 +27,13 @@ from kalscope_app.guard import rules
 from kalscope_app.guard.message_filter import MessageFilter
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.self_test import GuardFailed, run_self_test
+from kalscope_app.guard.upload_limits import MAX_UPLOAD_BYTES
 from kalscope_app.guard.viser_private import replaced
 
 if TYPE_CHECKING:
     import asyncio
 
 _construction = threading.Lock()
-
-MAX_UPLOAD_BYTES = 64 * 2**20
-"""Size of the unfinished uploads of one client, unless told otherwise. Larger files are opened by path."""
 
 MAX_FRAME_BYTES = 2**20
 """The largest message of a client. viser cuts uploads into parts of 512 KiB; all else is far smaller."""

@@ -10,6 +10,9 @@ import viser
 from kalscope_app.guard.message_schema import Misbehaviour
 from kalscope_app.guard.viser_private import Channel, messages
 
+MAX_UPLOAD_BYTES = 64 * 2**20
+"""Size of the unfinished uploads of one client, unless told otherwise. Larger files are opened by path."""
+
 MAX_FULL_CLIENTS = 2
 """How many clients may upload files of the largest size at once."""
 
