@@ -73,9 +73,6 @@ UNO_MEDIAN_US, UNO_MEDIAN_SAMPLE_US = 30, 4.0
 UNO_READ_US = 112
 """Time of one analogRead() on an Uno, µs."""
 
-FLOAT32_TARGETS = {"arduino": True, "platformio": False, "esphome": False, "bachagas": False}
-"""Targets that compute in float32, at least on an AVR board; and whether they go on with a constant gain."""
-
 COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
 """Units of what analogRead() returns."""
 

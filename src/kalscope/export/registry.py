@@ -8,17 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, FusionJob, fusion_job_of, job_of
 from kalscope.export.names import comment_text
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
-from kalscope.export.targets.libraries.nearest import refusal_of_chain, refusal_of_fusion
+from kalscope.export.targets.libraries.nearest import refusal_of_chain, refusal_of_fusion, refusal_of_momentum
 from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
 from kalscope.recording import Recording
 from kalscope.tuning.device_period import rescaled_to_period
 from kalscope.tuning.tuning import Tuning
+
+Precision = Literal["float64", "float32", "float32, gain kept"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,11 @@ class Target:
     """Writes the filter that fuses several sensors; None = the target takes one reading per sample."""
     chains: bool = False
     """Whether it can hold a chain or a classic filter in place of the Kalman filter."""
+    momentum: bool = True
+    """Whether it can hold a filter with momentum."""
+    precision: Precision = "float64"
+    """How it computes, at least on an AVR board. "float32, gain kept": where float32 cannot settle, it goes on with
+    the settled gain."""
     is_offered: bool = True
     """Whether a user can choose it; False: it only explains why these values would give a different filter."""
     is_common: bool = False
@@ -55,6 +63,7 @@ TARGETS = MappingProxyType(
             arduino.calibrated_files,
             arduino.fused_files,
             chains=True,
+            precision="float32, gain kept",
             is_common=True,
         ),
         "c": Target(
@@ -99,24 +108,35 @@ TARGETS = MappingProxyType(
             platformio.files,
             "PlatformIO flags",
             "Compiler flags for PlatformIO, in a file for extra_configs.",
+            precision="float32",
         ),
         "esphome": Target(
             esphome.files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
             fused=esphome.fused_files,
+            momentum=False,
+            precision="float32",
             is_common=True,
         ),
         "bachagas": Target(
-            bachagas.files, "bachagas/Kalman.h", "The constructor of bachagas/Kalman.h, which has the same formula."
+            bachagas.files,
+            "bachagas/Kalman.h",
+            "The constructor of bachagas/Kalman.h, which has the same formula.",
+            momentum=False,
+            precision="float32",
         ),
         "kalmanjs": Target(
-            kalmanjs.files, "kalmanjs", "The constructor of kalmanjs: the same filter, its letters Q and R swapped."
+            kalmanjs.files,
+            "kalmanjs",
+            "The constructor of kalmanjs: the same filter, its letters Q and R swapped.",
+            momentum=False,
         ),
         "linuxcnc": Target(
             linuxcnc.files,
             "LinuxCNC",
             "A HAL file for LinuxCNC's filter_kalman, whose manual page swaps Qk and Rk; its code does not.",
+            momentum=False,
         ),
         "simplekalmanfilter": Target(
             SIMPLE_KALMAN_FILTER.files,
@@ -184,19 +204,28 @@ def export_tuning(
     return files
 
 
+def _able(can: Callable[[Target], object]) -> list[str]:
+    """Names of the targets that a user can choose and that can do it."""
+    return [name for name, each in TARGETS.items() if each.is_offered and can(each)]
+
+
 def _channels(target: str, job: ExportJob) -> dict[str, str]:
     if job.has_chain and not TARGETS[target].chains:
-        raise refusal_of_chain(job, target, (name for name, each in TARGETS.items() if each.chains))
+        raise refusal_of_chain(job, target, _able(lambda each: each.chains))
+    if job.has_momentum and not TARGETS[target].momentum:
+        raise refusal_of_momentum(job, target, _able(lambda each: each.momentum))
     return TARGETS[target].files(job)
 
 
 def _fused(target: str, job: FusionJob) -> dict[str, str]:
     write = TARGETS[target].fused
-    if write is not None:
-        return write(job)
     if not TARGETS[target].is_offered:
         return TARGETS[target].files(job.as_single)  # says why these values would give a different filter
-    raise refusal_of_fusion(job, target, (name for name, each in TARGETS.items() if each.fused is not None))
+    if write is None:
+        raise refusal_of_fusion(job, target, _able(lambda each: each.fused))
+    if job.has_momentum and not TARGETS[target].momentum:
+        raise refusal_of_momentum(job.as_single, target, _able(lambda each: each.fused and each.momentum))
+    return write(job)
 
 
 def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -> dict[str, str]:
@@ -209,7 +238,7 @@ def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -
         raise refusal_of_chain(job, f"fixed gains for {target}", ("arduino or c without that option",))
     write = TARGETS[target].fixed_gains
     if write is None:
-        able = " or ".join(name for name, each in TARGETS.items() if each.fixed_gains is not None)
+        able = " or ".join(_able(lambda each: each.fixed_gains))
         raise BadSetting(f"target must be {able} for fixed gains (got {target}): leave that option out")
     if vectors is not None:
         raise BadSetting(
@@ -222,7 +251,7 @@ def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -
 def _calibrated(target: str, job: ExportJob | FusionJob, *, fixed_gains: bool) -> dict[str, str]:
     write = TARGETS[target].calibration
     if write is None:
-        able = " or ".join(name for name, each in TARGETS.items() if each.calibration is not None)
+        able = " or ".join(_able(lambda each: each.calibration))
         raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
     if isinstance(job, FusionJob):
         raise BadSetting(

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 
 from kalscope.errors import BadSetting
+from kalscope.export.registry import TARGETS
 from kalscope.tuning.tuning import Tuning
 
 UNO_COUNTS = 1023.0
@@ -30,10 +31,11 @@ def limits_of(
         level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
-    from kalscope.export.device_limits import FLOAT32_TARGETS, fusion_limits, not_in_counts, tuning_limits
-
-    if target not in FLOAT32_TARGETS:
+    precision = TARGETS[target].precision
+    if precision == "float64":
         return []
+
+    from kalscope.export.device_limits import fusion_limits, not_in_counts, tuning_limits
 
     chosen = tuning.only(channel)
     if chosen.fusion is not None:
@@ -45,7 +47,7 @@ def limits_of(
             chosen.channels,
             levels=[level(one.name) for one in chosen.channels],
             sample_period=chosen.sample_period,
-            constant_gain=FLOAT32_TARGETS[target],
+            constant_gain=precision == "float32, gain kept",
         )
         others = not_in_counts(chosen.channels)
     said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]

@@ -354,7 +354,7 @@ def test_other_refusals_say_what_helps(tmp_path):
         export_tuning(tuned(PAIR), "simplekalmanfilter")
     with pytest.raises(BadSetting, match=r"^fixed gains must be of one sensor \(got the fusion level, whose gains"):
         export_tuning(tuned(PAIR), "c", fixed_gains=True)
-    with pytest.raises(BadSetting, match=r"^target must be a filter with momentum \(got ESPHome"):
+    with pytest.raises(BadSetting, match=r"^target must be a filter with momentum \(got esphome,"):
         export_tuning(tuned(CASES["momentum"]), "esphome")
     with pytest.raises(BadSetting, match="sample_period of the tuning must be known for ESPHome"):
         export_tuning(replace(tuned(PAIR), sample_period=None), "esphome")

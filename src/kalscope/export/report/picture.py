@@ -24,7 +24,7 @@ WIDTH = SIZE[0] - 2 * MARGIN
 """Between the margins, px."""
 
 NAMES = {2: 0.42, 4: 0.48, 5: 0.325, 6: 0.2}
-"""Part of a table that its first column takes, by the number of columns."""
+"""Part of a table that its first column takes, by the number of columns; in others all are as wide."""
 
 DOTS_PER_INCH = 110
 """Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""
@@ -102,7 +102,7 @@ class _Sheet:
         self._write(x, table.heading, 25)
         self._y += 36
         for row in (*((table.columns,) if table.columns else ()), *table.rows):
-            first = width * NAMES[len(row)]
+            first = width * NAMES.get(len(row), 1.0 / len(row))
             self._write(x, row[0], 20, "quiet", first)
             share = (width - first) / (len(row) - 1)
             for i, value in enumerate(row[:0:-1]):

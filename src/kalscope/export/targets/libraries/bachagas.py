@@ -8,17 +8,11 @@ from __future__ import annotations
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
-from kalscope.export.targets.libraries.nearest import require_no_momentum
 from kalscope.tuning.tuning import ChannelTuning
 
 
 def files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_bachagas.h`, C++ as the Arduino compiles it.
-
-    Raises:
-        BadSetting: A channel has momentum.
-    """
-    require_no_momentum(job, "bachagas/Kalman.h")
+    """`kalscope_bachagas.h`, C++ as the Arduino compiles it."""
     channels = "\n".join(_channel(job, *pair) for pair in job.named_channels)
     text = fill_template("libraries/kalscope_bachagas.h", about=commented(about(job), "//"), channels=channels)
     return {"kalscope_bachagas.h": text}

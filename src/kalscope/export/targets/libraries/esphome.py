@@ -15,7 +15,6 @@ from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text, number_text, quoted
-from kalscope.export.targets.libraries.nearest import require_no_momentum
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -46,9 +45,8 @@ def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_esphome.yaml`.
 
     Raises:
-        BadSetting: The sample period is unknown, or float32 cannot hold the variances, or a channel has momentum.
+        BadSetting: The sample period is unknown, or float32 cannot hold the variances.
     """
-    require_no_momentum(job, "ESPHome")
     return _files(job, "".join(_sensor(job, *named) for named in job.named_channels))
 
 
@@ -59,7 +57,6 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         BadSetting: As `files`.
     """
     fusion = job.fusion
-    require_no_momentum(job.as_single, "ESPHome")
     scaled, sources = "", ""
     for word, r, offset, gain in zip(job.sensor_identifiers, job.noise, fusion.offset, fusion.gain, strict=True):
         is_raw = offset == 0.0 and gain == 1.0

@@ -9,7 +9,6 @@ from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
-from kalscope.export.targets.libraries.nearest import require_no_momentum
 from kalscope.tuning.tuning import ChannelTuning
 
 MIN_INNOVATION_VARIANCE = 1e-300
@@ -20,9 +19,8 @@ def files(job: ExportJob) -> dict[str, str]:
     """`kalscope_kalmanjs.mjs`.
 
     Raises:
-        BadSetting: q + r is too small for its division, or a channel has momentum.
+        BadSetting: q + r is too small for its division.
     """
-    require_no_momentum(job, "kalmanjs")
     filters = "".join(_entry(job, *pair) for pair in job.named_channels)
     text = fill_template("libraries/kalscope_kalmanjs.mjs", about=commented(about(job), "//"), filters=filters)
     return {"kalscope_kalmanjs.mjs": text}

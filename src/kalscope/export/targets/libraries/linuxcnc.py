@@ -8,17 +8,11 @@ from __future__ import annotations
 from kalscope.export.header_text import about, about_channel, commented, fill_template
 from kalscope.export.job import ExportJob
 from kalscope.export.names import number_text
-from kalscope.export.targets.libraries.nearest import require_no_momentum
 from kalscope.tuning.tuning import ChannelTuning
 
 
 def files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_linuxcnc.hal`, which the INI file names by `HALFILE`.
-
-    Raises:
-        BadSetting: A channel has momentum.
-    """
-    require_no_momentum(job, "filter_kalman of LinuxCNC")
+    """`kalscope_linuxcnc.hal`, which the INI file names by `HALFILE`."""
     text = fill_template(
         "libraries/kalscope_linuxcnc.hal",
         about=commented(about(job), "#"),

@@ -98,24 +98,27 @@ def _mean_text(fusion: FusionTuning) -> str:
     return " + ".join(parts)
 
 
-def require_no_momentum(job: ExportJob, target: str) -> None:
-    """BadSetting for the first channel that `target` cannot run, with the q that comes nearest."""
-    for channel in job.channels:
-        if channel.momentum == 0.0:
-            continue
-        nearest = nearest_without_momentum(channel)
-        settled, wanted = job.steady(nearest), job.steady(channel)
-        lag, before = (float(each.lag_samples) for each in (settled, wanted))
-        slower = (
-            f", and lags {lag_in_full(lag, job.sample_period)} behind a ramp instead of"
-            f" {lag_in_full(before, job.sample_period)}"
-            if math.isfinite(lag)
-            else ""
-        )
-        raise BadSetting(
-            f"target must be a filter with momentum (got {target}, which has none, and a momentum of"
-            f" {number(channel.momentum)} samples for {comment_text(channel.name)}). Export arduino, c,"
-            " python, javascript, matlab or ros2; or set the momentum to 0 and q to"
-            f" {number_text(float(f'{nearest.q:.4g}'))}: that reduces white noise as much,"
-            f" {decibels(-float(settled.noise_reduction_db))}{slower}"
-        )
+def refusal_of_momentum(job: ExportJob, target: str, able: Iterable[str]) -> BadSetting:
+    """What to raise for a target that has no momentum, with the q that comes nearest for the first channel.
+
+    Args:
+        job: An export with momentum.
+        target: Its name.
+        able: What has momentum.
+    """
+    channel = next(one for one in job.channels if one.momentum)
+    nearest = nearest_without_momentum(channel)
+    settled, wanted = job.steady(nearest), job.steady(channel)
+    lag, before = (float(each.lag_samples) for each in (settled, wanted))
+    slower = (
+        f", and lags {lag_in_full(lag, job.sample_period)} behind a ramp instead of"
+        f" {lag_in_full(before, job.sample_period)}"
+        if math.isfinite(lag)
+        else ""
+    )
+    return BadSetting(
+        f"target must be a filter with momentum (got {target}, which has none, and a momentum of"
+        f" {number(channel.momentum)} samples for {comment_text(channel.name)}). Export {', '.join(able)};"
+        f" or set the momentum to 0 and q to {number_text(float(f'{nearest.q:.4g}'))}:"
+        f" that reduces white noise as much, {decibels(-float(settled.noise_reduction_db))}{slower}"
+    )
