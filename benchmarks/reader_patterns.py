@@ -29,10 +29,10 @@ import kalscope.sources
 from kalscope import read_recording
 from kalscope.errors import KalscopeError
 from kalscope.sources.grammar import cells, line_format, timestamps
+from kalscope.sources.grammar.labels import find_labels
 from kalscope.sources.grammar.read_options import DEFAULTS
-from kalscope.sources.instruments.known import find_preface
+from kalscope.sources.instruments.registry import find_preface
 from kalscope.sources.layout.columns import named_column
-from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.sniffer import sniff
 from kalscope.sources.lines.line_parser import LineParser
 from kalscope.sources.lines.line_reader import LineReader

@@ -5,6 +5,7 @@ Values are set by plain assignment: viser sends nothing for an equal value, and 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -15,7 +16,6 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.parameters import set_text
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
-from kalscope_app.views.text import typed
 
 
 def on_user(
@@ -48,6 +48,12 @@ def put(handle: Any, **properties: Any) -> None:
     for name, value in properties.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
+
+
+def typed(value: float) -> str:
+    """A value for a text box, up to eight digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
+    text = f"{value:.8g}"
+    return re.sub(r"e([+-])0*(\d)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
 def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value: str) -> None:

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
-from kalscope_app.views.binding import put
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope_app.views.binding import put, typed
 
 
 class Handle:
@@ -20,3 +24,16 @@ def test_only_what_differs_is_written():
     put(handle, label="b", visible=False)
     assert handle.written == ["visible", "label"]
     assert (handle.label, handle.visible) == ("b", False)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1e-9, "1e-9"), (0.0589, "0.0589"), (1e300, "1e300"), (0.0, "0"), (1469.18, "1469.18")],
+)
+def test_typed(value, text):
+    assert typed(value) == text
+
+
+@given(st.floats(1e-300, 1e300))
+def test_typed_reads_back_to_eight_digits(value):
+    assert float(typed(value)) == pytest.approx(value, rel=1e-7)

@@ -4,7 +4,7 @@ import pytest
 from each import each
 from prefaces import head, preface
 
-from kalscope.sources.instruments.known import find_preface
+from kalscope.sources.instruments.registry import find_preface
 
 
 def test_campbell_toa5_names_units_and_its_counter():

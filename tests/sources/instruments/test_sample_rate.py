@@ -5,7 +5,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.instruments.known import find_preface
+from kalscope.sources.instruments.registry import find_preface
 
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 

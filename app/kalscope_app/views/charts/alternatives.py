@@ -17,8 +17,8 @@ from kalscope_app.views.binding import bind, offer, on_user, put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, ChartLine, axes, gappy, line, short
 from kalscope_app.views.charts.time_axis import time_label
+from kalscope_app.views.markdown import capitalised, escape_markdown
 from kalscope_app.views.scales import scale_for, time_scale_for
-from kalscope_app.views.text import capitalised, escape_markdown
 from kalscope_app.views.window.page.page_script import EXPORT_BUTTON
 
 NAMES: tuple[str, ...] = (

@@ -19,8 +19,8 @@ from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, Palette, axes, line
 from kalscope_app.views.charts.time_axis import time_label
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.scales import time_scale_for
-from kalscope_app.views.text import escape_markdown
 
 ONE = "This recording has one channel. A recording with several shows them here side by side."
 

@@ -30,8 +30,8 @@ from kalscope_app.views.charts.style import (
 )
 from kalscope_app.views.charts.thinning import Thinning
 from kalscope_app.views.charts.time_axis import follows, time_axis, time_label, time_points
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.scales import Scale, range_text, scale_for
-from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.window.css import HEADING
 from kalscope_app.views.window.layout import height_of
 

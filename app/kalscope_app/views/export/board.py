@@ -19,7 +19,7 @@ from kalscope_app.session.state import State
 from kalscope_app.studies.board import compare_with_board
 from kalscope_app.views.binding import on_user
 from kalscope_app.views.export.calibration import CalibrationView
-from kalscope_app.views.text import capitalised
+from kalscope_app.views.markdown import capitalised
 
 HOW = (
     "Works with the exported Arduino sketch. Its filter restarts with these values; the initial estimate and the "

@@ -22,7 +22,7 @@ from kalscope_app.session.live_state import BoardCalibration
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.binding import on_user, put
-from kalscope_app.views.text import capitalised, escape_markdown
+from kalscope_app.views.markdown import capitalised, escape_markdown
 
 KEEP, FORGET = "Keep on the board", "Forget what the board keeps"
 MAX_SHOWN = 1000

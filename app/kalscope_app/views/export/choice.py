@@ -20,7 +20,7 @@ from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
 from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope.tuning.tuning import Tuning, same_period
 from kalscope_app.session.state import State
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.markdown import escape_markdown
 
 TITLES = {target.title: name for name, target in TARGETS.items() if target.is_offered}
 """Targets by the words on screen."""

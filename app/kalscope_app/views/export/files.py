@@ -8,7 +8,7 @@ from typing import Any
 import viser
 
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.window.css import PRIMARY
 
 WIDE = """<style>

@@ -11,7 +11,7 @@ from kalscope.common.text import count, lag_in_full, one_line, percent, plural, 
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.fleet import OpenFleet, loss_text
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.markdown import escape_markdown
 
 if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet

@@ -8,8 +8,7 @@ import viser
 
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
 from kalscope_app.session.session import Failed
-from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import typed
+from kalscope_app.views.binding import on_user, typed
 
 SETTINGS = {
     "n": ("samples", "Number of samples."),

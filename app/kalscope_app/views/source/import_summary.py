@@ -6,8 +6,8 @@ from kalscope.analysis.channel_kinds import channel_kinds
 from kalscope.common.text import count
 from kalscope.recording import Recording
 from kalscope.sources.readers.account import summary, warnings
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.source.reading_form import in_words_of_form
-from kalscope_app.views.text import escape_markdown
 
 MAX_ISSUES = 4
 MAX_KINDS = 6

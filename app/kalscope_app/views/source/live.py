@@ -18,8 +18,8 @@ from kalscope_app.live.recording import BoardRecording
 from kalscope_app.session.changes.channels import set_board_channel
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.views.binding import bind, offer, on_user
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.source.recording import RecordingView
-from kalscope_app.views.text import escape_markdown
 
 TYPED = "Other address …"
 ADDRESS_HINT = "Such as ssh://host/dev/ttyACM0, tcp://host:port, udp://:47269, mqtt://broker/topic or file:log.csv."

@@ -14,7 +14,7 @@ from kalscope_app.live.recording import BoardRecording, account
 from kalscope_app.session.live_state import ConnectionState
 from kalscope_app.session.session import Failed
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.markdown import escape_markdown
 
 
 class RecordingView:

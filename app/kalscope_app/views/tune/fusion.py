@@ -15,8 +15,8 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.fusion import Judged
 from kalscope_app.views.binding import offer, on_user, put
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.slow_job import SlowJobProgress
-from kalscope_app.views.text import escape_markdown
 from kalscope_app.views.tune.controls.sensor import SensorControl
 
 HOW = "Tick the channels that measure the same quantity. Their noise and offsets are found from the recording."

@@ -14,7 +14,7 @@ from kalscope_app.session.session import Session
 from kalscope_app.session.variants import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
 from kalscope_app.studies.variant_table import Fit, VariantComparison, VariantRow
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import capitalised, escape_markdown
+from kalscope_app.views.markdown import capitalised, escape_markdown
 
 NOTHING = "–"
 

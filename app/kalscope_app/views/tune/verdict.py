@@ -13,7 +13,7 @@ from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks
 from kalscope_app.studies.fusion import Judged
 from kalscope_app.views.binding import on_user
-from kalscope_app.views.text import escape_markdown
+from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.tune.advice import label_of, take
 from kalscope_app.views.tune.goal.goal import GoalView
 from kalscope_app.views.window.css import VERDICT

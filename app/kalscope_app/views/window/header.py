@@ -12,7 +12,7 @@ from kalscope_app.engine.step_spread import spread_of_span
 from kalscope_app.session.changes.channels import select_channel
 from kalscope_app.session.session import Session
 from kalscope_app.views.binding import bind, offer
-from kalscope_app.views.text import capitalised, escape_markdown
+from kalscope_app.views.markdown import capitalised, escape_markdown
 from kalscope_app.views.window.css import HEADER
 
 WORTH_SAYING = 0.05

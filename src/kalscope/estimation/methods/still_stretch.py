@@ -16,8 +16,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
+from kalscope.common.centred_median import centred_median
 from kalscope.common.progress import Progress
-from kalscope.common.running_median import running_median
 from kalscope.errors import BadSetting
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods import maximum_likelihood as ml
@@ -233,7 +233,7 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the running median of five: spikes."""
-    away = running_median(readings, 5)
+    away = centred_median(readings, 5)
     np.abs(np.subtract(readings, away, out=away), out=away)
     scale = np.empty(len(readings))
     last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.common.running_median import running_median
+from kalscope.common.centred_median import centred_median
 from kalscope.estimation.robust.kernels import judge_samples
 from kalscope.estimation.sensor.resolution import resolution_of
 from kalscope.filtering.kernels import GATE_LIMIT
@@ -146,7 +146,7 @@ def far_from_median(z: Array) -> Start:
     """The samples of z, shape (n,), that are far from the running median."""
     present = np.isfinite(z)
     samples = z if present.all() else z[present]
-    away = running_median(samples, WINDOW)
+    away = centred_median(samples, WINDOW)
     np.abs(np.subtract(samples, away, out=away), out=away)
     scale = _NORMAL * float(np.median(away))
     if scale == 0.0 and away.any():

@@ -53,7 +53,8 @@ class LineFormat:
     """How the data lines of one source are written."""
 
     kind: Literal["table", "labels", "teleplot"] = "table"
-    """"table": values in fixed places; "labels": pairs of a name and a value; "teleplot": `>name:ms:value§unit`."""
+    """"table": values in fixed places; "labels": pairs of a name and a value; "teleplot": `>name:ms:value§unit`.
+    A further kind is split in `layout/rows/tables.py` for the head, in `lines/line_reader.py` for each line."""
     delimiter: str = ","
     """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str = "."

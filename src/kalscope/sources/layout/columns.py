@@ -10,8 +10,8 @@ from typing import Literal
 
 from kalscope.sources.grammar.cells import MISSING, NumberForm
 from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.units import is_unit, is_unit_suffix
 from kalscope.sources.layout.rows.kinds import ColumnType
-from kalscope.sources.layout.units import is_unit, is_unit_suffix
 
 Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
 """What becomes of a column; "metadata" stands beside the data in the first rows only."""

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 from kalscope.sources.grammar.cells import COMMENT_MARKS, is_comment, is_number, parse_number, split_fields
 from kalscope.sources.grammar.read_options import DELIMITERS
+from kalscope.sources.grammar.units import are_units, bare_unit, words
 from kalscope.sources.layout.columns import COUNTING_NAMES, Column, named_column
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.body import Body, header_cells
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells
 from kalscope.sources.layout.rows.tables import HeadTable
-from kalscope.sources.layout.units import are_units, bare_unit, words
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from kalscope.sources.grammar.cells import is_number
 from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.units import words
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.rows.kinds import Cells
-from kalscope.sources.layout.units import words
 
 MAX_SERIES = 256
 """Distinct names that are read from one long table."""

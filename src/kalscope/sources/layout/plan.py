@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.instruments.known import find_preface
 from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.registry import find_preface
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from kalscope.sources.grammar.line_format import without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
-from kalscope.sources.lines.new_variables import NewVariables
+from kalscope.sources.lines.teleplot_variables import TeleplotVariables
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
@@ -70,7 +70,7 @@ class LineParser:
         self._misfits = 0
         self._next_look = 0
         self._before: deque[str] = deque(maxlen=TAIL_LINES)
-        self._variables = NewVariables()
+        self._variables = TeleplotVariables()
         self._number = 0
         self.line = ""
         """The last line of `next_line`, whole; "" where it was too long."""

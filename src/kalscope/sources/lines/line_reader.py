@@ -21,10 +21,10 @@ from kalscope.sources.grammar.cells import (
     parse_number,
     split_fields,
 )
+from kalscope.sources.grammar.labels import find_labels
 from kalscope.sources.grammar.line_format import split_checksum, split_stamp, split_teleplot, teleplot_flags
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
-from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.long_table import MAX_SERIES
 from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout
 

@@ -22,8 +22,8 @@ from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import NoMemory
 from kalscope.recording import Recording
-from kalscope.sources.containers.known import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.parts import refuse_part
+from kalscope.sources.containers.registry import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.layout.sniffer import Layout, sniff

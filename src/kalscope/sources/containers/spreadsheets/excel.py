@@ -15,9 +15,9 @@ from kalscope.common.progress import Progress
 from kalscope.common.stopping import done_at_stop
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
-from kalscope.sources.containers.known import OLD_EXCEL
 from kalscope.sources.containers.library import load_library
 from kalscope.sources.containers.parts import Part, choose_text_part
+from kalscope.sources.containers.registry import OLD_EXCEL
 from kalscope.sources.containers.spreadsheets import convert
 from kalscope.sources.containers.table import Text
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from kalscope.sources.grammar.cells import split_fields
+from kalscope.sources.grammar.units import are_units
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.beside import find_beside
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells, ColumnType, column_type
 from kalscope.sources.layout.rows.shapes import HeadLine
 from kalscope.sources.layout.rows.tables import HeadTable
-from kalscope.sources.layout.units import are_units
 
 MAX_HEADER_LINES = 5
 """Lines of names, units and what was done to each column that may stand above a table."""

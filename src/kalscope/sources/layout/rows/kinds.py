@@ -17,8 +17,8 @@ from kalscope.sources.grammar.cells import (
     split_measure,
 )
 from kalscope.sources.grammar.stamps.shapes import is_stamp
+from kalscope.sources.grammar.units import is_measure
 from kalscope.sources.layout.rows.shapes import ANY_DIGIT
-from kalscope.sources.layout.units import is_measure
 
 Cells = tuple[str, ...]
 CellKind = Literal["number", "other number", "grouped", "measure", "missing", "word", "stamp", "text"]

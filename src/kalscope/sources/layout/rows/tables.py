@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number
+from kalscope.sources.grammar.labels import find_labels
 from kalscope.sources.grammar.line_format import (
     LineFormat,
     split_checksum,
@@ -17,7 +18,6 @@ from kalscope.sources.grammar.line_format import (
     split_teleplot,
 )
 from kalscope.sources.grammar.read_options import DELIMITERS
-from kalscope.sources.layout.labels import find_labels
 from kalscope.sources.layout.plan import Plan
 from kalscope.sources.layout.rows.grown import SplitLines, grown_width
 from kalscope.sources.layout.rows.kinds import NUMERIC, CellKinds, Cells, likeness, only_text

@@ -11,9 +11,9 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, ClockForm
 from kalscope.sources.grammar.timestamps import MAX_YEAR, MIN_YEAR, PartRole, TimeColumn, row_stamp_parser, whole
+from kalscope.sources.grammar.units import words
 from kalscope.sources.layout.columns import Column
 from kalscope.sources.layout.rows.kinds import Cells
-from kalscope.sources.layout.units import words
 
 _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("year years yr yyyy yy jahr año ano annee année"), "year"),

@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 
 from kalscope.sources.grammar.time_units import UNIT_OF_WORD
+from kalscope.sources.grammar.units import words
 from kalscope.sources.layout.columns import Column
-from kalscope.sources.layout.units import words
 
 _TIME_WORDS = words(
     """

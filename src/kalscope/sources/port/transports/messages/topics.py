@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import MISSING, is_number, split_measure
 from kalscope.sources.grammar.json_line import flattened, load_json
-from kalscope.sources.layout.labels import find_labels
+from kalscope.sources.grammar.labels import find_labels
 from kalscope.sources.port.transports.messages.text import decoded, is_binary, lines_of, one_line
 
 MAX_PAYLOAD = 65_536

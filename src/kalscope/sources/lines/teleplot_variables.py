@@ -12,7 +12,7 @@ _MAX_NAMES = 1024
 """Names that were seen once and are remembered; damage on the wire makes a new one of each line."""
 
 
-class NewVariables:
+class TeleplotVariables:
     """Which new names of one stream are believed."""
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The running median of a short window.
+"""The median of a short window around each value; the median of a chain, which knows only the past, is a filter.
 
 scipy.ndimage has one as fast, but takes 0.1 s to import, which `kalscope tune` on a small file would wait for.
 """
@@ -14,7 +14,7 @@ _ROWS = 1 << 16
 """Windows that are sorted at once: a few MB."""
 
 
-def running_median(values: Array, window: int) -> Array:
+def centred_median(values: Array, window: int) -> Array:
     """The median of the `window` values around each, shape (n,); the ends are continued with their last value.
 
     Args:

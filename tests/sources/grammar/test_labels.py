@@ -4,7 +4,7 @@ import pytest
 from each import each
 
 from kalscope.sources.grammar.json_line import MAX_VALUES
-from kalscope.sources.layout.labels import find_labels
+from kalscope.sources.grammar.labels import find_labels
 from kalscope.sources.lines.line_parser import LineParser
 
 

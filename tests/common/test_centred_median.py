@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope.common import running_median as module
-from kalscope.common.running_median import running_median
+from kalscope.common import centred_median as module
+from kalscope.common.centred_median import centred_median
 
 
 @pytest.mark.parametrize("window", [1, 3, 5, 11])
@@ -15,8 +15,8 @@ def test_it_is_that_of_scipy(n, window, monkeypatch):
     monkeypatch.setattr(module, "_ROWS", 64)  # several portions
     rng = np.random.default_rng(n + window)
     for values in (rng.normal(size=n), rng.integers(0, 3, n).astype(float)):
-        assert np.array_equal(running_median(values, window), median_filter(values, window, mode="nearest"))
+        assert np.array_equal(centred_median(values, window), median_filter(values, window, mode="nearest"))
 
 
 def test_of_nothing_it_is_nothing():
-    assert running_median(np.empty(0), 5).shape == (0,)
+    assert centred_median(np.empty(0), 5).shape == (0,)

@@ -1,25 +1,11 @@
-"""Values in text boxes, and names from outside the program."""
+"""Names from outside the program in markdown."""
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope_app.views.text import escape_markdown, typed
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(1e-9, "1e-9"), (0.0589, "0.0589"), (1e300, "1e300"), (0.0, "0"), (1469.18, "1469.18")],
-)
-def test_typed(value, text):
-    assert typed(value) == text
-
-
-@given(st.floats(1e-300, 1e300))
-def test_typed_reads_back_to_eight_digits(value):
-    assert float(typed(value)) == pytest.approx(value, rel=1e-7)
+from kalscope_app.views.markdown import escape_markdown
 
 
 @given(st.text(max_size=200))

@@ -1,14 +1,8 @@
-"""Values for text boxes, and names from outside the program for markdown. Pure."""
+"""Words in markdown: names from outside the program, and the beginning of a sentence."""
 
 from __future__ import annotations
 
 import re
-
-
-def typed(value: float) -> str:
-    """A value for a text box, up to eight digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
-    text = f"{value:.8g}"
-    return re.sub(r"e([+-])0*(\d)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
 def escape_markdown(text: str, limit: int = 60) -> str:

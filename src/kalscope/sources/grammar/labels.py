@@ -9,7 +9,7 @@ import re
 
 from kalscope.sources.grammar.cells import MISSING, is_number, split_measure
 from kalscope.sources.grammar.json_line import find_object
-from kalscope.sources.layout.units import is_measure
+from kalscope.sources.grammar.units import is_measure
 
 Pairs = list[tuple[str, str]]
 
