@@ -19,6 +19,7 @@ from kalscope.common.text import decibels, frequency, lag_in_full, number, perce
 from kalscope.export.report.content import MAX_DRAWN_POINTS, make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import SIZE, as_png
+from kalscope.export.report.tables import ReportTable
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 pytestmark = pytest.mark.slow
@@ -242,3 +243,11 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     assert run(["report", "demo", "--config", str(config), "-o", str(page), *both]) == 2
     assert "--overshoot must stand without --momentum" in capsys.readouterr().err
     assert run(["report", "demo", "--config", str(tmp_path / "none.toml"), "-o", str(page)]) == 2
+
+
+@pytest.mark.parametrize("columns", [2, 3, 7])
+def test_a_table_may_have_any_number_of_columns(columns):
+    rec = recording(n=50)
+    report = make_report(rec, tuned(rec), now=NOON)
+    more = ReportTable("More", (tuple("abcdefg"[:columns]),))
+    assert len(as_png(replace(report, tables=(more, *report.tables)))) > len(as_png(report))
