@@ -18,8 +18,8 @@ from kalscope_app.session.opening import opened
 from kalscope_app.studies.fleet_layer import CELLS, MAX_POINTS, fleet_layer
 from kalscope_app.studies.map_geometry import frame_for
 from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.picture import SHARPNESS, draw_map_picture
+from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.view import SIZE, picture_input
 from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fleet_table
 

@@ -13,7 +13,7 @@ from kalscope_app.session import variants
 from kalscope_app.views.charts.alternatives import COLOURS
 from kalscope_app.views.charts.pen import ink_on, luminance
 from kalscope_app.views.charts.style import DARK, LIGHT, SENSORS
-from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
+from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
 
 PAPER = {False: "#ffffff", True: "#242424"}
 """Behind the charts, light and dark: Mantine's white and dark 7."""

@@ -13,7 +13,6 @@ from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
 from kalscope_app.studies.tuning_map import MapMaker, nothing
 from kalscope_app.views.charts.pen import printable
-from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP
 from kalscope_app.views.map.picture import (
     SHARPNESS,
     MapPictureInput,
@@ -25,6 +24,7 @@ from kalscope_app.views.map.picture import (
     tick,
     title_of,
 )
+from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
 
 SIZES = [(520, 1080), (452, 900), (380, 720)]
 

@@ -9,7 +9,7 @@ from kalscope.common.text import squared
 from kalscope_app.studies.fleet_layer import FleetLayer
 from kalscope_app.studies.map_geometry import MapFrame, Point, diagonal
 from kalscope_app.views.charts.pen import Pen
-from kalscope_app.views.map.palette import MapPalette
+from kalscope_app.views.map.style import MapPalette
 
 RADIUS = 3.0
 """Of a point, pixels of the page."""

@@ -1,4 +1,4 @@
-// Shows the tuning map between the panels and says where in it the user points; see page_script.py, which defines
+// Shows the tuning map between the panels and reports where in it the user points; see page_script.py, which defines
 // `sizes` before this text.
 //
 // Picture and mark are plain images: in viser's scene the map would be drawn again for each move of its mark, which takes
@@ -32,9 +32,9 @@ mark.alt = "Where q and r are now";
 sheet.style.visibility = mark.style.visibility = "hidden";
 
 const widgets = new Map(); // uuid -> kind of message and label of a hidden widget of the map
-const view = { scale: 1, x: 0, y: 0 }; // how the sheet is magnified and moved, px
+const view = { scale: 1, x: 0, y: 0 }; // zoom of the sheet, and how far it is moved, px
 let present = [-1, -1]; // where the mark is, in shares of the picture
-let gesture = Math.floor(1e6 * Math.random()); // one more for each: other pages count from elsewhere
+let gesture = Math.floor(1e6 * Math.random()); // counts gestures; other pages count from another number
 let held = null; // the gesture while a button is down
 let waiting = 0;
 let send = () => {};
@@ -47,7 +47,7 @@ const load = (image, data) => {
 
 picture.addEventListener("load", () => {
   sheet.style.setProperty("--shape", picture.naturalWidth / picture.naturalHeight);
-  sheet.style.visibility = picture.naturalWidth > 2 ? "inherit" : "hidden"; // a dot stands for no picture yet
+  sheet.style.visibility = picture.naturalWidth > 2 ? "inherit" : "hidden"; // a dot means: no picture yet
 });
 
 const moveMark = ([x, y]) => {
@@ -77,7 +77,7 @@ const place = ({ clientX, clientY }) => {
   return [(clientX - left) / width, (clientY - top) / height];
 };
 
-// From where a drag begins to the mark, if it takes hold of it instead of calling it.
+// The offset from the start of a drag to the mark, if the drag grabs the mark; else 0: the mark jumps to the pointer.
 const grip = ([x, y]) => {
   const { offsetWidth, offsetHeight } = sheet;
   const away = [present[0] - x, present[1] - y];
@@ -89,7 +89,7 @@ const drag = () => {
   if (held?.to) tell([held.to[0] + held.offset[0], held.to[1] + held.offset[1]], held.number);
 };
 
-// The whole picture cannot be moved, so magnifying less and less always ends with all of it.
+// The picture always fills its place, so zooming out always ends with all of it.
 const look = (scale, x, y) => {
   const least = [(1 - scale) * sheet.offsetWidth, (1 - scale) * sheet.offsetHeight];
   const [left, top] = [x, y].map((shift, i) => Math.min(0, Math.max(least[i], shift)));

@@ -15,10 +15,10 @@ from kalscope_app.studies.map_geometry import MapFrame, Point, decades, diagonal
 from kalscope_app.studies.tuning_map import TuningMap
 from kalscope_app.views.charts.pen import Pen
 from kalscope_app.views.map.fleet_marks import draw_density, draw_devices, draw_picked, write_fleet_legend
-from kalscope_app.views.map.palette import DARK_MAP, LIGHT_MAP, MapPalette
+from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP, MapPalette
 
 SHARPNESS = 2
-"""Pixels drawn for each pixel of the page, along each side: smooth lines, and sharp on a fine screen."""
+"""Pixels drawn for each pixel of the page, along each side: smooth lines, and sharp on a high-resolution screen."""
 
 LEVELS = 24
 """Steps of colour: their edges are the contour lines of the map."""
@@ -45,7 +45,7 @@ class MapPictureInput:
 
     @property
     def lag_unit(self) -> tuple[str, float]:
-        """In what lags are told, and how many of it a sample lasts: s, for slow recordings min to years."""
+        """The unit of lags, and the length of a sample in it: s, for slow recordings min to years."""
         if self.period is None:
             return "samples", 1.0
         name, length = next((u for u in reversed(DURATIONS) if u[1] >= 1.0 and self.period >= u[1]), ("s", 1.0))
@@ -158,7 +158,7 @@ def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
 
 
 def title_of(inputs: MapPictureInput) -> str:
-    """What stands above the lags: the momentum, where the filters on the map have any."""
+    """The heading above the lags: the momentum, where the filters on the map have any."""
     momentum = inputs.frame.momentum
     return f"at momentum {momentum_words(momentum, inputs.period)}: lag" if momentum > 0.0 else "lag"
 
@@ -189,7 +189,7 @@ def _write_axes(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
 
 
 def tick(exponent: int) -> str:
-    """A power of ten, short enough for its place: 0.001, 1, 1 000, 1e-6."""
+    """A power of ten, short enough for the axis: 0.001, 1, 1 000, 1e-6."""
     return number(10.0**exponent, 1) if -3 <= exponent <= 4 else f"1e{exponent}"
 
 

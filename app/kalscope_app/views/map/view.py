@@ -35,7 +35,7 @@ SIZE = (400.0, 800.0)
 """Width and height of the picture, px. Each browser fits it into the space between its panels."""
 
 NOWHERE = (-1.0, -1.0)
-"""Where the mark is while there is none."""
+"""The position that hides the mark."""
 
 SHOW, HIDE = "Map", "Hide map"
 
@@ -98,7 +98,7 @@ class TuningMapView:
                     self._session.request(set_map_colour(colour))
 
     def _on_fleet(self, at: Point) -> bool:
-        """Whether a click is for a device: the first one says which it is, a second one opens it."""
+        """Whether a click is for a device: the first click names it, a second one opens it."""
         fleet = self._map.fleet
         if fleet is None:
             return False
@@ -126,7 +126,7 @@ class TuningMapView:
         put(self._present, value=self._share(exponents_of(state)) if visible else NOWHERE)
 
     def _share(self, point: Point) -> Point:
-        """Where a pair of exponents lies, in shares of the picture; on the edge of the map where it is beyond."""
+        """The position of a pair of exponents, in shares of the picture; on the edge of the map if outside."""
         frame = self._frame
         x, y = frame.pixel(frame.held(point))
         return x / frame.width, y / frame.height
@@ -164,6 +164,6 @@ def picture_input(state: State, shown: TuningMap, frame: MapFrame) -> MapPicture
 
 
 def same_picture(one: MapPictureInput, other: MapPictureInput) -> bool:
-    """Whether two inputs give the same picture; maps hold arrays, which have no plain equality."""
+    """Whether two inputs give the same picture; maps hold arrays, which have no single equality."""
     rest = [(p.frame, p.unit, p.period, p.dark, p.truth, p.pinned) for p in (one, other)]
     return one.map is other.map and rest[0] == rest[1]

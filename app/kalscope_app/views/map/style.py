@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from kalscope_app.views.charts.style import DARK, LIGHT
+
 
 @dataclass(frozen=True)
 class MapPalette:
@@ -21,6 +23,7 @@ class MapPalette:
     contour: str
     best: str
     point: str
+    """The present q and r, in the colour of the filtered curve."""
     chip: str
     """Behind the chosen colouring."""
     on_chip: str
@@ -43,7 +46,7 @@ LIGHT_MAP = MapPalette(
     halo=(255, 255, 255, 110),
     contour="#f7c948",
     best="#f7c948",
-    point="#D55E00",
+    point=LIGHT.filtered,
     chip="#0072B2",
     on_chip="#ffffff",
     devices=("#ffffff", "#f0a6ca", "#c2185b", "#9aa0a6"),
@@ -60,7 +63,7 @@ DARK_MAP = MapPalette(
     halo=(16, 19, 23, 130),
     contour="#c2410c",
     best="#c2410c",
-    point="#ff8a3d",
+    point=DARK.filtered,
     chip="#56B4E9",
     on_chip="#101317",
     devices=("#ffffff", "#f0a6ca", "#ff4f98", "#9aa0a6"),
