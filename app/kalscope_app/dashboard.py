@@ -71,7 +71,7 @@ from kalscope_app.worker.worker import Worker
 log = logging.getLogger(__name__)
 
 WARM_UP_AFTER_S = 2.0
-"""Seconds after the first frame in which the worker is started: the browser loads the page before."""
+"""Seconds from the first frame to the start of the worker: the browser loads the page first."""
 
 
 class Dashboard:
@@ -193,7 +193,7 @@ class Dashboard:
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
-        """Connect the board if there is one and show the first frame; returns when it is on its way."""
+        """Connect the board if there is one and show the first frame; returns once it is drawn, or after 60 s."""
         self._connection.start()
         self.engine.start()
         self.engine.first_frame.wait(timeout=60.0)
@@ -202,9 +202,9 @@ class Dashboard:
         later.start()
 
     def _settle(self) -> None:
-        """Get ready for what may come while a board is recorded."""
-        gc.freeze()  # what is loaded by now stays: looking for garbage in it holds the interpreter for 0.1 s
-        with contextlib.suppress(OSError):  # the first task tries again, and says why it cannot be
+        """Do now what would otherwise interrupt a recording of a board."""
+        gc.freeze()  # what is loaded by now stays: collecting garbage in it blocks the interpreter for 0.1 s
+        with contextlib.suppress(OSError):  # the first task tries again, and reports why it fails
             self._worker.warm_up()
 
     def finish_recording(self) -> None:
@@ -214,7 +214,7 @@ class Dashboard:
         self._connection.close(timeout=0.3)
 
     def stop(self) -> None:
-        """Finish a recording, then end the worker and the engine, whose last frame may take longer than is left."""
+        """Finish a recording, then end the worker and the engine, whose last frame may exceed the time left."""
         self.finish_recording()
         self._worker.close()
         self.engine.stop()

@@ -11,8 +11,8 @@ import threading
 from contextlib import suppress
 
 MIN_NEW_OBJECTS = 50_000
-"""New objects after which Python looks for garbage, in place of 700: almost all of them stay, and looking for the
-others takes a seventh of the time in which `kalscope tune` answers."""
+"""New objects after which Python collects garbage, in place of 700: almost all of them stay in use, and collecting
+the others takes a seventh of the run time of `kalscope tune`."""
 
 
 def main() -> None:
@@ -34,7 +34,7 @@ def main() -> None:
 def leave(status: int) -> None:
     """End the program, even while something hangs that nothing can interrupt (a device, a network file).
 
-    Python's own end would first look for garbage among all objects, for 0.3 s.
+    A normal exit of Python would first collect garbage among all objects, for 0.3 s.
     """
     if threading.active_count() <= 2:  # the main one, and the one that watches for signals: nothing hangs
         atexit._run_exitfuncs()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]

@@ -96,7 +96,7 @@ def serve(
     *,
     browser: bool,
 ) -> None:
-    """Show `state` and its board in a dashboard until a signal ends it; `start_server` lacks only `on_refused`."""
+    """Show `state` and its board in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.token_file import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -165,7 +165,7 @@ def first_state(
 
 
 def followed(source: str) -> str:
-    """The address of a file that is read as it grows; a live source is one already."""
+    """The address of a file that is read as it grows; a live source is returned as it is."""
     from kalscope.errors import BadSetting
     from kalscope.sources.port.port_spec import is_live
     from kalscope.sources.port.transports.local_file import PREFIX

@@ -35,7 +35,7 @@ class DrawnSamples:
     indices: NDArray[np.intp]
     """Samples drawn, ascending, shape (m,)."""
     time: Array
-    """Their moments, s, never descending, shape (m,)."""
+    """Their times, s, never descending, shape (m,)."""
     raw: Array
     """Their measurements, unit; NaN where missing, shape (m,)."""
     truth: Array | None
@@ -43,9 +43,9 @@ class DrawnSamples:
     missing: int
     """Missing samples of the channel, drawn or not."""
     time_range: tuple[float, float]
-    """First and last moment of the recording, s."""
+    """First and last time of the recording, s."""
     band: tuple[Array, Array] | None = None
-    """Lowest and highest measurement about each moment, unit, two of shape (m,); None where a line can be read."""
+    """Lowest and highest measurement about each time, unit, two of shape (m,); None where a line is readable."""
 
     @property
     def decimated(self) -> bool:
@@ -61,14 +61,14 @@ def choose_samples(
     facts: Facts | None = None,
     others: tuple[str, ...] = (),
 ) -> DrawnSamples:
-    """The samples to draw of one channel in a window (s, both ends inside); always at least two if there are.
+    """The samples to draw of one channel in a window (s, both ends inside); at least two if there are two.
 
     Args:
         recording: what is open.
-        channel: what is drawn of it.
-        window: first and last moment, s; None = all of it.
+        channel: the channel to draw.
+        window: first and last time, s; None = all of it.
         limit: most points a line may have.
-        facts: what is known of recording and channel already; None = they are looked through.
+        facts: what is already known about the recording and the channel; None = read all samples.
         others: channels that are drawn at the same samples, as lines: then nothing is drawn as a band.
     """
     n = len(recording)
@@ -105,7 +105,7 @@ def band_around(z: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
     """Lowest and highest value of z, shape (n,), about each of the samples `at`, ascending, shape (m,); no NaN."""
     ends = np.zeros(REACH, dtype=np.intp), np.full(REACH, len(at) - 1)
     near = np.concatenate((ends[0], np.arange(len(at)), ends[1]))
-    starts = np.concatenate(([0], at[1:]))  # every sample belongs to a drawn one, those before the first to that
+    starts = np.concatenate(([0], at[1:]))  # each sample belongs to the last drawn one, leading ones to the first
     low, high = (
         np.lib.stride_tricks.sliding_window_view(extreme.reduceat(z, starts)[near], 2 * REACH + 1)
         for extreme in (np.minimum, np.maximum)
@@ -114,7 +114,7 @@ def band_around(z: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
 
 
 def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS) -> NDArray[np.intp]:
-    """Ascending indices of at most `limit` samples that keep the look of z, shape (n,), and of the truth."""
+    """Ascending indices of at most `limit` samples that preserve the shape of z, (n,), and of the truth."""
     n = len(z)
     if n <= limit:
         return np.arange(n, dtype=np.intp)
@@ -125,7 +125,7 @@ def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS
 
 
 def choose_together(values: Array, limit: int) -> NDArray[np.intp]:
-    """Ascending indices of at most `limit` rows that keep the look of every column of `values`, (n, channels)."""
+    """Ascending indices of at most `limit` rows that keep the shape of each column of `values`, (n, channels)."""
     n, channels = values.shape
     if n <= limit:
         return np.arange(n, dtype=np.intp)

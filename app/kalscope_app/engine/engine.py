@@ -1,8 +1,8 @@
-"""One worker thread: it takes the requests, computes one Frame for all of them, and hands it to the views.
+"""One worker thread: it applies the requests, computes one Frame for all of them, and passes it to the views.
 
-The latest request wins because requests are cheap and a Frame is computed only after all that wait are in. While a
+The latest request wins because requests are cheap and a Frame is computed only after all waiting ones. While a
 control moves, a part of each Frame is shown at once and the rest when there is time (`parts.py`). What is slower is
-handed to the studies, which have a thread of their own.
+left to the studies, which have their own thread.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LIVE_INTERVAL = 0.045
 """Seconds between two frames of a live record: 22 a second."""
 
 SILENT_INTERVAL = 0.2
-"""Seconds after which a board that has become silent is looked at again: each look costs, and nothing waits."""
+"""Seconds between two polls of a board that sends nothing: each poll costs time, and nothing is waiting."""
 
 MAX_LIVE_POINTS = 2000
 """Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
@@ -44,8 +44,8 @@ STUDY_INTERVAL = 3.0
 """Seconds between two rounds of idle-time computations for a live record that is not being tuned."""
 
 SETTLING = STUDY_INTERVAL + 1.0
-"""Seconds after its newest sample in which it is drawn so often anyway: the last samples are studied, too, and the
-range control moves once a second."""
+"""Seconds after its newest sample during which it is drawn that often anyway: the last samples are studied, too,
+and the range control moves once a second."""
 
 
 def pause_before_frame(now: float, last: float) -> float:
@@ -54,7 +54,7 @@ def pause_before_frame(now: float, last: float) -> float:
 
 
 class Engine:
-    """Session -> Frame, on a thread of its own."""
+    """Session -> Frame, on its own thread."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Engine:
         self._thread.start()
 
     def end(self) -> None:
-        """Let the thread end after what it does now."""
+        """Ask the thread to end after its current step."""
         self._stopping.set()
         self._session.wakeup.set()
 
@@ -107,14 +107,14 @@ class Engine:
                 self.first_frame.set()
 
     def _tick(self) -> float:
-        """When a live board is looked at again without a request; inf for a finished record."""
+        """When a live board is polled again without a request; inf for a finished record."""
         if not self._session.is_live:
             return math.inf
         silent = time.monotonic() - self._news_at > SETTLING
         return self._begun + (SILENT_INTERVAL if silent else LIVE_INTERVAL)
 
     def _wait_for_frame(self, now: float) -> bool:
-        """Wait until a new frame is due, or a part of the last one; whether it is a frame."""
+        """Wait until a new frame is due, or a part of the last one; True for a new frame."""
         until = min(self._tick(), self._schedule.next_due())
         requested = self._session.wakeup.wait(timeout=None if math.isinf(until) else max(0.0, until - now))
         return requested or time.monotonic() >= self._tick()
@@ -140,7 +140,7 @@ class Engine:
             self._draw(state, serial)
 
     def _is_news(self, state: State, serial: int) -> bool:
-        """Whether a frame of this would differ from the last one; a wake-up of a live record may bring nothing."""
+        """Whether its frame would differ from the last one; a wake-up for a live record may bring nothing new."""
         last, now = self._frame, time.monotonic()
         if last is None or state is not last.state or serial != last.serial or state.live is None:
             self._news_at = self._looked_at = now

@@ -33,9 +33,9 @@ class DrawnRun:
     """What a chart needs of a run."""
 
     at: FilterResult
-    """The run at the samples drawn; its sums are of all samples."""
+    """The run at the samples drawn; its sums are over all samples."""
     gain: Callable[[int], Array]
-    """The gain of so many first samples."""
+    """The gain of the first n samples."""
     whole: FilterResult | None
     """All of the run; None where only the drawn samples were kept, or sensors are fused."""
 
@@ -76,7 +76,7 @@ class FilterRuns:
         return self._whole.get(used, lambda: used.run(state.z, state.dt))
 
     def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
-        """The filter of the State at the samples drawn; of a finished recording no others are kept."""
+        """The filter of the State at the samples drawn; for a finished recording only these are kept."""
         used = state.filter
         if state.fusion is not None:
             return _as_drawn(self._fused_at(state, state.fusion, drawn), state.params)
@@ -87,9 +87,9 @@ class FilterRuns:
         return DrawnRun(picked(whole, drawn.indices), lambda size: whole.k[:size], whole)
 
     def settled(self, state: State, run: FilterResult) -> SteadyState:
-        """What the filter of the State settles to, by its run; that of a chain is measured, which takes longer.
+        """The steady state of the State's filter, from its run; that of a chain is measured, which takes longer.
 
-        Of a record that grows it is measured again only once that is twice as long.
+        For a growing record it is measured again only once the record has doubled in length.
         """
         used, period = state.filter, state.recording.sample_period
         if not isinstance(used, ChainFilter):
@@ -125,7 +125,7 @@ def _first_of(state: State) -> int:
 
 
 def _grown(run: _LiveRun[R], state: State, start: Callable[[], R], samples_from: Callable[[int], Array]) -> R:
-    """The run over a live record as it is now: only the samples that are new go through the filter."""
+    """The run over a live record as it is now: only the new samples go through the filter."""
     first, n = _first_of(state), len(state.recording)
     if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
         run.running, run.first = start(), first
@@ -136,7 +136,7 @@ def _grown(run: _LiveRun[R], state: State, start: Callable[[], R], samples_from:
 
 
 def _as_drawn(fused: FusedSignal, params: FilterParams) -> DrawnRun:
-    """Fused sensors as a run: no innovation is drawn of them, and their gain is that of the filter they equal."""
+    """Fused sensors as a run: no innovation is drawn for them, and their gain is that of the equivalent filter."""
     none = np.full(len(fused.x), np.nan)
     at = FilterResult(fused.x, fused.p, none, none, none, 0.0, 0, fused.rejected, fused.velocity, fused.velocity_p)
     return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), params).k, None)

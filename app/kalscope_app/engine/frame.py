@@ -24,7 +24,7 @@ GAIN_POINTS = 500
 """Most points drawn of the gain; its start-up is smooth."""
 
 SMOOTHED_BEFORE = 5000
-"""Samples before a live window that its smoother is started from."""
+"""How many samples before a live window its smoother starts."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class SensorCurve:
     name: str
     """Its channel."""
     colour: int
-    """Its place among all sensors, dropped out or not: a sensor keeps its colour."""
+    """Its index among all sensors, dropped or not: a sensor keeps its colour."""
     raw: Array
-    """Its readings, or where sensors have gains what they say of the quantity, unit; NaN = missing, shape (m,)."""
+    """Its readings, or where sensors have gains the quantity they imply, unit; NaN = missing, shape (m,)."""
     difference: Array
-    """What they say of the quantity minus the fused value, unit; NaN where missing, shape (m,)."""
+    """The quantity they imply minus the fused value, unit; NaN where missing, shape (m,)."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What every view draws from; arrays have shape (m,), one value for each sample drawn, unless said."""
+    """What every view draws; arrays have shape (m,), one value per sample drawn, unless stated otherwise."""
 
     state: State
     """The choices that this frame shows."""
@@ -52,15 +52,15 @@ class Frame:
     drawn: DrawnSamples
     """Which samples are drawn, with what does not depend on the parameters: time, raw, truth."""
     steady: SteadyState
-    """The settled filter in words: gain, lag, decibel, hertz."""
+    """The filter in steady state: gain, lag, noise reduction, bandwidth."""
     filtered: Array
     """Filtered signal, unit; NaN before the first sample."""
     spread: Array
     """2·√p, unit: the band around the filtered signal; inf before a diffuse start."""
     smoothed: Array | None
-    """The best possible offline, unit; None unless asked for."""
+    """The best possible offline estimate, unit; None unless asked for."""
     rejected: int
-    """Samples that the outlier gate refused."""
+    """Samples that the outlier gate rejected."""
     innovation: Array
     """Measurement minus prediction, unit; NaN where there is none."""
     innovation_spread: Array
@@ -72,13 +72,13 @@ class Frame:
     gain_samples: Array
     """Sample numbers of `gain`, shape (g,)."""
     board: Array | None = None
-    """What the board's own filter sent, unit; None where no channel is that."""
+    """What the board's own filter sent, unit; None without such a channel."""
     board_difference: float = math.nan
     """Largest |board's − ours| in the window, unit; NaN where there is none."""
     connection: ConnectionState = NO_CONNECTION
-    """How the connection of the live board is."""
+    """The state of the connection to the live board."""
     velocity: Array | None = None
-    """Filtered velocity, unit per s, or per sample without a sample period; None where none is wanted or known."""
+    """Filtered velocity, unit per s, or per sample without a sample period; None where not wanted or not known."""
     velocity_spread: Array | None = None
     """2·√ of its variance, in the same unit."""
     set_aside: Array | None = None
@@ -90,7 +90,7 @@ class Frame:
 
     @property
     def status(self) -> LiveStatus | None:
-        """How the board on screen is; None for a finished recording."""
+        """The status of the board on screen; None for a finished recording."""
         return None if self.state.live is None else self.connection.status
 
 
@@ -109,8 +109,8 @@ def compute_frame(
         serial: the requests that are in it.
         drawn: the samples to draw.
         runs: the runs of earlier frames; None = filter again.
-        variants: the curves of the pinned settings, where they are known already (`VariantCurves`).
-        connection: how the connection of the live board is.
+        variants: the curves of the pinned settings, where they are already known (`VariantCurves`).
+        connection: the state of the connection to the live board.
     """
     recording = state.recording
     runs = runs or FilterRuns()
@@ -151,7 +151,7 @@ def compute_frame(
 
 
 def _smoothed(state: State, drawn: DrawnSamples) -> Array:
-    """The best possible offline at the drawn samples; of a live record from a little before the window on."""
+    """The best possible offline estimate at the drawn samples; of a live record from a little before the window."""
     first = 0 if state.live is None else max(0, drawn.first - SMOOTHED_BEFORE)
     last = len(state.recording) if state.live is None else drawn.last
     dt = None if state.dt is None else state.dt[first:last]
@@ -162,9 +162,9 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
 
 
 def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) -> tuple[SensorCurve, ...]:
-    """What the sensors that take part read at the drawn samples, and how far from the fused value that is.
+    """What the sensors in use read at the drawn samples, and how far from the fused value that is.
 
-    The noisiest comes first, to be drawn below the others; by what was found, so that no slider changes that.
+    The noisiest comes first, to be drawn below the others; by the noise that was found, so no slider reorders them.
     """
     raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
     values = (raw - fusion.params.offset) / fusion.params.gain
@@ -200,9 +200,9 @@ def samples_to_settle(gain: Callable[[int], Array], n: int, settled_gain: float)
     """Samples until the gain first comes within 1 % of the settled gain; the whole record if it never does.
 
     Args:
-        gain: the gain of so many first samples.
+        gain: returns the gain of the first n samples.
         n: samples of the record.
-        settled_gain: where the gain goes.
+        settled_gain: the gain in steady state.
     """
     size = 1024
     while True:  # look at a short beginning first: a million samples settle as early as a thousand do
@@ -215,7 +215,7 @@ def samples_to_settle(gain: Callable[[int], Array], n: int, settled_gain: float)
 
 
 def gain_axis(start_up: int, n: int) -> NDArray[np.intp]:
-    """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k so that it keeps still."""
+    """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k for a steady axis."""
     wanted = max(20, 2 * start_up)
     decade = 10 ** math.floor(math.log10(wanted))
     count = next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted)

@@ -25,7 +25,7 @@ MAX_IDLE_DELAY = 1.0
 def idle_delay(longest: float) -> float:
     """Seconds without a new state to wait for before a round of studies.
 
-    A study that has begun is not interrupted: of a long record it would slow down the next key press of a user who
+    A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
     steps through values.
 
     Args:
@@ -39,7 +39,7 @@ class Study:
     """One idle-time computation."""
 
     compute: Callable[[State], Any]
-    """State -> answer; pure, any time it takes."""
+    """State -> answer; pure, and may take any time."""
     show: Callable[[Any], None]
     """Draws the answer; runs on the studies' thread."""
 

@@ -21,7 +21,7 @@ class Jobs:
     """One worker thread for slow work; a failure becomes one sentence for the user."""
 
     def __init__(self, tell: Callable[..., None]) -> None:
-        """Args: shows a sentence, or logs and shows an exception; `good`: no refusal; `failed`: its heading."""
+        """Args: shows a sentence, or logs and shows an exception; `good`: not an error; `failed`: its heading."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Failed]] = queue.SimpleQueue()
         self._idle: Callable[[], None] | None = None
@@ -48,9 +48,9 @@ class Jobs:
         session.with_state(lambda state: self.run(lambda: work(state), failed))
 
     def when_idle(self, work: Callable[[], None], every: float) -> None:
-        """Do `work` again and again, every so many seconds in which nothing else waits; a failure ends that."""
+        """Repeat `work` whenever no job has arrived for `every` seconds, until it fails."""
         self._idle, self._every = work, every
-        self._waiting.put((work, Failed.OTHER))  # ends the wait that had no end
+        self._waiting.put((work, Failed.OTHER))  # ends the wait without a timeout
 
     def _next(self) -> tuple[Callable[[], None], Failed] | None:
         try:

@@ -1,7 +1,7 @@
-"""Which part of the screen is drawn when: what the eye follows at once, the rest as soon as there is time.
+"""Which part of the screen is drawn when: what the user watches at once, the rest as soon as there is time.
 
-Were every part drawn for every step of a slider, the browser would be late with the line that the user watches. So
-some parts may stay behind the newest frame, each for a limited time. Pure: no clock and no thread.
+If every part were drawn for every step of a slider, the line that the user watches would lag in the browser. So
+some parts may lag behind the newest frame, each for a limited time. Pure: no clock and no thread.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class Part(IntEnum):
     CHARTS = 2
     """The charts below that of the signal, and the line above it."""
     OTHER = 3
-    """What stands in other tabs and in closed folders. viser does not tell which tab is open."""
+    """What is in other tabs and in closed folders. viser does not report which tab is open."""
     FULL = 4
     """The chart of the signal with all its points."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """How long a part may stay behind the newest frame, s."""
+    """How long a part may lag behind the newest frame, s."""
 
     pause: float
     """Without a newer frame; a slider that moves brings one every 0.05 s."""
@@ -49,14 +49,14 @@ DELAYS: Mapping[Part, Delay] = {
 
 
 class Schedule:
-    """Which parts are behind the newest frame, and when each must be drawn. Moments are in s, of one clock."""
+    """Which parts are behind the newest frame, and when each must be drawn. Times are in s, of one clock."""
 
     def __init__(self) -> None:
         self._newest = -math.inf
         self._behind: dict[Part, float] = {}
 
     def begin(self, now: float, *, whole: bool) -> tuple[Part, ...]:
-        """There is a new frame: the parts of it to draw now; `whole`: none may wait."""
+        """A new frame has arrived: which of its parts to draw now; `whole`: none may wait."""
         self._newest = now
         if whole:
             self._behind.clear()
@@ -73,8 +73,8 @@ class Schedule:
         """The parts of the newest frame to draw now, which then are no longer behind.
 
         Args:
-            now: the moment.
-            moving: whether a newer frame is due too: it goes before what may still wait.
+            now: the time.
+            moving: whether a newer frame is due too: it takes precedence over parts that may still wait.
         """
         due = tuple(part for part in sorted(self._behind) if now >= (self._latest if moving else self._due)(part))
         for part in due:

@@ -1,4 +1,4 @@
-"""What a frame must know of every sample of a record, kept between frames: of a live one only news are read."""
+"""Facts about all samples of a record, kept between frames: of a live record only the new samples are read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Facts:
     """Missing samples of the channel."""
 
     def clock(self, recording: Recording) -> NDArray[np.float64]:
-        """Moments to draw at, s, never descending, shape (n,): time that steps back stands still instead."""
+        """Times to draw at, s, never descending, shape (n,): where time steps back, the last value is held."""
         return recording.time if self.ascends else np.maximum.accumulate(recording.time)
 
 
@@ -37,11 +37,11 @@ class RecordFacts:
     """The facts of the record on screen."""
 
     def __init__(self) -> None:
-        self._state: State | None = None  # held, so that what its key names stays what it is
+        self._state: State | None = None  # held so that the ids in its key stay valid
         self._facts = Facts()
 
     def of(self, state: State) -> Facts:
-        """The facts of what a State shows; a record that has grown is looked at from where it ended."""
+        """The facts of what a State shows; of a record that has grown only the new samples are read."""
         recording, before = state.recording, self._state
         grown = before is not None and _key(before) == _key(state) and len(before.recording) <= len(recording)
         known, seen = (self._facts, len(before.recording)) if grown and before is not None else (None, 0)

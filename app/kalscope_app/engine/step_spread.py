@@ -9,17 +9,17 @@ import numpy as np
 from kalscope.common.array import Array
 
 LOOKS = 2000
-"""Places of a recording that are looked at, at most: enough for percentiles, and quick whatever its length."""
+"""Spans of a recording that are measured, at most: enough for percentiles, and quick whatever its length."""
 
 TAIL = 5.0
-"""Per cent left out at each end: nine of ten lie between, and no pause decides."""
+"""Per cent left out at each end: nine of ten lie between, and no pause distorts the result."""
 
 
 def spread_of_span(time: Array, samples: float) -> tuple[float, float] | None:
     """How long `samples` steps last: nine of ten spans lie between the two durations.
 
     Args:
-        time: moments of the samples, s, shape (n,).
+        time: times of the samples, s, shape (n,).
         samples: how many steps, > 0, whole or not.
 
     Returns:

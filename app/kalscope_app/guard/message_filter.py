@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MAX_PER_SECOND = 300.0
-"""Messages that one client may send over time; a hand on a slider makes 20."""
+"""Messages per second that one client may send in the long run; dragging a slider sends 20."""
 MAX_BURST = 1000.0
-"""Messages that it may send at once; an upload of 64 MiB has 128 parts."""
+"""Messages that it may send in one burst; an upload of 64 MiB has 128 parts."""
 SETTLED_S = 0.3
-"""Seconds without a change after which a widget's value is final; shorter than a pause of the hand."""
+"""Seconds without a change after which a widget's value is final; shorter than a pause in a drag."""
 
 
 class RateLimit:
-    """How many messages a client may still send: a bucket that refills with time."""
+    """How many messages a client may still send: a token bucket."""
 
     def __init__(self, now: float) -> None:
         self._left, self._at = MAX_BURST, now
@@ -51,7 +51,7 @@ class WidgetSync:
     """Rebroadcasts a widget's final value so that all browsers agree. Runs on the event loop.
 
     viser sends a new value to all browsers but its sender. When two users move the same slider, each may receive
-    the other's value after sending their own, and keep it: the screens then differ for good. The same happens to
+    the other's value after sending their own, and keep it: the screens then stay different. The same happens to
     one user whose text crosses what the program writes into the box.
     """
 
@@ -69,7 +69,7 @@ class WidgetSync:
         """Send the value until it has stayed the same: a thread may have set another one meanwhile."""
         del self._due[uuid]
         widget = self._shared.widget(uuid)
-        if isinstance(widget, viser.GuiInputHandle) and widget.value != sent:  # buttons have none to agree on
+        if isinstance(widget, viser.GuiInputHandle) and widget.value != sent:  # buttons have no value
             value = widget.value
             self._shared.send(messages.GuiUpdateMessage(uuid, {"value": value}))
             again = asyncio.get_running_loop().call_later(SETTLED_S, self._rebroadcast, uuid, value)
@@ -115,7 +115,7 @@ class MessageFilter:
     def _on_disconnect(self, connection: WebsockClientConnection) -> None:
         for known in (self._rates, self._closing, self._uploads.channels):
             known.pop(connection.client_id, None)
-        # viser forgets this for a client that never sent its camera; its bytes would count for ever.
+        # viser does not do this for a client that never sent its camera; its bytes would count forever.
         self._shared.drop_uploads(connection.client_id)
 
     def _filter(self, channel: Channel) -> None:
@@ -138,7 +138,7 @@ class MessageFilter:
             self._disconnect(client_id, str(error))
         except Exception as error:
             if isinstance(message, BROWSER_MESSAGES):
-                raise  # the message was as it must be, so the mistake is ours
+                raise  # the message was valid, so this is a bug in Kalscope
             self._disconnect(client_id, f"{type(message).__name__} that viser could not take ({error!r})")
 
     def _disconnect(self, client_id: int, reason: str) -> None:
@@ -157,7 +157,7 @@ class MessageFilter:
             return None
         low, high, options = (getattr(widget, name, None) for name in ("min", "max", "options"))
         value = fitting_value(widget.value, message.updates["value"], low, high, options)
-        is_text = isinstance(widget, viser.GuiTextHandle)  # `text_boxes.js` shows what it is answered
+        is_text = isinstance(widget, viser.GuiTextHandle)  # `text_boxes.js` shows the value sent back
         if channel is self._shared and (is_text or (value is not None and len(self._rates) > 1)):
             self._sync.changed(message.uuid)
         if value is None:
@@ -168,5 +168,5 @@ class MessageFilter:
 def _checked_form(
     channel: Channel, _client_id: int, message: messages.GuiFormDirtyMessage
 ) -> messages.GuiFormDirtyMessage | None:
-    """Only of a real form: viser would keep a message for each name that a client makes up."""
+    """Only for a form that exists: viser would keep a message for each name that a client makes up."""
     return message if channel.is_form(message.uuid) else None

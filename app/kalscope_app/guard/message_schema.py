@@ -1,4 +1,4 @@
-"""What a client's message may hold, as pure functions: viser stores the content unchecked."""
+"""What a client's message may contain, as pure functions: viser stores the content unchecked."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fitting_value(
     high: float | None = None,
     options: Sequence[str] | None = None,
 ) -> object | None:
-    """The value as the widget may take it, held within its range; None if the widget must stay as it is.
+    """The value as the widget may take it, clamped to its range; None if the widget must stay as it is.
 
     Args:
         current: the value of the widget; the new one must be of the same kind.
@@ -60,7 +60,7 @@ def fitting_value(
 
 
 def _fitting_number(value: object, low: float | None, high: float | None) -> float | None:
-    """A browser sends each key that is pressed, so an unfinished number outside the range is no mistake."""
+    """A browser sends the text at each key press, so an unfinished number outside the range is not an error."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an integer beyond every float
@@ -88,7 +88,7 @@ BROWSER_MESSAGES = (
 
 
 def check_fields(message: object) -> None:
-    """Check that each field of a message has the type that viser declares, and a possible size.
+    """Check that each field of a message has the type that viser declares, and a plausible size.
 
     The values of a GuiUpdateMessage are left to `fitting_value`, which knows the widget.
 

@@ -50,7 +50,7 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
 def link_page(home: str = "/") -> str:
     """The page behind the printed link; `home` is the path of the dashboard.
 
-    It goes on by script: a browser that follows another site's link to us would not send a Strict cookie
+    It redirects by script: a browser that follows another site's link to us would not send a Strict cookie
     along a redirect.
     """
     body = f'<p><a href="{home}">Go on to the dashboard</a></p><script>{_GO_ON}</script>'
@@ -65,7 +65,7 @@ def dashboard_page(stock: str, script: str = "") -> str:
         script: JavaScript of the dashboard that must run before viser's.
 
     Raises:
-        ValueError: the page is not the known one.
+        ValueError: the page is not as expected.
     """
     head, title = "<head>", "<title>Viser</title>"
     if stock.count(head) != 1 or stock.count(title) != 1:
@@ -104,11 +104,11 @@ def small_page_csp() -> str:
 
 
 def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:
-    """The content policy of viser's page: its own loader runs, and nothing that a text brought in.
+    """The content policy of viser's page: its own loader runs, and nothing that a text injects.
 
     Args:
         script_hashes: of the inline scripts of viser's page. 'strict-dynamic' lets the loader start the
-            program it unpacks, and leaves scripts and handlers inside texts (file names, CSV headers) dead.
+            program it unpacks, but no script or handler inside a text (a file name, a CSV header) runs.
         own_origin: `http://HOST` or `https://HOST`, with a HOST that `host_allowed` has accepted; some browsers
             do not count our own websocket as 'self' and want it by name.
     """

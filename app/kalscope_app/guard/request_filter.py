@@ -51,7 +51,7 @@ class RequestFilter:
             if isinstance(answer, rules.Allow):
                 return self._own_page(head, request) or viser_answer(connection, request)
         except Exception:
-            # A check that fails must not let the request pass, nor take the server with it (CVE-2026-14631).
+            # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
             answer = rules.NOT_UNDERSTOOD
         if isinstance(answer, rules.SetCookie):
             return _small_page(200, pages.link_page(self._policy.home), {"Set-Cookie": answer.cookie})
@@ -105,7 +105,7 @@ def served_page(page_script: str) -> tuple[bytes, bytes, tuple[str, ...]]:
     """The page of viser with our script, plain and packed, and the CSP sources of its scripts.
 
     Raises:
-        ValueError: viser's page is not the known one.
+        ValueError: viser's page is not as expected.
     """
     stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
     page = pages.dashboard_page(stock.read_text("utf-8"), page_script)

@@ -52,8 +52,8 @@ class Policy:
     def home(self) -> str:
         """The path of the dashboard, "/…/", which the cookie is bound to.
 
-        Browsers hand a cookie to every port of a machine, so to servers of other users too; to none, though,
-        that does not know the path. It follows from the token, so that open tabs survive a restart.
+        Browsers send a cookie to every port of a machine, so to other users' servers too, but only under its path,
+        which these do not know. It is derived from the token, so that open tabs survive a restart.
         """
         return f"/{hmac.new(self.token.encode(), b'home', hashlib.sha256).hexdigest()[:24]}/"
 
@@ -94,7 +94,7 @@ class RequestHead:
     origins: tuple[str, ...] = ()
     """The Origin headers: the page that sent the request. Browsers send one with every websocket."""
     is_upgrade: bool = False
-    """Whether any Upgrade header asks for a websocket, in whatever case of letters."""
+    """Whether any Upgrade header asks for a websocket, in any letter case."""
     target: str = "/"
     """The request target: path and query."""
     cookies: tuple[str, ...] = ()
@@ -137,7 +137,7 @@ def below_home(policy: Policy, target: str) -> str:
 
 
 def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
-    """Decide on one request. Whatever this raises is a refusal too."""
+    """Decide on one request. Any exception counts as a refusal."""
     refusal = _refusal_of_sender(policy, head)
     if refusal is not None:
         return refusal
@@ -182,7 +182,7 @@ def is_loopback(name: str) -> bool:
 
 
 def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> bool:
-    """Whether the asking page is our own: the Origin must be ours to the letter, with its port."""
+    """Whether the requesting page is our own: the Origin must equal ours exactly, port included."""
     return origins == (own,) if origins else not required
 
 
@@ -193,7 +193,7 @@ def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -
         return Refuse(403, "Kalscope accepts no parameter in its address except the token of its link.")
     if not hmac.compare_digest(match[1], policy.token):
         return Refuse(403, "This link is wrong, or no longer valid.")
-    # Strict: no page of another site can make the browser send it. A path without its last "/" holds for both.
+    # Strict: no page of another site can make the browser send it. A path without its last "/" covers both forms.
     secure = "; Secure" if policy.is_behind(head.hosts[0]) else ""
     return SetCookie(
         f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}{secure}"

@@ -85,7 +85,7 @@ def run_self_test(policy: Policy, address: str) -> None:
     """Send each request to the server at this address.
 
     Raises:
-        GuardFailed: an answer is not as expected, or has not all security headers.
+        GuardFailed: an answer is not as expected, or lacks a security header.
     """
     for attempt in self_test_attempts(policy):
         status, headers = _answer_to(address, policy.port, attempt)

@@ -2,7 +2,7 @@
 
 Stock viser lets any web page drive it. No fork is needed: while viser is constructed, this module replaces the one
 call by which viser opens its socket, and puts the request filter before viser's own answer. `rules.py` decides what
-is allowed. If viser is not what this was written for, nothing starts.
+is allowed. If viser is not as expected, nothing starts.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class GuardedServer:
     server: viser.ViserServer
     """To build the panels on."""
     url: str
-    """The link for the user, token included: it is all that one needs to use the dashboard."""
+    """The link for the user, token included: it is all that a user needs to open the dashboard."""
     port: int
-    """The port that was really taken."""
+    """The port actually bound."""
     token: str
     """The secret alone, so that logs can leave it out."""
     let_in: Callable[[], None]
-    """Connects the browsers that waited, and from then on all that come."""
+    """Connects the browsers that are waiting, and from then on all others at once."""
 
     def stop(self) -> None:
         """Stop the server and free its port. A second call does nothing."""
@@ -89,7 +89,7 @@ def guarded_server(
         behind: the https address, `https://NAME`, under which a reverse proxy shows this server; the proxy
             must pass the Host header on.
         token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or a function that returns the one of the port
-            that was taken; None makes a new one.
+            that was bound; None makes a new one.
         max_upload_bytes: size of the unfinished uploads of one client.
         on_refused: called with a sentence for each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
@@ -131,7 +131,7 @@ def guarded_server(
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Take the port before viser exists: viser waits for ever on a bad host and moves on from a busy port."""
+    """Take the port before viser exists: viser waits forever on a bad host and skips a busy port."""
     if not 0 <= port <= 65535:
         raise BadSetting(f"the port must be 0 to 65535 (got {port})")
     if not host:

@@ -1,4 +1,4 @@
-"""The secret of the link on the disk: kept over a restart and handed to the browser, readable by this user only."""
+"""The secret of the link on disk: kept over a restart and passed to the browser, readable by this user only."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from kalscope_app.program.user_settings import state_folder
 
 _log = logging.getLogger(__name__)
 _MAX_BYTES = 1024
-"""The part of a token file that is read."""
+"""Bytes of a token file that are read, at most."""
 _IS_POSIX = os.name == "posix"
 
 
 def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) -> str:
-    """The token of this port, the same as last time, so that open tabs find their way back after a restart.
+    """The token of this port, the same as last time, so that open tabs reconnect after a restart.
 
     A file that others could have read or put there is replaced. Where none can be kept safely the token is new each
     time, and the log says why.
@@ -68,7 +68,7 @@ def opening_page(url: str) -> Generator[Path]:
 
 
 def _check_folder(folder: Path) -> None:
-    """Refuse a folder in which another user could exchange the file."""
+    """Refuse a folder in which another user could replace the file."""
     found = folder.lstat()
     if stat.S_ISLNK(found.st_mode):
         raise OSError(f"{str(folder)!r} must be a folder, not a link")
@@ -88,7 +88,7 @@ def _read_private(file: Path) -> str | None:
     except OSError:  # missing, or a link
         return None
     with os.fdopen(handle, "rb") as opened:
-        found = os.fstat(opened.fileno())  # of the very file that is open: a name may point elsewhere by now
+        found = os.fstat(opened.fileno())  # of the open file itself: its name may point elsewhere by now
         is_ours = not _IS_POSIX or (found.st_uid == os.geteuid() and not found.st_mode & 0o077)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or not is_ours:
             return None

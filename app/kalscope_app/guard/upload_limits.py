@@ -11,16 +11,16 @@ from kalscope_app.guard.message_schema import Misbehaviour
 from kalscope_app.guard.viser_private import Channel, messages
 
 MAX_UPLOAD_BYTES = 64 * 2**20
-"""Size of the unfinished uploads of one client, unless told otherwise. Larger files are opened by path."""
+"""Size of the unfinished uploads of one client, by default. Larger files are opened by path."""
 
 MAX_FULL_CLIENTS = 2
 """How many clients may upload files of the largest size at once."""
 
 STALLED_S = 30.0
-"""Seconds without a part after which an upload no longer holds its place."""
+"""Seconds without a part after which an upload no longer counts."""
 
 MIN_PART_BYTES = 1024
-"""A browser cuts an upload into parts of 512 KiB; a plan of parts smaller than this is no honest upload."""
+"""A browser cuts an upload into parts of 512 KiB; one that announces parts smaller than this is refused."""
 
 
 def upload_refusal(

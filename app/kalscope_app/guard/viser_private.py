@@ -89,7 +89,7 @@ class Channel:
 
 
 def socket_of(server: viser.ViserServer) -> WebsockServer:
-    """The part of viser that speaks with browsers."""
+    """The part of viser that communicates with browsers."""
     return server._websock_server
 
 
@@ -136,7 +136,7 @@ async def press(widget: _GuiInputHandle[Any], client: viser.ClientHandle) -> Non
 
 @contextmanager
 def replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
-    """Let a function of a module be another one while the block runs."""
+    """Replace a function of a module while the block runs."""
     stock = getattr(module, name)
     setattr(module, name, value)
     try:

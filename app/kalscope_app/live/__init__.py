@@ -1,1 +1,1 @@
-"""The live board beside the session: its connection, its recording, what is sent to it."""
+"""The live board: its connection, its recording, what is sent to it."""

@@ -21,7 +21,7 @@ class BoardConnection:
     """The board that is connected, or is being waited for, and those that Undo may return to."""
 
     def __init__(self, jobs: Jobs) -> None:
-        """Args: jobs of its own, because a port must not wait for a long search."""
+        """Args: separate jobs, because a port must not wait for a long search."""
         self._jobs = jobs
         self._lock = threading.Lock()  # of all that follows: the engine and jobs change it
         self._sources = WeakKeyDictionary[BoardId, LiveSource]()  # forgotten with the last State that names them
@@ -34,7 +34,7 @@ class BoardConnection:
         self._sources[board], self._connected = source, board
 
     def start(self) -> None:
-        """Connect the source, if there is one; does nothing where it is connected."""
+        """Connect the source, if there is one; does nothing if it is connected already."""
         source = self.source
         if source is not None:
             source.start()
@@ -94,14 +94,14 @@ class BoardConnection:
         return None if source is None else source.snapshot()
 
     def state(self, board: BoardId | None) -> ConnectionState:
-        """How the connection of the board on screen is, or that of a board recorded in the background."""
+        """The state of the connection to the board on screen, or to a board recorded in the background."""
         connected = self.source
         shown = connected if board is None else self._sources.get(board)
         recording = connected is not None and connected.recorder is not None
         return ConnectionState(connected is not None, recording, None if shown is None else shown.status())
 
     def look_at(self, board: BoardId | None) -> None:
-        """This board is on screen now: close any other one that is not recorded, reconnect one that was left."""
+        """This board is on screen now: close any other that is not being recorded; reconnect this one if needed."""
         work: Callable[[], None] | None = None
         with self._lock:
             connected = self._connected
@@ -118,7 +118,7 @@ def port_named(spec: str, rate: str, *, reset: bool) -> PortSpec:
     """The port of a device or an address as it was typed, and of its baud rate.
 
     Raises:
-        BadSetting: it is no port.
+        BadSetting: it is not a port.
     """
     if not spec:
         raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")

@@ -11,7 +11,7 @@ from kalscope_app.session.state import State
 
 
 def measured_by_board(state: State, source: LiveSource, seconds: float, progress: Progress) -> BoardCalibration:
-    """What comes of it, also where the board did not answer; waits for the board, so run it as a job.
+    """The result, also where the board did not answer; waits for the board, so run it as a job.
 
     Raises:
         BadSetting: fused sensors are on screen.

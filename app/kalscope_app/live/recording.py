@@ -27,7 +27,7 @@ CHECK_EVERY = 0.5
 
 
 class BoardRecording:
-    """Starts and stops the recording; both wait for the disk, so run them as jobs."""
+    """Starts and stops the recording; both wait for the disk, so call them from a job."""
 
     def __init__(
         self, connection: BoardConnection, folder: Path, tell: Callable[..., None], wake: Callable[[], None]
@@ -45,7 +45,7 @@ class BoardRecording:
         """Record to a new file.
 
         Raises:
-            BadSetting: no board is connected, or this is no name for a recording.
+            BadSetting: no board is connected, or the name is not one for a recording.
             BadFile: the file exists already or cannot be written.
         """
         path = check_inside(name, self._folder)
@@ -70,7 +70,7 @@ class BoardRecording:
             source.stop_recording()
 
     def _watch(self, source: LiveSource, recorder: Recorder) -> None:
-        """Report at once what keeps lines from the disk, and at the end what was recorded."""
+        """Report at once what prevents lines from being written, and at the end what was recorded."""
         told, pause = "", threading.Event()
         while source.recorder is recorder:
             problem = recorder.error or recorder.warning
@@ -83,10 +83,10 @@ class BoardRecording:
         self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
         self.last = recorder.path
         self._propose(recorder.path)
-        self._wake()  # a board behind a file is closed once it is no longer recorded
+        self._wake()  # a board in the background is closed once it is no longer recorded
 
     def _propose(self, path: Path) -> None:
-        """A name near this one that is free."""
+        """Propose a free name like this one."""
         stem = re.sub(r"_[0-9]+$", "", path.stem)
         free = first_free(path.with_name(f"{stem}{path.suffix}"))
         self.name = str(free.relative_to(self._folder.resolve()) if free.is_absolute() else free)
@@ -94,7 +94,7 @@ class BoardRecording:
 
 
 def account(counts: RecorderCounts) -> str:
-    """The account of a recording; it always adds up."""
+    """The line counts of a recording; they always add up."""
     return (
         f"{count(counts.received)} lines = {count(counts.written)} written + {count(counts.rejected)} rejected"
         f" + {count(counts.dropped)} dropped"

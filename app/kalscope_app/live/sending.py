@@ -14,7 +14,7 @@ from kalscope_app.session.state import State
 
 
 def takes_no_values(state: State) -> str:
-    """Why the board can take no values of what is on screen while it runs; "" where it can."""
+    """Why the board cannot take the values on screen while it runs; "" where it can."""
     if state.fusion is None and runs_kalman(state.tuning):
         return ""
     what = "a classic filter" if state.fusion is None else "fused sensors"
@@ -22,7 +22,7 @@ def takes_no_values(state: State) -> str:
 
 
 def send_setting(state: State, source: LiveSource) -> Sent:
-    """Bring q, r, momentum and p0 of the channel on screen onto the board, one command at a time, each answered.
+    """Send q, r, momentum and p0 of the channel on screen to the board, one command at a time, each acknowledged.
 
     Raises:
         BadSetting: the values do not fit float32, the board has no such filter, another median or no momentum, or
@@ -44,7 +44,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
         values_in_use(source, line)
     row = _rows(source.snapshot())
     answer = _used(values_in_use(source, restart)[-1], wanted.median)
-    # x0 and gate stay those of the export; the settled gain belonged to the values before.
+    # x0 and gate stay those of the export; the settled gain belonged to the previous values.
     return Sent(state.record_key, state.channel, its.filtered, state.params, answer.applied_to(wanted), row)
 
 
@@ -52,7 +52,7 @@ def _used(said: BoardAnswer | FixedFilter, median: int) -> BoardAnswer:
     """What a Kalman filter of the board uses.
 
     Raises:
-        BadSetting: it is another filter, or behind a median of other than `median` samples.
+        BadSetting: it is another filter, or its median is not of `median` samples.
     """
     again = "export the sketch with this tuning and flash it"
     if isinstance(said, FixedFilter):

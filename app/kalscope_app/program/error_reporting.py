@@ -21,7 +21,7 @@ REPEAT_S = 10.0
 """Seconds for which the same notification is not shown again."""
 
 _DISCONNECTED = (ConnectionClosed, ConnectionError, asyncio.CancelledError)
-"""Raised when a browser disconnects in the middle of something; no mistake."""
+"""Raised when a browser disconnects in the middle of something; not a bug."""
 
 
 class ErrorReporter:
@@ -35,7 +35,7 @@ class ErrorReporter:
         self._lock = threading.Lock()
 
     def notify_with(self, notify: Callable[[Exception], object]) -> None:
-        """From now on the user can be notified."""
+        """Notify the user in this way from now on."""
         self._notify = notify
 
     def report(self, where: str, error: BaseException | None) -> None:

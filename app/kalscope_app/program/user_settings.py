@@ -14,7 +14,7 @@ FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
 """Environment variable that names one folder for settings and state, in place of the system's."""
 
 MAX_BYTES = 65_536
-"""The part of the file that is read."""
+"""Bytes of the file that are read, at most."""
 
 KNOWN = ("map_shown", "tour_seen")
 """The settings that the file may hold; all others are dropped."""
@@ -74,7 +74,7 @@ class UserSettings:
 
     def _read(self) -> dict[str, object]:
         try:
-            if not self.path.is_file():  # a pipe or a device would be read for ever
+            if not self.path.is_file():  # a pipe or a device would be read forever
                 return {}
             with self.path.open("rb") as file:
                 found = tomllib.loads(file.read(MAX_BYTES).decode())

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 MAX_ROWS = 12
 """Devices in the table; the file has them all."""
 MAX_DECADES = 12.0
-"""Decades of q or r up to which the map holds all devices; of a wider fleet 1 % lie on each of its edges."""
+"""Decades of q or r up to which the map covers all devices; in a wider fleet 1 % lie on each of its edges."""
 
 
 def _descending(values: Array) -> Indices:
-    """The places of the numbers, the largest first; NaN left out."""
+    """The indices of the numbers, the largest first; NaN left out."""
     known = np.flatnonzero(~np.isnan(values))
     return known[np.argsort(-values[known], kind="stable")]
 
@@ -41,7 +41,7 @@ ORDERS: Mapping[str, Callable[[Fleet], Indices]] = {
 
 
 def loss_text(growth: float) -> str:
-    """By which share the prediction error grows, to 0.1 %: what is below depends on chance."""
+    """By which share the prediction error grows, to 0.1 %: smaller differences are chance."""
     return f"{trimmed(round(100.0 * growth, 1) + 0.0)} %"
 
 
@@ -51,7 +51,7 @@ COLOURS = ("loss", "verdict")
 
 @dataclass(frozen=True, eq=False)
 class OpenFleet:
-    """A fleet and how it is looked at; two of them are equal only if they are one."""
+    """A fleet and how it is shown; compared by identity."""
 
     fleet: Fleet
     """Its arrays."""
@@ -62,13 +62,13 @@ class OpenFleet:
     at_shared: bool = False
     """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
-    """What the names of the devices in the table hold, in any case of its letters; "" = all."""
+    """What the names of the devices in the table contain, in any letter case; "" = all."""
     picked: int | None = None
     """The row whose point in the map was clicked; a second click opens it."""
 
     @cached_property
     def rows(self) -> list[int]:
-        """The rows of the table: the first ones in its order, of the names that hold `find`; then the others."""
+        """The rows of the table whose names contain `find`: first those that its order ranks, then the others."""
         order = ORDERS[self.order](self.fleet)
         if not self.find:
             return order[:MAX_ROWS].tolist()

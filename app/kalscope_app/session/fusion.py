@@ -1,4 +1,4 @@
-"""The fused filter of a State: several sensors of one quantity, some of which may be dropped out."""
+"""The fused filter of a State: several sensors of one quantity, some of which may be dropped."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Fusion:
     dropped: frozenset[str] = frozenset()
     """Sensors that take no part."""
     estimate: FusionEstimate | None = None
-    """What was found out about them; None where the filter comes from a file."""
+    """What the search found about them; None where the filter comes from a file."""
 
     @cached_property
     def used(self) -> FusionTuning:
@@ -52,7 +52,7 @@ class Fusion:
 
     @cached_property
     def as_channel(self) -> ChannelTuning:
-        """The filter of one channel that it equals while all that take part answer."""
+        """The filter of one channel that it equals while all sensors in use answer."""
         return _as_channel(self.used)
 
     @cached_property
@@ -67,12 +67,12 @@ class Fusion:
 
     @cached_property
     def shares(self) -> Mapping[str, float]:
-        """What each sensor contributes to the fused value while all answer; 0 for one that is dropped out."""
+        """What each sensor contributes to the fused value while all answer; 0 for a dropped one."""
         shares = dict.fromkeys(self.tuning.sensors, 0.0)
         return {**shares, **dict(zip(self.used.sensors, self.params.shares.tolist(), strict=True))}
 
     def columns(self, recording: Recording) -> list[int]:
-        """Where the readings of the sensors that take part stand in a recording."""
+        """The columns of a recording with the readings of the sensors that take part."""
         return [recording.index(name) for name in self.used.sensors]
 
     def fits(self, recording: Recording) -> bool:
@@ -97,7 +97,7 @@ class Fusion:
         return replace(self, tuning=replace(self.tuning, **changed, how="by hand"))
 
     def with_taking_part(self, sensor: str, takes_part: bool) -> Fusion:
-        """With a sensor dropped out, or taken in again.
+        """With a sensor dropped, or taking part again.
 
         Raises:
             BadSetting: it is the last one.

@@ -16,7 +16,7 @@ SAME_GESTURE = 1.0
 """Seconds: changes of one control that follow each other faster are one gesture."""
 
 HELD = "held:"
-"""Begins a key that one gesture has for itself, such as one drag: it stays one gesture however long it pauses."""
+"""Prefix of a key that belongs to one gesture, such as one drag: it stays one gesture however long it pauses."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from kalscope.tuning.tuning import ChannelTuning
 UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, own noise"
 
 LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
-"""How channels go together, in the words on screen. Axes of one sensor share their numbers; a pressure and a
+"""How channels are linked, in the words on screen. Axes of one sensor share their numbers; a pressure and a
 temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise. Momentum, a number of
 samples, is the same for all."""
 
@@ -22,7 +22,7 @@ Tunings = tuple[ChannelTuning, ...]
 
 
 def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -> Tunings:
-    """All tunings once the others follow the one that leads; the same where each goes alone.
+    """All tunings once the others follow the leading one; unchanged where each is tuned alone.
 
     Args:
         tunings: of all channels.

@@ -1,4 +1,4 @@
-"""What the State knows of a live board: the record as of the last refresh, what it shows, what was sent."""
+"""What the State knows about a live board: the record as of the last refresh, what it shows, what was sent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BoardId:
 
 @dataclass(frozen=True)
 class ConnectionState:
-    """How the connection of the board is."""
+    """The state of the connection to the board."""
 
     connected: bool = False
     """Whether a board is connected, or is being waited for."""
@@ -38,7 +38,7 @@ Setting = dict[str, float | Chain | None]
 """Values of the command line by the names of the parameters."""
 
 NO_CONNECTION = ConnectionState()
-"""No board was ever connected."""
+"""No board has been connected yet."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Live:
     following: bool = True
     """Whether the window follows; looking back ends that."""
     paused: bool = False
-    """Whether the screen stands still while samples still arrive."""
+    """Whether the screen is frozen while samples still arrive."""
     settled: bool = False
     """Whether the starting values have been measured."""
     deferred: Deferred | None = None
@@ -98,7 +98,7 @@ class Sent:
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """What came of letting a board measure its own noise."""
+    """The result of letting a board measure its own noise."""
 
     record: tuple[int, int]
     """The live record that it belongs to."""

@@ -1,6 +1,6 @@
 """How a newly opened recording begins: with what was tuned for its channels, else with starting values.
 
-A tuning file or a figure of a source document decide over both.
+A tuning file or a figure of a source document overrides both.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:
-    """A state at the values of a tuning file; what had to be adapted is said in its note.
+    """A state at the values of a tuning file; its note says what had to be adapted.
 
     Raises:
         BadSetting: none of the recording's channels is in the file.
@@ -166,7 +166,7 @@ def opened_experiment(name: str, before: State | None = None) -> State:
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
-    """The parameters of a figure; beside the starting values where the figure has another filter."""
+    """The parameters of a figure; of Khan et al. its filter beside the starting values; else only these."""
     if isinstance(chosen, GeneralizedParams):
         return with_paper_filter(start, chosen)
     if not isinstance(chosen, StandardFilter):
@@ -180,7 +180,7 @@ def with_sample_period(state: State, period: float | None) -> State:
     """The state with another time between two samples, s; None = as the recording was read.
 
     Raises:
-        BadSetting: it is no length of time.
+        BadSetting: it is not a valid period.
     """
     recorded = state.open.as_read or state.recording
     if period is None:
@@ -191,7 +191,7 @@ def with_sample_period(state: State, period: float | None) -> State:
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:
-    """A recording whose samples are taken to be `sample_period` s apart, > 0; stamps stay where they are."""
+    """A recording whose samples are taken to be `sample_period` s apart, > 0; its time stamps are kept."""
     check_sample_period(sample_period)
     timing = recording.report.timing or Timing("none", "none", None)
     timing = replace(

@@ -57,7 +57,7 @@ class Boards(Protocol):
         ...
 
     def state(self, board: BoardId | None) -> ConnectionState:
-        """How the connection of the board on screen is; None: no board is on screen."""
+        """The state of the connection to the board on screen; None: no board is on screen."""
         ...
 
     def look_at(self, board: BoardId | None) -> None:
@@ -86,7 +86,7 @@ class Session:
         self.wakeup = threading.Event()
 
     def request(self, change: Change, *, key: str = "", failed: Failed = Failed.OTHER) -> int:
-        """File a change and return its serial number; frames tell up to which serial all is in them.
+        """File a change and return its serial number; a frame contains all requests up to its own serial.
 
         Args:
             change: applied later by the engine.
@@ -124,7 +124,7 @@ class Session:
         for request in waiting:
             try:
                 self._apply(request, now)
-            except Exception as error:  # whatever it was, the dashboard goes on and says so
+            except Exception as error:  # whatever it is, the dashboard continues and reports it
                 failures.append((request.failed, error))
         if waiting:  # another board may be on screen now, or no longer be paused
             self._refresh()
@@ -141,7 +141,7 @@ class Session:
         return None if self._state.live is None else self._state.live.board
 
     def connection(self) -> ConnectionState:
-        """How the connection of the board on screen is now."""
+        """The state of the connection to the board on screen now."""
         return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
 
     def _apply(self, request: _Request, now: float) -> None:

@@ -17,13 +17,13 @@ from kalscope_app.session.live_state import Setting
 from kalscope_app.session.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
-"""What stands for no number."""
+"""The texts that mean no number."""
 
 NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
-"""The value that no number means."""
+"""The values that they stand for."""
 
 WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
-"""What a user may type for that."""
+"""What a user may type for them."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ShareLine:
     line: str
     """The command."""
     remarks: tuple[str, ...]
-    """Sentences on what it does not hold; our own words."""
+    """Sentences on what it does not contain; fixed texts, with nothing from a file."""
 
 
 def share_line(state: State) -> ShareLine:
@@ -101,7 +101,7 @@ def apply_options(
     """The state with the channel and the setting of the command line; what is None stays as it was opened.
 
     Raises:
-        BadSetting: no such channel, no number, no chain, or numbers that make no filter.
+        BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
     """
     values: Setting = {}
     given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}

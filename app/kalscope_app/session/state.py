@@ -207,7 +207,7 @@ class State:
 
     @property
     def dt(self) -> NDArray[np.float64] | None:
-        """Nominal periods before each sample, where gaps in time were asked to count; else None."""
+        """Nominal periods before each sample, where the user chose that gaps in time count; else None."""
         return self.recording.steps() if self.recording.gaps == "dt" else None
 
     @property
@@ -217,7 +217,7 @@ class State:
             return None
         names, choice = self.recording.names, self.open.board_choice
         if choice == "":
-            choice = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the exported sketch
+            choice = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the sketch names it
         return choice if choice in names else None
 
     @property
@@ -246,7 +246,7 @@ class State:
         return self.with_tuning_of(self.index, with_kalman_filter(self.tuning)).with_answers(outcome=None, note="")
 
     def with_tuning(self, **values: Any) -> State:
-        """The state with other parameters for what is on screen; refused as FilterParams refuses."""
+        """The state with other parameters for what is on screen; raises what FilterParams raises."""
         if self.fusion is not None:
             return self.with_fusion(self.fusion.with_values(**values))
         changed = replace(self.tuning, **values)

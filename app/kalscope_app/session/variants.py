@@ -13,7 +13,7 @@ MAX_VARIANTS = 8
 """Variants of one channel: more lines cannot be told apart."""
 
 MAX_NAME_LENGTH = 20
-"""Letters of a name that fit into a legend."""
+"""Characters of a name that fit into a legend."""
 
 DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
 """What the chart and the table call their own lines."""
@@ -50,7 +50,7 @@ class Variant:
 
 
 def next_name(taken: Iterable[str]) -> str:
-    """The first letter that no variant is called; a freed one comes again.
+    """The first letter that no variant has; a freed letter is used again.
 
     Raises:
         BadSetting: all 26 are taken.
@@ -81,7 +81,7 @@ def checked_name(name: str, others: Iterable[str]) -> str:
     """A name as it is kept, without blanks around it.
 
     Raises:
-        BadSetting: it is empty, too long, not printable, that of a line drawn anyway, or one of the others'.
+        BadSetting: it is empty, too long, not printable, that of another line of the chart, or one of the others'.
     """
     bare = " ".join(name.split())
     if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():

@@ -36,10 +36,10 @@ class View:
     preset: str = ""
     """Title of the preset that is looked at; "" = the first."""
     window: tuple[float, float] | None = None
-    """First and last moment on screen, s; None = the whole recording."""
+    """First and last time on screen, s; None = the whole recording."""
     resets: int = 0
     """How often the view was reset: a new number makes the charts forget their zoom."""
 
 
 AS_OPENED = View()
-"""How everything is looked at at first."""
+"""The view at first."""

@@ -1,4 +1,4 @@
-"""State -> Overview: every channel raw and filtered, each on a lane of its own; an idle-time computation."""
+"""State -> Overview: every channel raw and filtered, each on its own lane; an idle-time computation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kalscope_app.engine.decimation import choose_indices
 from kalscope_app.session.state import State
 
 MAX_LANES = 16
-"""Channels that are drawn, at most: more lanes than that are too low to read."""
+"""Channels that are drawn, at most: with more, the lanes are too low to read."""
 
 MAX_POINTS = 3000
 """Points of all lanes together, at most, before what they share is drawn once."""
@@ -48,7 +48,7 @@ class Overview:
     state: State
     """The choices that it belongs to."""
     time: Array
-    """Moments drawn, s, ascending, shape (m,)."""
+    """Times drawn, s, ascending, shape (m,)."""
     lanes: tuple[Lane, ...]
     """At most 16 of the channels; none where the recording has only one."""
 

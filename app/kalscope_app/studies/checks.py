@@ -66,7 +66,7 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
 def _of_filter(
     state: State, whole: Diagnostics, held_out: Diagnostics, still: Callable[[State], Stretch]
 ) -> Judgement:
-    """The one judgement of the filter on screen, with all that was found out about it."""
+    """The one judgement of the filter on screen, with all that is known about it."""
     answers, tuning = state.answers, state.tuning
     outcome = answers.outcome if answers.outcome and answers.outcome.after is not None else None
     estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None

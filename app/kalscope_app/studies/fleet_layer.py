@@ -31,7 +31,7 @@ LOSS_WORDS = ("loses below 10 %", "10 to 30 %", "above 30 %", "not judged")
 MAX_VERDICTS = 3
 """Verdicts with a colour of their own."""
 MAX_NAME = 36
-"""Letters of the name of a device that was clicked."""
+"""Characters of the name of a device that was clicked."""
 REACH = 8.0
 """Pixels of the picture from which a click takes the nearest point."""
 
@@ -43,9 +43,9 @@ class Picked:
     device: int
     """Its row."""
     point: Point
-    """Its exponents (q, r), held within the map."""
+    """Its exponents (q, r), clamped to the map."""
     words: tuple[str, ...]
-    """What is said of it, a line each."""
+    """The text about it, line by line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class FleetLayer:
     devices: Indices
     """The rows of the points, shape (k,); the most remarkable one last."""
     points: Array
-    """Their exponents (q, r), held within the map, shape (k, 2)."""
+    """Their exponents (q, r), clamped to the map, shape (k, 2)."""
     classes: Indices
     """Which of `words` each belongs to, shape (k,)."""
     words: tuple[str, ...]
@@ -84,7 +84,7 @@ class FleetLayer:
         across = (self.points[:, 0] - frame.q[0]) / (frame.q[1] - frame.q[0])
         up = (self.points[:, 1] - frame.r[0]) / (frame.r[1] - frame.r[0])
         x, y = frame.left + across * (frame.right - frame.left), frame.bottom - up * (frame.bottom - frame.top)
-        away = np.hypot(x - pixel[0], y - pixel[1])[::-1]  # of two at one place the one on top
+        away = np.hypot(x - pixel[0], y - pixel[1])[::-1]  # of two at the same place, the one on top
         at = int(np.argmin(away))
         return int(self.devices[len(away) - 1 - at]) if away[at] <= REACH else None
 
@@ -121,7 +121,7 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
 
 
 def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | None:
-    """What is said of the device that was clicked."""
+    """The device that was clicked, and the text about it."""
     devices = fleet.devices
     if device is None or not devices.usable[device]:
         return None

@@ -20,15 +20,15 @@ WORDS: dict[Fault, tuple[str, Tone]] = {
     "spikes": ("has spikes", "note"),
     "silent": ("was silent", "note"),
 }
-"""What is said of a sensor with a fault, and the colour."""
+"""The words for a sensor with a fault, and their colour."""
 
 MAX_NAME = 20
-"""Letters of a sensor's name on the button above the tabs."""
+"""Characters of a sensor's name on the button above the tabs."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What is said about the fused sensors; plain text, with names from outside."""
+    """The verdict on the fused sensors in words; plain text, with names from outside."""
 
     word: str
     """On the button above the tabs."""
@@ -37,7 +37,7 @@ class Judged:
     headline: str
     """How much better than the best single sensor."""
     faults: tuple[str, ...]
-    """Who disagrees, one sentence each."""
+    """The sensors with faults, one sentence each."""
     notes: tuple[str, ...]
     """What was found on a held-out stretch, and what cannot be known."""
 
@@ -49,7 +49,7 @@ class FusionJudge:
         self._verdicts = Cache[FusionVerdict]()
 
     def of(self, state: State) -> Judged | None:
-        """What is to be said about the fused sensors on screen; None where one channel is."""
+        """The verdict on the fused sensors on screen, in words; None where one channel is on screen."""
         fusion = state.fusion
         if fusion is None:
             return None
@@ -69,7 +69,7 @@ def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
 
 
 def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
-    """The verdict as it stands on screen."""
+    """The verdict as it appears on screen."""
     odd = [one for one in verdict.sensors if one.faults]
     faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
     seen = [one for one in verdict.sentences if one.startswith("In the second half")]
@@ -84,7 +84,7 @@ def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
 
 
 def _word(odd: list[SensorVerdict]) -> tuple[str, Tone]:
-    """What stands on the button, and its colour; the sensors that something is wrong with."""
+    """The label of the button, and its colour, for these sensors with faults."""
     if not odd:
         return "fused", "good"
     tone = "bad" if any(WORDS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
@@ -94,7 +94,7 @@ def _word(odd: list[SensorVerdict]) -> tuple[str, Tone]:
 
 
 def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
-    """What cannot be known, and what was found where it is no usual filter."""
+    """What cannot be known, and the message of a search that did not find the usual filter."""
     found = fusion.estimate
     if found is None:
         return ()

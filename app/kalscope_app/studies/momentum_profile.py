@@ -14,7 +14,7 @@ from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope_app.session.state import State
 
 MIN_DRAWN = 0.3
-"""Samples: a shorter momentum cannot be told from none."""
+"""Samples: a shorter momentum cannot be distinguished from none."""
 
 POINTS = 25
 """Values of the momentum, evenly spaced in its logarithm."""
@@ -22,7 +22,7 @@ POINTS = 25
 
 @dataclass(frozen=True, eq=False)
 class MomentumProfile:
-    """The likelihood over the momentum; each one drawn is another, as its arrays have no single truth."""
+    """The likelihood over the momentum; compared by identity, because arrays have no single truth value."""
 
     state: State
     """The choices that it belongs to."""
@@ -34,7 +34,7 @@ class MomentumProfile:
     """The same without momentum."""
 
     def belongs_to(self, state: State) -> bool:
-        """Whether it still tells of the channel on screen."""
+        """Whether it is still about the channel on screen."""
         mine = self.state
         return (mine.record_key, mine.channel, mine.recording.gaps) == (
             state.record_key,
@@ -49,7 +49,7 @@ def momentum_profile(
     """The profile of the channel on screen: one search for q and r at each momentum.
 
     Raises:
-        BadSetting: the channel does not say enough for a search.
+        BadSetting: the channel has too little information for a search.
         Cancelled: `cancelled()` was true.
     """
     z, dt = state.z, state.dt

@@ -17,7 +17,7 @@ class StillStretches:
         self._kept = Cache[Stretch]()
 
     def of(self, state: State) -> Stretch:
-        """The stretch of the channel on screen; none of a live record, which is another one at every look."""
+        """The stretch of the channel on screen; none of a live record, which changes all the time."""
         if state.live is not None:
             return None
         return self._kept.once(

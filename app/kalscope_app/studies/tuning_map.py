@@ -163,12 +163,12 @@ def rms(error: Array) -> float:
     """Root mean square of what is not missing; NaN if all is."""
     with np.errstate(over="ignore"):
         total = float(np.einsum("i,i->", error, error))
-    if 1e-250 < total < 1e300:  # nothing missing, nothing lost: the quick way
+    if 1e-250 < total < 1e300:  # nothing missing, no overflow or underflow: the fast path
         return math.sqrt(total / len(error))
     seen = error[np.isfinite(error)]
     if len(seen) == 0:
         return math.nan
-    largest = float(np.abs(seen).max()) or 1.0  # squares of 1e-200 would vanish
+    largest = float(np.abs(seen).max()) or 1.0  # squares of 1e-200 would underflow
     return largest * math.sqrt(float(np.mean((seen / largest) ** 2)))
 
 
@@ -251,7 +251,7 @@ def draw_map(scan: Scan, errors: Errors | None, colour: str, q: Range, r: Range,
 
 
 def lags(log_ratio: Array, momentum: float) -> Array:
-    """Lag on a ramp, samples, of each ln λ; with momentum read from a table, good to 0.1 %."""
+    """Lag on a ramp, samples, of each ln λ; with momentum interpolated in a table, accurate to 0.1 %."""
     over = np.exp(np.minimum(-log_ratio, 700.0))  # r/q, kept finite at the far ends
     if momentum == 0.0:
         return 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
@@ -262,7 +262,7 @@ def lags(log_ratio: Array, momentum: float) -> Array:
 
 
 def between(rmse: Array, log_ratio: Array) -> Array:
-    """The error at any ln λ from that at LOG_RATIOS, good to 0.2 %; beyond them it stays as at the end."""
+    """The error at any ln λ from that at LOG_RATIOS, accurate to 0.2 %; beyond them, that at the end."""
     from scipy.interpolate import CubicSpline
 
     within = np.clip(log_ratio, LOG_RATIOS[0], LOG_RATIOS[-1])

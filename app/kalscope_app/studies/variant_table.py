@@ -22,7 +22,7 @@ class Fit:
     """How well the Kalman filter of one setting explains one channel."""
 
     diagnostics: Diagnostics
-    """Size and memory of its innovations."""
+    """Size and autocorrelation of its innovations."""
     loglik: float
     """Log-likelihood."""
     scored: int
@@ -38,7 +38,7 @@ class Measures:
     rmse: float | None
     """Root mean square of filtered − truth, unit; None where the truth is not known."""
     fit: Fit | None
-    """How well it explains the recording; None for a chain of filters, which is no model of it."""
+    """How well it explains the recording; None for a chain of filters, which is not a model of it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class VariantComparison:
     state: State
     """The choices that it belongs to."""
     rows: tuple[VariantRow, ...]
-    """One a setting; empty where the Khan et al. filter runs and nothing is pinned."""
+    """One per setting; empty where the Khan et al. filter runs and nothing is pinned."""
 
     @property
     def with_momentum(self) -> bool:

@@ -25,7 +25,7 @@ def on_user(
 
     Args:
         subscribe: such as `button.on_click` or `slider.on_update`.
-        act: runs on viser's event loop, so it must be quick. In the thread pool, events would overtake each other.
+        act: runs on viser's event loop, so it must be quick. In the thread pool, events could change their order.
     """
 
     async def callback(event: Any) -> None:
@@ -43,7 +43,7 @@ def bind(handle: Any, session: Session, change: Callable[[Any], Change], failed:
 def put(handle: Any, **properties: Any) -> None:
     """Set the properties that differ. viser sends no equal value either, but takes 15 µs to find that out.
 
-    Every frame sets what stands on a hundred widgets, and almost all of it is as before.
+    Every frame sets the properties of a hundred widgets, and almost none of them changes.
     """
     for name, value in properties.items():
         if getattr(handle, name) != value:

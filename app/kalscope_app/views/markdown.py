@@ -13,5 +13,5 @@ def escape_markdown(text: str, limit: int = 60) -> str:
 
 
 def capitalised(words: str) -> str:
-    """Words as a sentence begins."""
+    """Words with a capital first letter, as at the beginning of a sentence."""
     return f"{words[:1].upper()}{words[1:]}"

@@ -35,7 +35,7 @@ class Scale:
 def scale_for(values: Array, unit: str) -> Scale:
     """A factor that brings the largest of `values` between 1 and 10,000, where three decimals suffice.
 
-    Units without a prefix are written with a power of ten only where decimals do not: 0.3 is easier to read.
+    Units without a prefix get a power of ten only where decimals do not suffice: 0.3 is easier to read.
     """
     finite = np.abs(values[np.isfinite(values)])
     largest = float(finite.max(initial=0.0))

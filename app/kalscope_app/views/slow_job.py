@@ -12,7 +12,7 @@ MIN_SECONDS = 1.0
 
 
 class SlowJobProgress:
-    """Use it in a `with` statement around the job; hand `report` to the job."""
+    """Use it in a `with` statement around the job; pass `report` to the job."""
 
     def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
         self._bar, self._cancel, self._start = bar, cancel, time.monotonic()

@@ -7,7 +7,7 @@ from kalscope.filtering.classic.chain import Chain
 from kalscope_app.session.state import Change, State
 
 MEDIANS = ("off", "3 samples", "5 samples")
-"""Medians that may be chosen to stand first, in the words on screen."""
+"""Medians that may be chosen as the first filter, in the words on screen."""
 
 
 def median_words(window: int) -> str:
@@ -35,7 +35,7 @@ def use_kalman_filter(state: State) -> State:
 
 
 def set_median(words: str) -> Change:
-    """A median stands before the filter that runs, or none does."""
+    """Put a median before the filter that runs, or none."""
 
     def change(state: State) -> State:
         chain = state.tuning.chain

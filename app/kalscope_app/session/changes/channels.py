@@ -46,7 +46,7 @@ def set_link(link: str) -> Change:
 
 
 def copy_setting(to: str) -> Change:
-    """The numbers of the channel on screen become those of another channel, or of all others."""
+    """Copy the numbers of the channel on screen to another channel, or to all others."""
 
     def change(state: State) -> State:
         names, settings = state.recording.names, state.settings

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
 MAX_FIND = 200
-"""Letters of a text to find, at most."""
+"""Characters of a text to find, at most."""
 
 
 def open_fleet(fleet: Fleet) -> Change:
@@ -29,7 +29,7 @@ def renew_fleet(fleet: Fleet) -> Change:
     def change(state: State) -> State:
         if state.fleet is None or state.fleet.fleet.folder != fleet.folder:
             return state
-        return replace(state, fleet=replace(state.fleet, fleet=fleet, picked=None))  # its rows are others
+        return replace(state, fleet=replace(state.fleet, fleet=fleet, picked=None))  # its rows have changed
 
     return change
 
@@ -54,13 +54,13 @@ def set_fleet_colour(colour: str) -> Change:
 
 
 def find_devices(text: str) -> Change:
-    """List the devices whose names hold a text."""
+    """List the devices whose names contain a text."""
     wanted = one_line(str(text))[:MAX_FIND].strip()
     return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, find=wanted))
 
 
 def pick_device(i: int | None) -> Change:
-    """Show what a device of the map is; None: no one."""
+    """Show which device a point of the map is; None: none is picked."""
     return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, picked=i))
 
 

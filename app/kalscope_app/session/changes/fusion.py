@@ -1,4 +1,4 @@
-"""Changes of the fused filter: sensors are fused, one drops out, its noise or its offset is another."""
+"""Changes of the fused filter: sensors are fused, one drops out, its noise or its offset changes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def candidates(state: State) -> tuple[str, ...]:
     """Channels of the quantity on screen, in their order: those of its unit, without the board's own curve.
 
-    Of many the first ones, and the one on screen; sensors that are fused already always.
+    Of too many the first ones and the one on screen; sensors that are already fused are always included.
     """
     recording, fusion = state.recording, state.settings.fusion
     unit = recording.units[state.index] if fusion is None else fusion.tuning.unit

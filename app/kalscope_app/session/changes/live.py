@@ -1,4 +1,4 @@
-"""A live board in the State: its window follows the newest sample or is paused; new samples come in by `refreshed`.
+"""A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
 
 The State holds the record as of the last refresh (`Snapshot`: views, so taking one costs nothing). What the user
 chose stays; only the record under it grows.
@@ -36,7 +36,7 @@ SPANS = {
 """Lengths of the window that follows the newest sample, s."""
 
 START_SAMPLES, START_SECONDS = 100, 2.0
-"""The starting r is measured on the first samples: on so many, or on so long if the board is slow."""
+"""The starting r is measured on the first samples: on this many, or over this long if the board is slow."""
 
 MIN_SAMPLES = 10
 """Fewer samples than this show nothing yet."""
@@ -49,8 +49,8 @@ def opened_live(board: BoardId, title: str, before: State | None = None, tuning:
     """A state that waits for the first samples of a board and then shows them.
 
     Args:
-        board: which one.
-        title: how it was named.
+        board: the board.
+        title: its name, as the user gave it.
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
@@ -83,7 +83,7 @@ def with_setting(state: State, channel: str | None, values: Setting) -> State:
 
 
 def _apply_deferred(state: State) -> State:
-    """The state with what the command line asked for; the note says what cannot be."""
+    """The state with what the command line asked for; the note says what could not be applied."""
     live = state.live
     if live is None or not live.settled or live.deferred is None:
         return state
@@ -121,7 +121,7 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 
 
 def _begun(state: State, snapshot: Snapshot) -> State:
-    """Starting values from the first samples, and what stays of before."""
+    """Starting values from the first samples, and what is kept from before."""
     recording = snapshot.recording
     firsts = _first_values(recording)
     begin = max(firsts, default=0)
@@ -152,7 +152,7 @@ def _has_more_channels(last: Snapshot, snapshot: Snapshot) -> bool:
 
 
 def _first_values(recording: Recording) -> list[int]:
-    """The row of each channel's first value: a topic of a broker may be new later."""
+    """The row of each channel's first value: a topic of a broker may first appear later."""
     return np.isfinite(recording.values).argmax(axis=0).tolist()
 
 
@@ -183,7 +183,7 @@ def studied(state: State) -> State:
 
 
 def live_window(state: State) -> tuple[float, float] | None:
-    """First and last moment on screen, s, of whatever is open; None = all of it."""
+    """First and last time on screen, s, of what is open; None = all of it."""
     if state.live is None or not state.live.following:
         return state.view.window
     if math.isinf(state.live.span):
@@ -205,7 +205,7 @@ def follow(state: State) -> State:
 
 
 def set_paused(paused: bool) -> Change:
-    """Let the screen stand still, or go on; samples arrive all the same."""
+    """Freeze the screen, or continue; samples arrive in either case."""
 
     def change(state: State) -> State:
         return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
@@ -214,7 +214,7 @@ def set_paused(paused: bool) -> Change:
 
 
 def set_span(words: str) -> Change:
-    """Choose how much the following window shows, by its words."""
+    """Choose the length of the window that follows, by its label."""
     if words not in SPANS:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
 
@@ -242,7 +242,7 @@ def set_calibration(calibration: BoardCalibration | None) -> Change:
     """The board has measured its noise, or could not; None: it begins to."""
 
     def change(state: State) -> State:
-        # Its filter went on with what it measured: there is no restart from which to compare it.
+        # Its filter continued with what it measured: there is no restart from which to compare it.
         sent = state.sent if calibration is None or calibration.values is None else None
         return replace(state, calibration=calibration, sent=sent)
 
@@ -260,7 +260,7 @@ def set_kept(kept: bool) -> Change:
 
 
 def calibration_here(state: State) -> BoardCalibration | None:
-    """What came of letting the board measure the channel on screen."""
+    """The result of letting the board measure the channel on screen."""
     known = state.calibration
     return known if known and (known.record, known.channel) == (state.record_key, state.channel) else None
 

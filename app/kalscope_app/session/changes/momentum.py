@@ -17,13 +17,13 @@ MAX_POSITION = 5.0
 """Where the slider ends: at MAX_MOMENTUM, 100,000 samples."""
 
 OFF = "off"
-"""What stands for no momentum."""
+"""The text for no momentum."""
 
 _SAMPLES = (" samples", " sample")
 
 
 def slider_position(momentum: float) -> float:
-    """Where the slider stands for a momentum in samples, 0 … MAX_POSITION."""
+    """The position of the slider for a momentum in samples, 0 … MAX_POSITION."""
     return math.log1p(momentum) / math.log(10.0)
 
 
@@ -51,7 +51,7 @@ def typed_momentum(text: str, period: float | None) -> float:
     """The momentum in samples that a user typed.
 
     Raises:
-        BadSetting: it is no number, or a time where the sample period is not known.
+        BadSetting: it is not a number, or it is a time and the sample period is not known.
     """
     bare = text.strip().lower()
     if bare in ("", OFF, "none"):
@@ -68,7 +68,7 @@ def typed_momentum(text: str, period: float | None) -> float:
 
 
 def with_momentum(state: State, momentum: float) -> State:
-    """The state with another momentum for the channel on screen; refused as FilterParams refuses."""
+    """The state with another momentum for the channel on screen; raises what FilterParams raises."""
     return state if momentum == state.tuning.momentum else state.with_tuning(momentum=momentum, how="by hand")
 
 

@@ -160,7 +160,7 @@ def set_variant_of_eq3(variant: str | None) -> Change:
 
 def use_paper_filter(state: State, paper: GeneralizedParams) -> State:
     """The state with the filter of Khan et al. for the channel on screen."""
-    tunings, at = state.settings.tunings, state.index  # linked channels have q and r to follow, and no filter
+    tunings, at = state.settings.tunings, state.index  # linked channels follow q and r, not the filter
     tunings = (*tunings[:at], with_paper_filter(tunings[at], paper), *tunings[at + 1 :])
     return state.with_settings(tunings=tunings).with_answers(outcome=None, note="")
 

@@ -1,4 +1,4 @@
-"""Settings to begin with, each with one line of why: by lag, and those of two source documents. Pure."""
+"""Settings to begin with, each with one line of reason: by lag, and those of two source documents. Pure."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _by_lag(lag_samples: float, state: State) -> FilterParams:
 
 @lru_cache(maxsize=1)
 def _follows_ramps() -> FilterParams:
-    """The filter for r = 1: the noise of the balanced preset, and the momentum that overshoots as said."""
+    """The filter for r = 1: the noise of the balanced preset, and the momentum that overshoots by OVERSHOOT."""
     balanced = steady_state(FilterParams(ratio_for(lag_samples=10.0), 1.0))
     decibel = float(balanced.noise_reduction_db)
     return params_for_specification(1.0, noise_reduction_db=decibel, overshoot=OVERSHOOT)

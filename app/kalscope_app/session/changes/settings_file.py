@@ -20,7 +20,7 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
     """What an uploaded tuning file holds.
 
     Raises:
-        BadFile: it is none.
+        BadFile: it is not a tuning file.
     """
     if len(content) > MAX_BYTES:
         raise BadFile(f"{name!r} must be a tuning file of at most 1 MB (got {len(content)} bytes)")

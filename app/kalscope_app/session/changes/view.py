@@ -85,7 +85,7 @@ def set_dark(dark: bool) -> Change:
 
 
 def set_map_shown(shown: bool) -> Change:
-    """Show the tuning map, or leave its place to the charts."""
+    """Show the tuning map, or leave its space to the charts."""
     return lambda state: state.with_view(map_shown=bool(shown))
 
 

@@ -52,10 +52,10 @@ NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 
 MAX_UNBROKEN = 13
-"""Letters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
+"""Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
 
 AT_OVERSHOOT = 4
-"""Where the column of the overshoot stands while your filter has momentum: after the noise."""
+"""Index of the overshoot column while the user's filter has momentum: after the noise."""
 
 
 class AlternativesView:
@@ -145,7 +145,7 @@ def verdict_of(compared: Compared) -> str:
 
 
 def about_kalman(text: str) -> str:
-    """The comparison with the filter on screen, while that is no longer the one that runs."""
+    """A text about the user's filter, reworded for a channel that runs another filter."""
     return (
         text.replace("your filter", "the Kalman filter")
         .replace("Your filter", "The Kalman filter")
@@ -156,7 +156,7 @@ def about_kalman(text: str) -> str:
 
 
 def text_of(compared: Compared) -> str:
-    """Table and what is to be said; markdown."""
+    """The table and the text below it; markdown."""
     found, state = compared.found, compared.state
     if not found.others:
         return found.note
@@ -173,7 +173,7 @@ def text_of(compared: Compared) -> str:
 
 
 def described(one: Alternative) -> str:
-    """What is to be said for it and against it, and what it costs."""
+    """Its advantages and disadvantages, and what it costs."""
     start = (
         "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
     )
@@ -204,7 +204,7 @@ def cells(one: Alternative, state: State) -> list[str]:
 
 
 def _overshoot(share: float) -> str:
-    """How far an answer to a step goes beyond it; the smoother's is not known."""
+    """The overshoot of the step response; the smoother's is not known."""
     return "–" if np.isnan(share) else "none" if share < MIN_OVERSHOOT else percent(share)
 
 

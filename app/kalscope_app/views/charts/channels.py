@@ -1,4 +1,4 @@
-"""The Channels tab: every channel on a lane of its own, their settings side by side, and copying between them."""
+"""The Channels tab: every channel on its own lane, their settings side by side, and copying between them."""
 
 from __future__ import annotations
 

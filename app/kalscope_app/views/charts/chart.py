@@ -1,4 +1,4 @@
-"""All that is handed to uPlot: which points, in which order, in which unit, and what it must never be given.
+"""All that is passed to uPlot: which points, in which order, in which unit, and what it must never get.
 
 viser's uPlot goes blank on a leading NaN, on inf and on empty arrays, draws a bridge over NaN, and prints ticks
 with three decimals at most. So everything drawn passes through here.
@@ -18,9 +18,9 @@ from kalscope_app.views.window.layout import height_of
 
 
 def drawable(x: Array, ys: list[Array], gaps: frozenset[int] = frozenset()) -> tuple[Array, ...]:
-    """X ascending and every y finite, never empty: what uPlot can be given.
+    """X ascending and every y finite, never empty: what uPlot can draw.
 
-    The lines whose numbers are in `gaps` keep their NaN: they are drawn as points and decide no range.
+    The lines whose numbers are in `gaps` keep their NaN: they are drawn as points and do not affect the range.
 
     A value that is not finite takes the nearest finite one before it, or the first after it; a line without any
     becomes 0. A single point becomes two, because a line needs them.
@@ -53,7 +53,7 @@ class Chart:
         """Make a chart.
 
         Args:
-            gui: where it stands.
+            gui: where it is added.
             share: of the window's height for charts.
             sync: the name under which charts share their zoom.
             window: whether a zoom chooses the window of the recording.
@@ -109,24 +109,24 @@ class Chart:
         put(self._handle, visible=True)
 
     def _cursor(self) -> Any:
-        """How the mouse works; `share` and `window` are no words of uPlot but of the page script."""
+        """How the mouse works; `share` and `window` are keys of the page script, not of uPlot."""
         cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": self._share, "window": self._window}
         return cursor if self._sync is None else {**cursor, "sync": {"key": self._sync}}
 
     def set_height(self, share: float, pixels: int) -> None:
-        """Take another share of the height, which rebuilds the chart, and so many pixels of a common window."""
+        """Set the share of the height, which rebuilds the chart, and its height in a window of usual size, px."""
         put(self._handle, height=pixels)
         if share != self._share:
             self._share = share
             self._handle.cursor = self._cursor()
 
     def hide(self) -> None:
-        """Take the chart off the screen: where there is no answer, an old curve would be taken for it."""
+        """Take the chart off the screen: without an answer, an old curve would be mistaken for one."""
         put(self._handle, visible=False)
 
 
 def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    """Whether two tuples hold equal arrays; NaN is equal to none, so that lines with gaps are taken for new."""
+    """Whether two tuples hold equal arrays; NaN equals nothing, so lines with gaps always count as new."""
     return len(one) == len(other) and all(map(np.array_equal, one, other))
 
 

@@ -1,4 +1,4 @@
-"""Drawing and writing with Pillow in pixels of the page, whatever the sharpness of the picture. Pure."""
+"""Drawing and writing with Pillow in pixels of the page, whatever the resolution of the picture. Pure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from PIL import Image, ImageDraw, ImageFont
 from kalscope_app.studies.map_geometry import Point
 
 RAISED = 0.68
-"""Size of a raised figure beside the text it belongs to."""
+"""Size of a superscript relative to the text it belongs to."""
 
 MISSING = {"−": "-", "∞": "inf", "…": "...", "µ": "u", "μ": "u", "Δ": "delta", "°": "deg ", "Ω": "Ohm", "·": "*"}
-"""What stands in for letters that the built-in font lacks."""
+"""Substitutes for letters that the built-in font lacks."""
 
 Colour = Any
 
@@ -27,13 +27,13 @@ def font(size: int) -> Any:
 
 @lru_cache(maxsize=1024)
 def known(letter: str) -> bool:
-    """Whether the built-in font has this letter; a box stands for all it lacks."""
+    """Whether the built-in font has this letter; it draws a box for all that it lacks."""
     face = font(24)
     return letter == " " or bytes(face.getmask(letter)) != bytes(face.getmask("\u0fff"))
 
 
 def printable(text: str) -> str:
-    """Text in the letters of the built-in font; ² stays, because it is drawn as a raised 2."""
+    """Text in the letters of the built-in font; ² stays, because it is drawn as a superscript 2."""
     text = "".join(MISSING.get(letter, letter) for letter in text.replace("\u202f", " "))
     return "".join(letter if letter == "²" or known(letter) else "?" for letter in text)
 
@@ -46,7 +46,7 @@ def luminance(colour: str) -> float:
 
 
 def ink_on(colour: str) -> str:
-    """Black or white, whichever can be read on a colour: by 4.5 : 1 or more."""
+    """Black or white, whichever is legible on a colour: with a contrast of 4.5 : 1 or more."""
     return "#000000" if luminance(colour) > 0.18 else "#ffffff"
 
 
@@ -117,7 +117,7 @@ class Pen:
         self.draw.rectangle([self._scale * v for v in box], outline=colour, width=self._scale)
 
     def paste(self, image: Image.Image, at: Point) -> None:
-        """Another picture, of the same sharpness."""
+        """Another picture, of the same resolution."""
         x, y = self._at(at)
         self._image.paste(image, (round(x), round(y)))
 

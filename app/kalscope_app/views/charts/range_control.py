@@ -101,7 +101,7 @@ class WindowView:
 
 
 def drawn_window(frame: Frame) -> tuple[float, float]:
-    """The first and the last moment of the time axis, s, as the recording counts them."""
+    """First and last time of the time axis, s, on the clock of the recording."""
     time, reach = time_points(frame)
     if reach is None:
         return (float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0)
@@ -110,5 +110,5 @@ def drawn_window(frame: Frame) -> tuple[float, float]:
 
 
 def moves_too_often(frame: Frame, seconds: float) -> bool:
-    """Whether the range of a live record moved less than a second ago: a range that runs away cannot be held."""
+    """Whether the range of a live record moved less than a second ago: a slider that moves is hard to grab."""
     return frame.state.live is not None and frame.state.live.following and seconds < 1.0

@@ -39,10 +39,10 @@ LIVE_CONTROLS_HEIGHT = 64
 """Height in px that the controls of a live record, and its second line of heading, take from the chart below."""
 
 SHARES: dict[int, tuple[float, ...]] = {3: (0.57, 0.235, 0.195), 2: (0.7, 0.3)}
-"""Of the height for so many charts: signal, innovation, and gain or velocity where one is drawn."""
+"""Shares of the height by the number of charts: signal, innovation, and gain or velocity where one is drawn."""
 
 MAX_LABEL_LETTERS = 14
-"""Letters that fit beside the innovation at 720 px of height."""
+"""Characters that fit beside the innovation at 720 px of height."""
 
 
 class SignalView:
@@ -80,7 +80,7 @@ class SignalView:
             self.gain.hide()
 
     def _share_height(self, charts: int, *, live: bool) -> None:
-        """Give so many charts their heights; with two, they take that of the third."""
+        """Set the heights of two or three charts; two take that of the third as well."""
         for chart, share in zip((self.signal, self.innovation), SHARES[charts], strict=False):
             taken = LIVE_CONTROLS_HEIGHT if live and chart is self.signal else 0
             chart.set_height(share, height_of(share, charts) - taken)
@@ -89,7 +89,7 @@ class SignalView:
         shown, state = frame.drawn, frame.state
         scale = scale_for(shown.raw, state.tuning.unit)
         raw = self._sensor_lines(frame, lambda one: one.raw) if frame.sensors else raw_lines(shown, palette)
-        # Only the measurements and the truth decide the y range: a wild start may leave the picture.
+        # Only the measurements and the truth set the y range: a large start-up transient may leave the chart.
         lines: list[ChartLine] = [
             *raw,
             ChartLine(frame.filtered - frame.spread, line("−2√p", scaled=False)),
@@ -189,11 +189,11 @@ class SignalView:
 
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-"""Ranges of the gain chart: few, so that it rests while q moves."""
+"""Ranges of the gain chart: few, so that it rarely changes while q does."""
 
 
 def innovation_label(scale: Scale, above: Scale, name: str = "innovation") -> str:
-    """What fits beside the innovation: its name without a unit only where that of the chart above holds."""
+    """What fits beside the innovation: its name without a unit only if that is the unit of the chart above."""
     label = scale.label(name)
     if len(label) <= MAX_LABEL_LETTERS:
         return label
@@ -207,7 +207,7 @@ def velocity_unit(frame: Frame) -> str:
 
 
 def heading_of(frame: Frame) -> str:
-    """Size, what is not drawn, and how the board is; one line of markdown."""
+    """Size, what is not drawn, and the status of the board; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.snapshot is None
     parts = [] if frame.state.live is not None else [window_text(frame)]
@@ -243,13 +243,13 @@ def window_text(frame: Frame) -> str:
 
 
 def without_start(frame: Frame) -> tuple[Array, Array]:
-    """Innovation and its 2√s, held within what occurs after the start-up, so that the start does not dwarf it."""
+    """Innovation and its 2√s, clipped to the range after the start-up, which the start would dwarf."""
     limit = largest_after_start(frame)
     return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
 
 
 def starts_wild(frame: Frame) -> bool:
-    """Whether the innovation of the start-up is larger than any later one, and so is cut off in the chart."""
+    """Whether the innovation of the start-up is larger than any later one, and so is clipped in the chart."""
     if frame.state.tuning.chain is not None:
         return False
     finite = frame.innovation[np.isfinite(frame.innovation)]
@@ -257,7 +257,7 @@ def starts_wild(frame: Frame) -> bool:
 
 
 def largest_after_start(frame: Frame) -> float:
-    """Largest |innovation| or 2√s drawn after the start-up, with a little room; inf if nothing comes after it."""
+    """Largest |innovation| or 2√s drawn after the start-up, with a small margin; inf if nothing comes after it."""
     later = (frame.drawn.indices > frame.start_up) & np.isfinite(frame.innovation)
     if not later.any():
         return math.inf

@@ -19,7 +19,7 @@ NOTHING = "Only the Kalman filter of one channel has a frequency response here."
 NO_ALLAN = "Only the Kalman filter of one channel has an Allan deviation here."
 
 DECADES = 9
-"""Decades of a logarithmic chart at most, counted from the top: what is lower is rounding."""
+"""Decades of a logarithmic chart at most, counted from the top: what is lower is rounding error."""
 
 
 class SpectrumView:
@@ -155,12 +155,12 @@ def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:
 
 
 def log_axes(x: Array, y: tuple[float, float] | None, label: str) -> tuple[dict[str, object], ...]:
-    """Axes with round numbers written out; uPlot itself writes 0 for whatever is below 0.001."""
+    """Axes with round numbers written out; uPlot itself writes 0 for any value below 0.0005."""
     across, up = axes(label)
     across = {**across, **written(log_ticks(float(x[0]), float(x[-1])))}
     return across, up if y is None else {**up, **written(log_ticks(*y))}
 
 
 def written(ticks: tuple[float, ...]) -> dict[str, object]:
-    """Fixed ticks and their words."""
+    """Fixed ticks and their labels."""
     return {"splits": ticks, "values": tuple(number(tick, 1) for tick in ticks)}

@@ -64,7 +64,7 @@ SENSORS = {
     False: ("#6598c3", "#a785c7", "#60a359", "#af8f3b", "#c57f8f", "#4fa09d", "#8595a3", "#a69076"),
     True: ("#4f7796", "#7e6495", "#5b8557", "#8c783f", "#91626d", "#4b8583", "#6f7f8d", "#7b6c59"),
 }
-"""Of fused sensors in their order, light and dark: told apart, and paler than the fused line."""
+"""Of fused sensors in their order, light and dark: easy to tell apart, and paler than the fused line."""
 
 
 @dataclass(frozen=True)
@@ -103,19 +103,19 @@ def short(name: str, limit: int) -> str:
 
 
 def dots(label: str, colour: str, size: float) -> dict[str, object]:
-    """Dots without a line between them; the range of y need not hold them."""
+    """Dots without a line between them; the range of y need not include them."""
     marks = {"show": True, "size": size, "space": 0, "fill": colour, "stroke": colour}
     return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
 
 
 def rings(label: str, colour: str, size: float) -> dict[str, object]:
-    """Thin rings around points of another line, which stay in sight."""
+    """Thin rings around points of another line, which stay visible."""
     marks = {"show": True, "size": size, "space": 0, "fill": "transparent", "stroke": colour, "width": 1.5}
     return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
 
 
 def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: bool = True) -> dict[str, object]:
-    """A line without marks; without a colour it is the edge of a band; the range of y need not hold it."""
+    """A line without marks; without a colour it is the edge of a band; the range of y includes it if `scaled`."""
     return {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}
 
 

@@ -24,7 +24,7 @@ class Thinning:
         self._places = Cache[NDArray[np.intp]]()
 
     def of(self, frame: Frame) -> NDArray[np.intp] | None:
-        """Places of the points to draw among those of the frame; None: all, where single samples can be seen."""
+        """Indices of the points to draw among those of the frame; None: all, where single samples are visible."""
         drawn = frame.drawn
         if drawn.band is None or frame.set_aside is not None or len(drawn.indices) <= MAX_MOVING_POINTS:
             return None
@@ -32,6 +32,6 @@ class Thinning:
 
 
 def places_to_keep(drawn: DrawnSamples) -> NDArray[np.intp]:
-    """Ascending: the first, the last, the highest, the lowest, and what keeps the look of raw signal and truth."""
+    """Ascending: the first, last, highest and lowest, and those that keep the shape of raw signal and truth."""
     chosen = choose_indices(drawn.raw, drawn.truth, MAX_MOVING_POINTS - 2)
     return np.union1d(chosen, (drawn.raw.argmin(), drawn.raw.argmax())).astype(np.intp)

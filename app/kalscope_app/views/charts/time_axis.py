@@ -24,9 +24,9 @@ def follows(frame: Frame) -> bool:
 
 
 def time_points(frame: Frame) -> tuple[Array, tuple[float, float] | None]:
-    """Where the samples stand on the time axis, s, and its range if that is not theirs.
+    """Times of the samples on the time axis, s, and the range of the axis if that is not theirs.
 
-    A window that follows counts back from the newest sample: its axis then stands still, and so does a zoom.
+    A window that follows counts back from the newest sample, so that neither its axis nor a zoom moves.
     """
     time, live = frame.drawn.time, frame.state.live
     if live is None or not follows(frame):
@@ -37,7 +37,7 @@ def time_points(frame: Frame) -> tuple[Array, tuple[float, float] | None]:
 
 
 def rounded_up(value: float) -> float:
-    """The next of 1, 2, 5 × 10^k, so that an axis that grows rests for a while."""
+    """The next of 1, 2, 5 × 10^k, so that a growing axis changes only now and then."""
     decade = 10.0 ** math.floor(math.log10(max(value, 1e-3)))
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value)
 

@@ -64,7 +64,7 @@ class BoardView:
         self._how.content = f"{capitalised(why)}." if why else HOW
 
     def show_check(self, text: str) -> None:
-        """Say how the board's curve compares."""
+        """Show how the board's curve compares."""
         self._text.content = text
 
 

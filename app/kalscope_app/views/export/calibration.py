@@ -26,19 +26,19 @@ from kalscope_app.views.markdown import capitalised, escape_markdown
 
 KEEP, FORGET = "Keep on the board", "Forget what the board keeps"
 MAX_SHOWN = 1000
-"""Letters of what a board said that are shown."""
+"""Characters of a board's answer that are shown."""
 
 
 class CalibrationView:
-    """Measures as a job of its own; what came back is filed in the session."""
+    """Measures in a job queue of its own; the result is filed in the session."""
 
     def __init__(
         self, gui: viser.GuiApi, session: Session, tell: Callable[..., None], connection: BoardConnection
     ) -> None:
         self._session, self._tell, self._connection = session, tell, connection
-        self._jobs = Jobs(tell)  # a measurement takes minutes: no search may wait for it
+        self._jobs = Jobs(tell)  # a measurement takes minutes: no search should wait for it
         self._stop, self._ended = threading.Event(), 0.0
-        self._running: float | None = None  # for so many seconds
+        self._running: float | None = None  # length of the running measurement, s
         with gui.add_folder("Noise measured by the board", visible=False) as self._folder:
             self._seconds = gui.add_text(
                 "measure for (s)", "10", hint="Keep what the sensor measures constant for so long."
@@ -70,7 +70,7 @@ class CalibrationView:
         clicked = time.monotonic()
 
         def work(state: State) -> None:
-            if clicked > self._ended:  # a second click during a measurement asks for no other one
+            if clicked > self._ended:  # a second click during a measurement does not start another
                 self._measure(state)
 
         self._jobs.run_with_state(self._session, work, Failed.MEASURE)
@@ -85,7 +85,7 @@ class CalibrationView:
             measured = measured_by_board(state, source, seconds, Progress(self._on_progress, stop.is_set))
         finally:
             self._ended, self._running = time.monotonic(), None
-            self._session.request(lambda state: state)  # and that of this one takes it away
+            self._session.request(lambda state: state)  # and the frame of this one hides it
         self._session.request(changes.set_calibration(measured))
         good = measured.values is not None
         self._tell(texts_of(measured, state.tuning.unit)[0], good=good, failed=Failed.MEASURE)
@@ -124,7 +124,7 @@ class CalibrationView:
 
 
 def texts_of(calibration: BoardCalibration, unit: str) -> tuple[str, ...]:
-    """What came of a measurement, in a sentence or two."""
+    """The result of a measurement, in a sentence or two."""
     found = calibration.found
     if found is None:
         return (f"{capitalised(calibration.failed)}.",)

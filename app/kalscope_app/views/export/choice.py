@@ -1,4 +1,4 @@
-"""What the user chose to export, what becomes of it on the device, and the files that hold it. Pure."""
+"""What the user chose to export, what will differ on the device, and the files to export. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from kalscope_app.session.state import State
 from kalscope_app.views.markdown import escape_markdown
 
 TITLES = {target.title: name for name, target in TARGETS.items() if target.is_offered}
-"""Targets by the words on screen."""
+"""Targets by their names on screen."""
 COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].is_common)
 """Those that the list of targets begins with."""
 
@@ -59,12 +59,12 @@ class Choice:
 
 @dataclass(frozen=True)
 class DeviceNotes:
-    """What stands below the choice."""
+    """The texts below the choice."""
 
     lag: str
     """The lag at the period of the device, markdown; "" where it is not known."""
     offer: str
-    """Label of the button that meets the goal there, or gives that up; "" = no button."""
+    """Label of the button that meets the goal there, or undoes that; "" = no button."""
     limits: str
     """What will differ from the screen, markdown; "" where nothing does."""
 
@@ -80,7 +80,7 @@ def has_calibration(target: str) -> bool:
 
 
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
-    """What becomes of the filter on screen at this choice. A study."""
+    """How the filter on screen will run on the device at this choice. A study."""
     lag = offer = ""
     if state.is_standard:
         with suppress(BadSetting):  # the limits say why
@@ -111,11 +111,11 @@ def _lag_notes(state: State, choice: Choice) -> tuple[str, str]:
 
 
 GOALS = {"lag_samples": "{}.", "cutoff_hz": "Cut-off {}.", "noise_reduction_db": "Noise {}.", "gain": "{}."}
-"""How the value of a goal stands beside the lag."""
+"""How the value of a goal is written beside the lag."""
 
 
 def _measured(tuning: Tuning, channel: str, name: str) -> tuple[float, str]:
-    """What a filter has of a goal, as a number and in words."""
+    """The value that a filter has for a goal, as a number and in words."""
     steady = steady_state(tuning.channel(channel).params, tuning.sample_period)
     if name == "lag_s":
         samples = float(steady.lag_samples)
@@ -135,7 +135,7 @@ def _in_words(name: str, value: float) -> str:
 
 
 def goal_of(state: State) -> Request | None:
-    """The goal that the filter on screen was found for; None where there is none any more."""
+    """The goal that the filter on screen was found for; None where there is no goal, or no longer one."""
     outcome = state.answers.outcome
     if outcome is None or outcome.after is None or outcome.request is None:
         return None
@@ -152,7 +152,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
         return float(np.abs(z[np.isfinite(z)]).max(initial=0.0)) or 1.0
 
     try:
-        files_of(state, choice)  # what would be refused is said before a button is pressed
+        files_of(state, choice)  # shows why an export would be refused before a button is pressed
         tuning = device_tuning(state, choice)
         limits = limits_of(tuning, None, choice.target, level, fixed_gains=choice.fixed_gains)
     except BadSetting as error:
@@ -183,7 +183,7 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
     """The tuning of the device: the chosen channels, or the sensors that are fused, at its period.
 
     Raises:
-        BadSetting: The period is none, or a channel has the Khan et al. filter.
+        BadSetting: The period is not valid, or a channel has the Khan et al. filter.
     """
     tuning = state.as_tuning()
     if state.fusion is not None:
@@ -201,7 +201,7 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
 
 
 def toggled(choice: Choice, state: State) -> Choice:
-    """The choice after a click on the button that meets the goal, or gives that up."""
+    """The choice after a click on the button that meets the goal, or undoes that."""
     goal = goal_of(state)
     return replace(choice, goal=None if choice.goal == goal else goal)
 

@@ -41,11 +41,11 @@ def with_tuning_file(state: State) -> str:
 
 
 def _command(words: Iterable[str]) -> str:
-    """A line for a terminal, as markdown; each word a piece of its own: no option breaks after its "-"."""
+    """A line for a terminal, as markdown; each word is marked up alone, so that no option breaks after its "-"."""
     return COMMAND + " ".join(f"`{word}`" for word in ("kalscope", *words))
 
 
 def shell_word(source: str) -> str:
-    """The source as one word of a command line; FILE where it could not stand in a line of code."""
+    """The source as one word of a command line; FILE where it cannot be shown in a line of code."""
     printable = source.isprintable() and "`" not in source and len(source) <= 200
     return shlex.quote(source) if source and printable else "FILE"

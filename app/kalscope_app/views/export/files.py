@@ -19,8 +19,8 @@ WIDE = """<style>
 }
 .mantine-Modal-content:has(.kalscope-files) .mantine-Flex-root > div:first-child { display: none; }
 </style><span class="kalscope-files"></span>"""
-"""viser's windows are 400 px wide and its text boxes 6 lines high, too small for code. A constant: no text from
-outside may ever come in here."""
+"""viser's windows are 400 px wide and its text boxes 6 lines high, too small for code. A constant: it must never
+contain text from outside."""
 
 
 def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:

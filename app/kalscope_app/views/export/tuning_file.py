@@ -69,7 +69,7 @@ class TuningFileView:
         return self._path.value.strip() or DEFAULT_NAME
 
     def _checked(self, name: str) -> Path:
-        """The path inside the folder of Kalscope; BadSetting where it leads out of it or is no tuning file's."""
+        """The path inside the folder of Kalscope; BadSetting where it is outside or not that of a tuning file."""
         path = check_inside(name, self._folder)
         if path.suffix != ENDING or any(part.startswith(".") for part in Path(name).parts if part != "."):
             raise BadSetting(f"the tuning file must be named like {DEFAULT_NAME} (got {name!r})")

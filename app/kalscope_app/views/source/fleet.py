@@ -36,9 +36,9 @@ log = logging.getLogger(__name__)
 
 NONE = "–"
 WATCH_S = 5.0
-"""Seconds after which the folder of a run that goes on is read again."""
+"""Seconds after which the folder of a run in progress is read again."""
 MAX_FAILURES = 5
-"""Times in a row that this may fail, as while the run merges its parts."""
+"""How many times in a row this may fail, for instance while the run merges its parts."""
 
 
 class FleetView:
@@ -120,7 +120,7 @@ class FleetView:
         return self._worker.run(partial(read_fleet, folder, whole=whole), one_line(folder.name)[:100])
 
     def _watch(self, opened: Fleet, fleet: Fleet) -> None:
-        """Read the folder of a run that goes on again in a while; `opened` is how it was at first."""
+        """Read the folder of a run in progress again later; `opened` is the fleet as first read."""
 
         def look() -> None:
             if self._jobs.is_full:  # the user's work comes first
@@ -134,7 +134,7 @@ class FleetView:
             timer.start()
 
     def _again(self, opened: Fleet, before: Fleet) -> None:
-        """Show what is new, while this fleet is looked at."""
+        """Show what is new, while this fleet is open."""
         shown = self._shown
         if opened is not self._opened or shown is None or shown.fleet.folder != before.folder:
             return

@@ -1,4 +1,4 @@
-"""What stands in the folder "Fleet" of the Source tab, as markdown; every name of the fleet is escaped. Pure."""
+"""The texts in the folder "Fleet" of the Source tab, as markdown; every name of the fleet is escaped. Pure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from kalscope.tuning.fleet.results.fleet import Fleet
 
 MAX_NAME = 16
-"""Letters of a name in the table."""
+"""Characters of a name in the table."""
 
 
 def about_fleet(fleet: Fleet) -> str:
-    """How many recordings there are, one filter for all, whom it serves, and how far a run is."""
+    """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
     failed = f", {count(fleet.failed)} without q and r" if fleet.failed else ""
     said = [f"{count(len(fleet))} {'row' if len(fleet) == 1 else 'rows'}{failed}."]
     if fleet.done is not None:

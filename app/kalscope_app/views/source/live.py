@@ -1,4 +1,4 @@
-"""A live board: choose its port, connect, see how the connection is, record."""
+"""A live board: choose its port, connect, see the state of the connection, record."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000,
 OTHER_RATE = "another"
 
 PORTS_INTERVAL = 2.0
-"""Seconds between two looks at the ports of the system."""
+"""Seconds between two queries of the system's ports."""
 
 
 class LiveView:
@@ -124,7 +124,7 @@ class LiveView:
         value = port_to_show(self._port.value, tuple(self._devices), tuple(devices), kept=kept)
         self._devices = devices
         offer(self._port, (*devices, TYPED), value)
-        self._show_typed()  # else it would be typed in vain
+        self._show_typed()  # otherwise a box could stay in which an address has no effect
 
     def _on_connect(self) -> None:
         spec = self._typed.value.strip() if self._port.value == TYPED else self._devices.get(self._port.value, "")
@@ -141,7 +141,7 @@ class LiveView:
         self._session.wakeup.set()  # the engine draws nothing by itself while a file is on screen
 
     def show(self, frame: Frame) -> None:
-        """Show how the connection is and what can be done."""
+        """Show the state of the connection and what can be done."""
         connection = frame.connection
         self._connect.visible, self._disconnect.visible = not connection.connected, connection.connected
         self._show_typed()
@@ -152,7 +152,7 @@ class LiveView:
 
 
 def has_baud(address: str) -> bool:
-    """Whether a baud rate means something at this address; at an unfinished one, too."""
+    """Whether this address uses a baud rate; True for an unfinished one, too."""
     transport = named_transport(address.strip())
     return transport is None or transport.has_baud
 
@@ -173,7 +173,7 @@ def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, k
 
 
 def status_text(status: LiveStatus) -> str:
-    """How the connection is, as markdown; what the board or the system sent is escaped."""
+    """The state of the connection, as markdown; what the board or the system sent is escaped."""
     lines = [f"**{escape_markdown(status.word, 200)}**: {escape_markdown(status.port, 200)}"]
     spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:

@@ -1,4 +1,4 @@
-"""The form with the import options, by the words of the command line."""
+"""The form with the import options, named as on the command line."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ ORDERS = {FOUND: "", "day first": "day", "month first": "month"}
 GAPS = {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"}
 """How long gaps in time are filtered."""
 CHOICES = {"delimiter": MARKS, "time_unit": UNITS, "decimal": POINTS, "day_first": ORDERS, "gaps": GAPS}
-"""What a menu says and the command line takes, by the name of the option."""
+"""What a menu shows and what the command line takes, by the name of the option."""
 
 LABELS = {
     "missing": "missing values",
@@ -90,7 +90,7 @@ LABELS = {
     "day_first": "date order",
     "rate": "rate (Hz)",
 }
-"""Labels of the boxes that are not called as the option is."""
+"""Labels of the boxes whose label is not the name of the option."""
 _MENTIONED = re.compile(
     r"--([a-z]{2,9}(?:-[a-z]{2,9})?)"
     r"""(?:[ =](NAME|"[^"]{1,200}"|-?[0-9][0-9.e+-]{0,30}|[a-z]{2,9})(?![\w.]))?"""

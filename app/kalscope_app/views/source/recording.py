@@ -1,4 +1,4 @@
-"""Record what a board sends: the name of the file, the buttons, and how the recording stands."""
+"""Record what a board sends: the name of the file, the buttons, and the status of the recording."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class RecordingView:
 
 
 def recording_text(recording: RecordingStatus | None) -> str:
-    """How the recording stands, as markdown; the name of the file is escaped."""
+    """The status of the recording, as markdown; the name of the file is escaped."""
     if recording is None:
         return ""
     lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]

@@ -75,7 +75,7 @@ class SamplesView:
         def work() -> None:
             from kalscope.papers.reproduction import reproduce  # with matplotlib, which starts slowly
 
-            if self._page is None:  # equal at every run
+            if self._page is None:  # the same at every run
                 with SlowJobProgress(self._progress, self._cancel) as shown:
                     self._page = reproduce(progress=shown.report, cancelled=stop.is_set)
             show_page(client, self._page)
@@ -104,7 +104,7 @@ def experiment_label(experiment: Experiment) -> str:
 
 
 def show_page(client: viser.ClientHandle, page: Reproduction) -> None:
-    """A window with Table 1, and the whole page to take along."""
+    """A window with Table 1, and the whole page as a download."""
     with client.gui.add_modal("Ma'arif 2019, Table 1") as window:
         client.gui.add_markdown(table_1(page))
         download = client.gui.add_button(

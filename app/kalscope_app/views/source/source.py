@@ -52,7 +52,7 @@ UPLOAD_ORDER = -1.0
 """Every browser gets an upload button of its own, above what is there already."""
 
 MAX_NAME = 100
-"""Letters of a name that a refusal shows."""
+"""Characters of a name that an error message shows."""
 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
@@ -176,7 +176,7 @@ class SourceView:
         """
 
         def work() -> None:
-            stop = self._stop = threading.Event()  # now: Cancel means what is being read, not what waits behind it
+            stop = self._stop = threading.Event()  # now: Cancel stops what is being read, not what is queued
             with SlowJobProgress(self._progress, self._cancel) as shown:
                 read = partial(reader, options)
                 recording = self._worker.run(read, one_line(what)[:MAX_NAME], shown.report, stop.is_set)

@@ -1,4 +1,4 @@
-"""Advice as buttons: what stands on each, and the one undoable step that it takes."""
+"""Advice as buttons: the label of each, and the one undoable step that it takes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def label_of(action: actions.Action | None, state: State) -> str:
-    """What stands on the button; "" where there is none, as for a new recording or a goal that is chosen."""
+    """The label of the button; "" where there is none, as for a new recording or a goal that is chosen already."""
     match action:
         case actions.AllowMomentum():
             words = "Allow momentum and fit again"
@@ -77,7 +77,7 @@ def request_of(action: actions.Action, state: State) -> Request | None:
 
 
 def stretch_text(state: State, first: int, last: int) -> str:
-    """A stretch of samples as it stands on the time axis: 12 to 19 s."""
+    """A stretch of samples by its times: 12 to 19 s."""
     time = state.recording.time
     clock = time_scale_for(float(time.max() - time.min()), state.recording.sample_period)
     ends = (float(time[at]) * clock.factor for at in (first, last - 1))

@@ -1,4 +1,4 @@
-"""What stands in place of the goal while a chain of filters runs: what q and r do then, and the way back."""
+"""What is shown in place of the goal while a chain of filters runs: what q and r do then, and a way back."""
 
 from __future__ import annotations
 

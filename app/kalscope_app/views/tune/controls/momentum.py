@@ -56,5 +56,5 @@ class MomentumControl(SliderWithText):
 
 
 def slider_label(momentum: float, period: float | None) -> str:
-    """What stands beside the slider: the momentum as a time, where the sample period (s) is known."""
+    """The label of the slider: the momentum as a time, where the sample period (s) is known."""
     return f"τ = {momentum_words(momentum, period)}" if momentum > 0.0 else "τ off"
