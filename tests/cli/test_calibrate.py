@@ -31,7 +31,7 @@ def test_it_prints_both_figures_of_each_channel_and_keeps_them_where_that_was_as
     assert run(["calibrate", board.port, "--seconds", "2", "--channel", "temp", "--keep"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("temp: r = ")
-    assert said.endswith("Kept: from its next start on the board uses these values.\n")
+    assert said.endswith("Kept: the board uses these values from its next start.\n")
     assert [line for line in board.asked if line != "?"] == ["c 2", "2 c 2", "k"]
     assert board.kept
 

@@ -148,7 +148,7 @@ def test_loops_run_where_no_folder_takes_their_cache(monkeypatch):
     monkeypatch.setattr(compiled, "_no_folder", threading.Event())
     loop = compiled.compiled()(doubled)
     assert loop(np.ones(3)) == 6.0
-    assert "at each start, as no folder takes the result" in str(Compiling(1, is_busy=True))
+    assert "at each start, because no cache folder is writable" in str(Compiling(1, is_busy=True))
 
 
 def doubled(z):

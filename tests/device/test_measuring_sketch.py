@@ -144,7 +144,7 @@ def test_the_command_lets_it_measure_and_compares_the_same_samples(start_board, 
     assert re.findall(r"^(\w+): r = .* from ", said, re.M) == ["slow", "drifts", "spiky", "loud"]
     assert len(re.findall(r" here from the same samples: equal within (0\.\d+|1) %\.", said)) == 4
     assert re.search(r"spiky: .* spikes left out, \d+ missing", said)
-    assert said.endswith("Kept: from its next start on the board uses these values.\n")
+    assert said.endswith("Kept: the board uses these values from its next start.\n")
 
 
 def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(talk, workshop):

@@ -1,1 +1,1 @@
-"""What a record and its residuals tell: diagnostics, spectrum, Allan deviation, simpler filters."""
+"""Analysis of a record and its residuals: diagnostics, spectrum, Allan deviation, simpler filters."""

@@ -1,4 +1,4 @@
-"""Advice that can be taken: a sentence, and a value that names the one thing to do about it.
+"""Advice: a sentence, and a value that names the action to take.
 
 The command line turns an action into the option that does it, the dashboard into a button.
 """
@@ -31,7 +31,7 @@ Status = Literal[
     "methods_differ",
     "no_pair",
 ]
-"""What is said first: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
+"""The most urgent finding: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
 "weak", the best fit hardly filters; "too_few" or "constant", nothing to judge; "start", the given x0 is off;
 "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by
 one factor; "as_chosen", the best fit is another filter than the chosen one; "structure", the model does not
@@ -51,12 +51,12 @@ class Scale:
 
 @dataclass(frozen=True)
 class SetRatio:
-    """Give both variances: λ = q/r in place of an edge, q = 0 or r = 0."""
+    """Set both variances: λ = q/r instead of an edge, q = 0 or r = 0."""
 
     ratio: float
     """λ, above 0 and finite."""
     factor: float = 1.0
-    """Multiply by it the variance that is not 0, 1e-12 … 1e12; the other one follows by λ."""
+    """Factor for the variance that is not 0, 1e-12 … 1e12; the other one follows from λ."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class SetGate:
     """Set the outlier gate, or switch it off."""
 
     sigma: float | None
-    """Residuals beyond so many σ are refused (`FilterParams.gate` is its square); None = off."""
+    """Residuals beyond this many σ are refused (`FilterParams.gate` is its square); None = off."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class AllowMomentum:
     """Estimate q, r and momentum together."""
 
     momentum: float
-    """About what will come out, nominal sample periods, above 0."""
+    """The approximate result, nominal sample periods, above 0."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class RecordLonger:
     """Record again."""
 
     samples: int
-    """How many are needed at least; 0 = not known."""
+    """Least number needed; 0 = not known."""
 
 
 Action = (
@@ -131,7 +131,7 @@ Action = (
     | UnsetStart
     | RecordLonger
 )
-"""Every action; a program that takes advice must know what to do about each of them."""
+"""Every action; a program that applies advice must handle each of them."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class Advice:
     text: str
     """One clause without capital and full stop, such as "too slow: raise q about 10 ×"; true without the action."""
     action: Action | None = None
-    """What does it; None where there is nothing to do about it."""
+    """The action to take; None where there is nothing to do."""
 
 
 def as_sentences(said: str) -> str:

@@ -1,4 +1,4 @@
-"""What each channel of a recording is: a measurement, or a counter, a clock, a flag, a code, a place.
+"""What each channel of a recording is: a measurement, or a counter, a clock, a flag, a code, a position.
 
 The values decide; names only tell apart what looks alike, such as a clock of odd steps and a rising measurement.
 """
@@ -36,7 +36,7 @@ MIN_SHARE = 0.1
 MAX_CODES = 12
 """Distinct whole numbers of a code: a status, a class."""
 MIN_RISES = 100
-"""As many rising samples without one fall are no measurement, whatever their name: noise falls now and then."""
+"""This many rising samples without a fall are not a measurement, whatever their name: noise falls now and then."""
 _BLOCK = 2000
 
 _CODE_WORDS = {
@@ -155,12 +155,12 @@ class _Channel:
 
     @cached_property
     def rise(self) -> _Rise | None:
-        """How the samples rise; None where they do more than rise, begin again and step back a little."""
+        """How the samples rise; None where they do anything but rise, start again or step back a little."""
         z, steps = self.z, np.diff(self.z)
         up, falls = steps[steps > 0.0], np.flatnonzero(steps < 0.0)
         if not len(up) or len(falls) > 0.2 * len(steps):
             return None
-        # What wraps falls to where it begins. Runs of a long recording meet twice, there a fall says nothing.
+        # A wrapped value falls to where it began. A fall where runs of a long recording join means nothing.
         low, high = (float(end) for end in np.quantile(z, (0.01, 0.99)))
         grows = float(-np.sum(steps[falls])) <= 0.05 * float(np.sum(up))
         begins_again = np.count_nonzero(z[falls + 1] <= low + 0.1 * (high - low)) + 2 >= 0.9 * len(falls)
@@ -173,7 +173,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Rise:
-    """Samples that rise, and begin again at times."""
+    """Samples that rise, and sometimes start again."""
 
     steps: int
     """Steps from one sample to the next."""
@@ -196,7 +196,7 @@ class _Rise:
 
 
 def _is_time_step(it: _Channel) -> bool:
-    """Whether a column says again how far the stamps are apart, in s or in a thousandth or millionth of it."""
+    """Whether a column repeats the time between the stamps, in s, ms or µs."""
     forward = it.steps > 0.0
     ratio = np.abs(it.column[1:][forward]) / it.steps[forward]
     scale = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else math.nan
@@ -245,4 +245,4 @@ _RULES: tuple[tuple[str, Callable[[_Channel], bool]], ...] = (
     (CODE, lambda it: it.whole and it.distinct <= MAX_CODES and bool(it.words & _CODE_WORDS)),
     (POSITION, lambda it: bool(it.words & _PLACE_WORDS) and float(np.max(np.abs(it.z))) <= 360.0),
 )
-"""The first that holds decides; a channel of which none holds measures something."""
+"""The first rule that holds decides; a channel for which none holds measures something."""

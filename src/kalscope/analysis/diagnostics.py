@@ -164,13 +164,13 @@ def diagnose_held_out(
 
 
 def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, first: int = 0) -> Diagnostics:
-    """`diagnose` of one channel, whose filter need not have been kept.
+    """`diagnose` of one channel, whose filter output need not be stored.
 
     Args:
         run: the filter over the channel.
         lags: as for `diagnose`.
         fitted: as for `diagnose`.
-        first: where its first sample stands in the record; 0 = it is the first, and may follow a given start.
+        first: index of its first sample in the record; 0 = it is the first, and may follow a given start.
     """
     e, residuals = np.empty(run.n), _Residuals(run.n)
     for begin, columns in run.pieces():
@@ -225,7 +225,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
 
 
 def _values_at(e: Array, at: Indices) -> Array:
-    """The residuals at ascending places; a view where they stand in a row, which takes no memory."""
+    """The residuals at ascending indices; a view where these are consecutive, which takes no memory."""
     in_a_row = len(at) > 0 and at[-1] - at[0] == len(at) - 1
     return e[at[0] : at[0] + len(at)] if in_a_row else e[at]
 
@@ -274,7 +274,7 @@ class _Residuals:
         return k, v, s
 
     def refusals(self) -> NDArray[np.int64]:
-        """The samples that the gate refused, rising."""
+        """The samples that the gate refused, ascending."""
         return np.concatenate(self._refused) if self._refused else np.zeros(0, dtype=np.int64)
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 from kalscope.analysis.actions import Advice, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, Status
 
 Tone = Literal["good", "note", "bad"]
-"""How a judgement sounds: nothing to correct; something to know; something that should be corrected."""
+"""The tone of a judgement: nothing to correct; something to know; something that should be corrected."""
 
 WORDS: dict[Status, tuple[str, Tone]] = {
     "fits": ("fits", "good"),

@@ -13,7 +13,7 @@ from kalscope.analysis.residual_tests import dot
 from kalscope.common.text import correlation, number
 
 CERTAIN = 4.0
-"""Standard errors by which the second half must differ before it is said."""
+"""Standard errors by which the second half must differ before this is reported."""
 
 BLOCKS = 16
 """Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""

@@ -142,7 +142,7 @@ def _judged(
 
 
 def _with_next_step(said: list[Finding], estimate: Estimate, lag_costs: bool) -> list[Finding]:
-    """The findings on the best fit, which end with something to do where it may look worse than what was before."""
+    """The findings on the best fit, which end with an action where it may look worse than the previous filter."""
     told = any(advice.action is not None or status in ("start", "constant") for status, advice in said)
     if estimate.params is None or told:
         return said
@@ -157,7 +157,7 @@ def _with_next_step(said: list[Finding], estimate: Estimate, lag_costs: bool) ->
 
 
 def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice: Choice, halves: str) -> Judgement:
-    """A filter that nothing speaks against that is worth a change."""
+    """A filter without a misfit that is worth correcting."""
     n, refused = residuals.findings.n, residuals.findings.refused
     misfit = small_misfit(residuals, held_out)
     if n < FEW:
@@ -209,7 +209,7 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
 
 
 def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:
-    """What speaks against a filter whose residuals on the whole record are white and of the right size."""
+    """The evidence against a filter whose residuals on the whole record are white and of the right size."""
     verdict = "" if estimate is None else str(estimate.verdict)
     if verdict == "flat":
         return [("vague", Advice("take r from a still stretch or the data sheet, or record longer", GiveNoise()))]

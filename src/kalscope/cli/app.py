@@ -1,6 +1,6 @@
 """The headless commands. `run` is the whole program; the dashboard offers its own command too.
 
-What a command needs is imported when it runs, so that --help and a mistyped option answer at once.
+What a command needs is imported when it runs, so that --help and a mistyped option respond at once.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ app = typer.Typer(
 def run(argv: Sequence[str] | None = None) -> int:
     """Run the program and give its exit status; `argv` without the program's name, None = sys.argv.
 
-    Every mistake of the user ends with status 2 and one line on stderr that begins with "kalscope: ".
+    Every user error ends with status 2 and one line on stderr that begins with "kalscope: ".
     """
     try:
         status = app(args=None if argv is None else list(argv), prog_name="kalscope", standalone_mode=False)

@@ -31,11 +31,11 @@ PROGRESS_DELAY_S = 1.0
 PROGRESS_INTERVAL_S = 0.1
 """Least time between two updates of the progress, s."""
 _NO_MEMORY = re.compile("failed to map segment|annot allocate memory|can't start new thread")
-"""How Python, and a library that cannot be loaded, say that there is no more."""
+"""How Python, and a library that cannot be loaded, report that memory has run out."""
 
 
 def say(message: str) -> None:
-    """Print one line on stderr, if it still leads anywhere."""
+    """Print one line on stderr, if it is still open."""
     with suppress(OSError):
         print(f"kalscope: {one_line(message)}", file=sys.stderr, flush=True)
 
@@ -60,7 +60,7 @@ def user_message(error: Exception) -> str | None:
     if isinstance(error, FileNotFoundError) and error.filename is None and not _has_working_folder():
         return "the folder in which kalscope was started must exist (it was removed or renamed)"
     if isinstance(error, MemoryError) or (not isinstance(error, OSError) and _NO_MEMORY.search(str(error))):
-        return "the system must have memory left for this, and ulimit -v allow it (got no more)"
+        return "the system must have free memory for this, and ulimit -v must allow it (got none)"
     if isinstance(error, KalscopeError | OSError):
         return describe(error)
     # Typer's usage errors; it brought its own copy of click's classes in 0.2x, the method is common to both.
@@ -95,7 +95,7 @@ def open_stdout() -> Generator[BinaryIO]:
 def writes_stdout() -> Generator[None]:
     """Write what the block printed when it ends.
 
-    Where the reader goes away the command ends with status 0: `kalscope filter … | head` has all it needs.
+    If the reader closes the pipe, the command ends with status 0: `kalscope filter … | head` has all it needs.
     """
     try:
         yield

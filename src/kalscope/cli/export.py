@@ -34,12 +34,14 @@ def export_command(
     vectors: Annotated[
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
-    sample_period: Annotated[float | None, number_option("Of the device, s: q and momentum are rescaled.")] = None,
+    sample_period: Annotated[
+        float | None, number_option("That of the device, s: q and momentum are rescaled.")
+    ] = None,
     fixed: Annotated[
-        bool, typer.Option("--fixed-gains", help="Only the settled filter, whose gains never change (c, arduino).")
+        bool, typer.Option("--fixed-gains", help="Write only the settled filter, with constant gains (c, arduino).")
     ] = False,
     calibration: Annotated[
-        bool, typer.Option("--calibration", help="With a sketch that measures r itself when asked (arduino).")
+        bool, typer.Option("--calibration", help="Write a sketch that can measure r on command (arduino).")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     reading: ReadOptions = DEFAULTS,

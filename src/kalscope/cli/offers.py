@@ -1,4 +1,4 @@
-"""Commands that are imported when they run: --help and a mistyped option do not wait for all that others need."""
+"""Commands that are imported when they run: --help and a mistyped option do not wait for what the others import."""
 
 from __future__ import annotations
 

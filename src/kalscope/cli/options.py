@@ -22,7 +22,7 @@ class BadValue(typer.BadParameter):
         super().__init__(f"must be {must} (got {text!r})")
 
     def format_message(self) -> str:
-        """The whole message; typer has noted the option meanwhile."""
+        """The whole message; by now typer has set the option."""
         return f"{self.param.opts[0]} {self.message}" if self.param else self.message
 
 
@@ -43,7 +43,7 @@ def positive(text: str) -> float:
 
 
 def percentage(text: str) -> float:
-    """The percentage that was typed, with or without its sign, as a share."""
+    """The percentage that was typed, with or without a % sign, as a share."""
     value = _float(text.removesuffix("%"))
     if not 0.0 <= value < 100.0:
         raise BadValue("a percentage from 0 to 100", text)
@@ -51,7 +51,7 @@ def percentage(text: str) -> float:
 
 
 def number_or(word: str) -> Callable[[str], float]:
-    """A parser that takes a number, or `word` and then gives NaN."""
+    """A parser that takes a number, or `word`, for which it returns NaN."""
 
     def parse(text: str) -> float:
         value = _float(text)
@@ -108,12 +108,8 @@ def read_options(
         str | None, text_option("MARK", "comma, semicolon, tab, bar or space; default: detected.")
     ] = None,
     decimal: Annotated[str | None, text_option("MARK", "Decimal mark: point or comma; default: detected.")] = None,
-    header_row: Annotated[
-        str | None, text_option("N", "Line with the names, counted from 1; 0: there is none.")
-    ] = None,
-    unit_row: Annotated[
-        str | None, text_option("N", "Line with the units, counted from 1; 0: there is none.")
-    ] = None,
+    header_row: Annotated[str | None, text_option("N", "Line with the names, counted from 1; 0 = none.")] = None,
+    unit_row: Annotated[str | None, text_option("N", "Line with the units, counted from 1; 0 = none.")] = None,
     time_column: Annotated[
         str | None, text_option("NAME", 'Name or number (from 1) of the time column, or "none".')
     ] = None,
@@ -131,7 +127,10 @@ def read_options(
         list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
     ] = None,
     gaps: Annotated[
-        str | None, text_option("HOW", "Gaps in time: rows (there are none; default), missing (samples), or dt.")
+        str | None,
+        text_option(
+            "HOW", "Gaps in time: rows (ignored; default), missing (adds missing samples), dt (elapsed time)."
+        ),
     ] = None,
     part: Annotated[
         str | None, text_option("NAME", "Sheet, topic, group or variable of a file that holds several.")

@@ -27,10 +27,11 @@ def report_command(
     ],
     channel: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Default: what --config fuses, else the one that was on screen."),
+        typer.Option(metavar="NAME", help="Default: the fusion in --config, else its selected channel."),
     ] = None,
     momentum: Annotated[
-        float | None, number_option("In sample periods, in place of that of --config; q and r stay.", number)
+        float | None,
+        number_option("In sample periods, instead of that in --config; q and r do not change.", number),
     ] = None,
     overshoot: Annotated[
         float | None,
@@ -60,7 +61,7 @@ def report_command(
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     if momentum is not None and overshoot is not None:
-        raise BadSetting("--overshoot must stand without --momentum, which follows from it (got both)")
+        raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
     fused = tuning.fusion is not None and channel is None
     if fused and (momentum is not None or overshoot is not None):

@@ -23,7 +23,7 @@ def reproduce_command(
 
     Writes their tables and figures to index.html and results.json in DIR.
 
-    Exit status 1 where a reproduced number leaves its tolerance.
+    Exit status 1 if a reproduced number is outside its tolerance.
     """
     from kalscope.common.files import write_atomic
     from kalscope.papers.reproduction import reproduce
@@ -38,12 +38,12 @@ def reproduce_command(
     write_output(iter([done.json if as_json else summary(done, output)]), None)
     if done.failed:
         names = "; ".join(map(str, done.failed))
-        say(f"{len(done.failed)} of {len(done.checks)} numbers left their tolerance: {names}")
+        say(f"{len(done.failed)} of {len(done.checks)} numbers are outside their tolerance: {names}")
         raise typer.Exit(CHECK_FAILED)
 
 
 def summary(done: Reproduction, folder: Path) -> str:
-    """Table 1 and where the page lies, as text."""
+    """Table 1 and the path of the page, as text."""
     from kalscope.common.text import one_line
 
     lines = [f"{'R':>6} {'Q':>6} {'printed':>10} {'simulated':>10} {'theory':>10}"]
@@ -51,6 +51,6 @@ def summary(done: Reproduction, folder: Path) -> str:
         numbers = " ".join(f"{row[key]:10.4f}" for key in ("printed", "simulated", "theoretical"))
         lines.append(f"{row['r']:6g} {row['q']:6g} {numbers}")
     within = len(done.checks) - len(done.failed)
-    lines.append(f"{within} of {len(done.checks)} reproduced numbers stay in their tolerance.")
+    lines.append(f"{within} of {len(done.checks)} reproduced numbers are within their tolerance.")
     lines.append(f"Page: {one_line(str(folder / 'index.html'))}")
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""The array types of signals, and of places in them."""
+"""The array types of signals, and of positions in them."""
 
 from __future__ import annotations
 

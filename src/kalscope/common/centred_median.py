@@ -1,4 +1,4 @@
-"""The median of a short window around each value; the median of a chain, which knows only the past, is a filter.
+"""The median of a short window around each value; the median of a chain, which sees only the past, is a filter.
 
 scipy.ndimage has one as fast, but takes 0.1 s to import, which `kalscope tune` on a small file would wait for.
 """

@@ -8,7 +8,7 @@ import sys
 from kalscope.errors import BadSetting
 
 PERIODS = (1e-50, 1e50)
-"""Sample periods in s within which rates, and their squares, are numbers."""
+"""Sample periods in s within which rates and their squares are finite."""
 
 
 def check_sample_period(period: float) -> None:
@@ -29,7 +29,7 @@ def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> 
 
 
 def _number(value: object) -> float:
-    """`value` as a float; NaN where it is no number, as a text is none."""
+    """`value` as a float; NaN where it is not a number; a string is none."""
     if isinstance(value, str):
         return math.nan
     try:

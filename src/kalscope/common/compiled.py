@@ -1,6 +1,7 @@
 """Loops that numba compiles, or loads from its cache on the disk, when they are first needed.
 
-numba takes 0.4 s to import and to set up, longer than all else that a command does with a small file. So some loops
+numba takes 0.4 s to import and to set up, longer than everything else that a command does with a small file. So
+some loops
 run at first as the Python that they are written in, and are compiled once they have taken many samples.
 """
 
@@ -42,7 +43,7 @@ def compiled(*, plain: bool = False, **options: Any) -> Callable[[Callable[P, R]
 
 @dataclass(frozen=True)
 class Compiling:
-    """How far the loops are that had to be compiled, because they were not in the cache."""
+    """How many of the loops that were not in the cache have been compiled."""
 
     done: int
     """Loops compiled so far."""
@@ -50,7 +51,11 @@ class Compiling:
     """Whether one is being compiled."""
 
     def __str__(self) -> str:
-        often = "at each start, as no folder takes the result" if _no_folder.is_set() else "only at the first start"
+        often = (
+            "at each start, because no cache folder is writable"
+            if _no_folder.is_set()
+            else "only at the first start"
+        )
         return f"compiling for this computer, {often}: {self.done} done"
 
 
@@ -128,7 +133,7 @@ class Compiled(Generic[P, R]):
 
 
 def _plain(value: Any) -> Any:
-    """What makes plain Python of an argument: arrays as memory that holds Python's own numbers."""
+    """An argument for plain Python: arrays become memoryviews, which yield Python's own numbers."""
     if isinstance(value, np.ndarray):
         return memoryview(cast("Any", value))
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Files that are whole or untouched, and paths that stay where they may be.
+"""Files that are whole or untouched, and paths that stay inside their folder.
 
 A rewrite in place leaves a torn file when the program is killed half-way, and shows one to concurrent readers. A
 temporary file in the same folder that is renamed over the old one does neither.
@@ -22,7 +22,7 @@ from kalscope.common.stopping import removed_at_stop
 from kalscope.errors import BadSetting
 
 _LEFTOVER_AGE_S = 60.0
-"""Temporary files untouched for so long belong to a run that was killed, s."""
+"""Temporary files untouched for this long belong to a run that was killed, s."""
 _REPLACE_ATTEMPTS = 20 if os.name == "nt" else 1
 """On Windows a virus scanner or an editor may hold the old file open for a moment."""
 _REPLACE_PAUSE_S = 0.05
@@ -48,7 +48,7 @@ def write_atomic(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def write_private(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write `data` to `path` as `write_atomic` does, but such that at no moment another user can read it.
+    """Write `data` to `path` as `write_atomic` does, but so that no other user can read it at any moment.
 
     Args:
         path: The file to create or to replace. A symbolic link is replaced, not followed.
@@ -178,7 +178,7 @@ def _create(temporary: Path, permissions: int) -> BinaryIO:
 
 
 def _sweep(target: Path) -> None:
-    """Remove what killed runs left beside `target`. Never fails: it is a courtesy."""
+    """Remove what killed runs left beside `target`. Errors are ignored: the write does not depend on it."""
     leftover = re.compile(re.escape(_prefix(target)) + r"[0-9a-f]{16}\.tmp")
     oldest = time.time() - _LEFTOVER_AGE_S
     with suppress(OSError), os.scandir(target.parent) as entries:
@@ -190,7 +190,7 @@ def _sweep(target: Path) -> None:
 
 
 def _replace(temporary: Path, target: Path) -> None:
-    """Rename over the old file, patiently where another program may hold it open."""
+    """Rename over the old file, with retries where another program may hold it open."""
     for attempt in range(1, _REPLACE_ATTEMPTS + 1):
         try:
             os.replace(temporary, target)
@@ -202,7 +202,7 @@ def _replace(temporary: Path, target: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Put the new name on the disk too; some file systems refuse, and the data is safe all the same."""
+    """Put the new name on the disk too; some file systems refuse, but the data is safe anyway."""
     if os.name == "nt":
         return
     with suppress(OSError):

@@ -18,7 +18,7 @@ _USED = Path("/proc/self/statm")
 def free_memory() -> int | None:
     """Bytes that can still be allocated without swapping, within the limits of a container; None if unknown.
 
-    Known on Linux only: the least of what the kernel calls available and what is left in each control group.
+    Known on Linux only: the smallest of what the kernel calls available and what is left in each control group.
     """
     with suppress(OSError, ValueError):
         fields = dict(line.split(":", 1) for line in _MEMORY.read_text().splitlines())

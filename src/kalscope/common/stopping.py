@@ -1,9 +1,9 @@
-"""Ctrl+C, SIGTERM and the closing of the terminal end the program, whatever it is doing.
+"""Ctrl+C, SIGTERM and closing the terminal end the program, whatever it is doing.
 
-The first signal counts, and further ones change nothing. It raises SystemExit where the program is, which removes
-unfinished files on its way out; a command that has something to finish gets an event in its place (`stop_signals`).
-A program that has not ended some time later, because it computes or waits where Python cannot interrupt it, is left
-where it is, without the processes and files of `done_at_stop` and `removed_at_stop`. Only the standard library is
+The first signal counts, and further ones change nothing. It raises SystemExit at the current line, which removes
+unfinished files on its way out; a command that has something to finish gets an event instead (`stop_signals`).
+A program that has not ended some time later, because it computes or waits where Python cannot interrupt it, is
+terminated after the actions of `done_at_stop` and `removed_at_stop`. Only the standard library is
 imported: a program calls this before it imports anything that takes long.
 """
 
@@ -25,12 +25,12 @@ MAX_FINISH_S = 5.0
 """Longest time for a command that has something to finish, s; it takes two seconds unless the machine is busy."""
 STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _LAST_S = 0.2
-"""Longest time to write the last line, which nobody may read any more, and to leave nothing behind, each, s."""
+"""Longest time to write the last line, which may no longer have a reader, and to clean up, each, s."""
 _NOTHING_KEPT = "no file is left half-written"
 
 
 INTERRUPTED = 128 + signal.SIGINT
-"""Exit status after Ctrl+C, as a shell counts it; after another signal its number stands in place of SIGINT's."""
+"""Exit status after Ctrl+C, as a shell counts it; after another signal its number replaces that of SIGINT."""
 
 
 class Stop(threading.Event):
@@ -65,7 +65,7 @@ class Stop(threading.Event):
 
 
 def stopped_by(number: int, kept: str) -> str:
-    """What is said at the end that a signal asked for: its name, and what is kept of the work."""
+    """The last line of a program that a signal ended: the name of the signal, and what is kept of the work."""
     name = "Ctrl+C" if number == signal.SIGINT else signal.Signals(number).name
     return f"stopped by {name}: {kept}"
 
@@ -80,13 +80,13 @@ class _Ending:
     stop: Stop | None = None
     """Of the command that ends itself."""
     is_own = False
-    """Whether the command was told, and ends itself."""
+    """Whether the command got the event, and ends itself."""
     within = MAX_FINISH_S
     kept: Callable[[], str] = staticmethod(lambda: _NOTHING_KEPT)
 
     def __init__(self) -> None:
         self.last: dict[object, Callable[[], None]] = {}
-        """What leaves nothing behind, newest last."""
+        """The clean-up actions, newest last."""
 
 
 _ending = _Ending()
@@ -111,10 +111,10 @@ def ended_by_signals() -> Generator[None]:
 
 @contextmanager
 def stop_signals(kept: Callable[[], str] | None = None, *, within: float = MAX_FINISH_S) -> Generator[Stop]:
-    """An event that Ctrl+C, SIGTERM or the closing of the terminal sets while the block runs, which ends itself.
+    """An event that Ctrl+C, SIGTERM or closing the terminal sets while the block runs; the block must then end.
 
     Args:
-        kept: What to say of the work where the program has to be left, one line without control characters.
+        kept: What to say of the work if the program has to be terminated, one line without control characters.
         within: Time after which it is, s.
     """
     stop = Stop()
@@ -150,7 +150,7 @@ def done_at_stop(action: Callable[[], None]) -> Generator[None]:
 
 @contextmanager
 def removed_at_stop(path: str | os.PathLike[str]) -> Generator[None]:
-    """While the block runs, this file or folder is unfinished: the block removes it, or the end of the program."""
+    """While the block runs, this file or folder is unfinished: the block or the end of the program removes it."""
     name = os.fspath(path)
     with done_at_stop(lambda: _remove(name)):
         yield
@@ -163,7 +163,7 @@ def is_ending() -> bool:
 
 @contextmanager
 def said_at_stop(kept: Callable[[], str]) -> Generator[None]:
-    """While the block runs, a signal that ends the program says this of its work: one line of plain text."""
+    """While the block runs, a signal that ends the program prints this about its work: one line of plain text."""
     before, _ending.kept = _ending.kept, kept
     try:
         yield
@@ -173,14 +173,14 @@ def said_at_stop(kept: Callable[[], str]) -> Generator[None]:
 
 
 def _watch_signals() -> None:
-    """Handle the signals from now on, and let a thread see to it that they end the program."""
+    """Handle the signals from now on, and start a thread that ensures that they end the program."""
     _open_missing_streams()  # first: a socket would take their place
     _ending.is_watched = True
-    heard, woken = socket.socketpair()
-    woken.setblocking(False)
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
     numbers = frozenset(_handle_signals())
-    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(heard, woken, numbers), daemon=True).start()
+    signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(reader, writer, numbers), daemon=True).start()
 
 
 def _handle_signals() -> dict[int, Any]:
@@ -205,9 +205,9 @@ def _on_signal(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
 
-def _watch(heard: socket.socket, _kept_open: socket.socket, numbers: frozenset[int]) -> None:
+def _watch(reader: socket.socket, _kept_open: socket.socket, numbers: frozenset[int]) -> None:
     """End the program that does not end by itself; the system writes the signal before Python can handle it."""
-    while (number := heard.recv(1)[0]) not in numbers:
+    while (number := reader.recv(1)[0]) not in numbers:
         pass
     time.sleep(MAX_STOP_S)
     if _ending.is_own or _ending.stop is not None:
@@ -217,9 +217,9 @@ def _watch(heard: socket.socket, _kept_open: socket.socket, numbers: frozenset[i
 
 
 def _end_now() -> None:
-    """Say what was kept, and leave: what would be flushed or joined at a usual end may hang."""
+    """Say what was kept, and exit at once: what a normal exit flushes or joins may hang."""
     _last.acquire()  # and never released: the other thread that comes here waits for the end
-    for last in (_say, _leave_nothing):
+    for last in (_say, _clean_up):
         thread = threading.Thread(target=last, daemon=True)
         thread.start()
         thread.join(_LAST_S)
@@ -231,7 +231,7 @@ def _say() -> None:
         os.write(2, f"kalscope: {stopped_by(_ending.number, _ending.kept())}\n".encode("utf-8", "replace"))
 
 
-def _leave_nothing() -> None:
+def _clean_up() -> None:
     for action in reversed([*_ending.last.values()]):
         with suppress(Exception):
             action()

@@ -33,7 +33,7 @@ MIN_NUMBER = 5e-324
 """The smallest number above 0 that a computer holds."""
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-"""What moves the cursor, changes colours or turns the direction of a terminal, but for tabs and line ends."""
+"""What moves the cursor, changes colours or turns the direction of a terminal, except tabs and line ends."""
 
 FREQUENCIES = (("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6))
 """Units of a frequency in Hz."""

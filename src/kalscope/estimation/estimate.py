@@ -43,7 +43,7 @@ def estimate(
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.
         momentum: τ in nominal sample periods, 0 … 1e5; 0 = none, the five lines. "auto" = find it, and take it
-            where both the likelihood and the prediction of unseen samples speak for it. Only "ml" knows momentum:
+            where both the likelihood and the prediction of unseen samples favour it. Only "ml" supports momentum:
             with another method "auto" is 0.
         robust: whether spikes, samples that neither those before nor those after predict, are set aside before the
             fit: True always, False never, "auto" where there are any. Only "ml" can: with another method "auto" is
@@ -53,7 +53,7 @@ def estimate(
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
 
     Raises:
-        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown, or knows no
+        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown, or does not support
             momentum; momentum is out of its range; robust is something else.
         Cancelled: `cancelled()` was true.
 
@@ -85,7 +85,7 @@ def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | 
     """τ in sample periods, as the filter will take it; None = to be found.
 
     Raises:
-        BadSetting: it is out of its range, or above 0 for a method that knows no momentum.
+        BadSetting: it is out of its range, or above 0 for a method that does not support momentum.
     """
     if isinstance(momentum, str) and momentum == "auto":
         return None if method == "ml" else 0.0

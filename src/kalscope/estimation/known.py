@@ -65,7 +65,7 @@ def params_for_specification(
         noise_reduction_db: white noise, in to out.
         sample_period: nominal sample period in s, for a target in s or Hz.
         momentum: τ of the filter in sample periods, 0 … 1e5.
-        overshoot: how far the answer to a step may go beyond it, share of the step, about 0.2 at most; 0 is the
+        overshoot: how far the step response may go beyond the step, share of the step, about 0.2 at most; 0 is the
             filter without momentum. In place of `momentum`.
 
     Raises:
@@ -87,7 +87,7 @@ def params_for_specification(
     noise = above_zero("r", r, MAX_VARIANCE)
     if overshoot is not None:
         if momentum:
-            raise BadSetting(f"overshoot must come without momentum, which follows from it (got {momentum:g} too)")
+            raise BadSetting(f"overshoot must be given without momentum, which follows from it (got {momentum:g})")
         momentum = momentum_for_overshoot(overshoot, ratio_at)
     return FilterParams(q=ratio_at(momentum) * noise, r=noise, momentum=momentum)
 
@@ -162,7 +162,7 @@ def above_rounding(fit: Fit) -> Fit:
 
     Readings in steps of Δ carry Δ²/12 at least. A fit that finds less takes the constant stretches between two
     steps for a signal without noise: then r is Δ²/12, q the most likely one with it, and the verdict
-    "below_resolution". Where few readings repeat, the signal moves by more than a step, and rounding is no matter.
+    "below_resolution". Where few readings repeat, the signal moves by more than a step: rounding is negligible.
 
     Source: Widrow (1956) for Δ²/12.
     """

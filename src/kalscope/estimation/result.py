@@ -84,7 +84,7 @@ class Estimate:
     plain_momentum: Value = 0.0
     """The momentum of the fit to all samples; 0 where the spike-proof fit was not used."""
     resolution: Value = 0.0
-    """Step Δ of the readings, unit; 0 where they show none, or none was looked for."""
+    """Step Δ of the readings, unit; 0 where they show none, or none was searched for."""
 
     def channel(self, index: int) -> Estimate:
         """One channel of an estimate for several, as scalars."""

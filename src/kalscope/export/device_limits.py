@@ -1,4 +1,4 @@
-"""What a small board cannot do, reported before the export: float32 that stops changing, time, another rate."""
+"""What a small board cannot do, reported before the export: float32 that stops changing, lack of time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuned
 
 @dataclass(frozen=True)
 class Cost:
-    """What the exported sketch with one channel takes of an Uno: measured in simavr, avr-gcc 5.4 with -Os."""
+    """What the exported sketch with one channel needs on an Uno: measured in simavr, avr-gcc 5.4 with -Os."""
 
     update_us: float
     """Time of one update at 16 MHz, µs."""
@@ -103,7 +103,7 @@ def device_limits(
         level: Largest size of the signal, unit, > 0: 1023 for counts of an Uno.
         sample_period: s; None = unknown, then time is not checked.
         channels: How many such filters the board runs.
-        constant_gain: Whether the target goes on with a constant gain where float32 does not settle, as the
+        constant_gain: Whether the target continues with a constant gain where float32 does not settle, as the
             exported Arduino code does.
 
     Returns:
@@ -215,18 +215,19 @@ def _refusal(error: BadSetting) -> DeviceLimit:
     return DeviceLimit("refused", f"{error}. Scale the signal, or export to a target with double.")
 
 
-_NO_CONSTANT = "This target has no constant gain to go on with: use the code for arduino or c, or a larger q/r."
-_NO_CONSTANT_OF_FUSION = "A fusion has no constant gain to go on with: export c, in double, or take a larger q."
+_NO_CONSTANT = "This target has no constant gain to continue with: use the code for arduino or c, or a larger q/r."
+_NO_CONSTANT_OF_FUSION = "A fusion has no constant gain to continue with: export c, in double, or take a larger q."
 
 
 def _gain(params: FilterParams, instead: str) -> DeviceLimit | None:
-    """A gain that float32 does not settle to; `instead` says what helps, "" where a constant goes on with it."""
+    """A gain that float32 does not settle to; `instead` says what helps, "" where the code uses a constant gain."""
     gain = _settled(params)[0]
     if not 0.0 < gain < STALLING_GAIN:
         return None
     then = (
         instead
-        or f"The exported code then goes on with exactly this gain, some {1.0 / gain:.2g} samples after the start."
+        or "The exported code then continues with exactly this gain, "
+        f"some {1.0 / gain:.2g} samples after the start."
     )
     return DeviceLimit(
         "gain",
@@ -245,9 +246,9 @@ def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
     if gain * spread >= half_ulp:
         return None
     if gain > 0.0:
-        where = f"the board's filtered value stands still while the signal is within {half_ulp / gain:.3g} of it"
+        where = f"the board's filtered value does not move while the signal is within {half_ulp / gain:.3g} of it"
     else:
-        where = f"after {spread / half_ulp:.2g} samples the board's filtered value stands still"
+        where = f"after {spread / half_ulp:.2g} samples the board's filtered value stops moving"
     return DeviceLimit(
         "estimate",
         f"float32 steps by {2.0 * half_ulp:.2g} at {level:.4g}, more than a usual correction: {where}. Subtract "

@@ -3,7 +3,7 @@
 A channel with momentum has its velocity as well, `<ch>_velocity_per_s`, or `_per_sample` where the sample period is
 not known. Of fused channels the raw signals come first, then the fused value and its variance.
 
-It reopens in our own reader, in numpy, pandas and a spreadsheet without any option: one header line, commas,
+It reopens in Kalscope, numpy, pandas and a spreadsheet without any option: one header line, commas,
 decimal points, UTF-8 without BOM, newlines alone, an empty cell for a missing value. Every number is written
 with the digits that bring back the same double. A recording without time has its samples counted instead, in a
 column `sample`, and reopens without time.
@@ -36,7 +36,7 @@ ROWS_PER_CHUNK = 20_000
 """Rows turned into text at a time, so that a long recording is never held as text as a whole."""
 
 _FORMULA = ("=", "+", "-", "@")
-"""A cell that begins so is run as a formula by a spreadsheet."""
+"""A spreadsheet runs a cell that begins with one of these as a formula."""
 
 
 def filtered_csv(recording: Recording, params: Tuning | Filters) -> str:
@@ -137,7 +137,7 @@ def csv_header(names: list[str], velocities: Mapping[str, str] | None = None, *,
         time_name: name of the first column.
     """
     raw = [_harmless(name) for name in names]
-    taken = {time_name, *raw}  # of equal names the recording's own keeps its own
+    taken = {time_name, *raw}  # where names are equal, the recording's own name stays
     cells = [time_name]
     for i, name in enumerate(raw):
         first = name not in raw[:i] and name != time_name
@@ -173,7 +173,7 @@ def _cells(values: Array) -> list[str]:
 
 
 def _time_name(time: Array) -> str:
-    """`time`; where a reader would take whole stamps such as 0, 5, 10 for milliseconds the unit is said."""
+    """`time`; where a reader would take whole stamps such as 0, 5, 10 for milliseconds the name states the unit."""
     return "time" if not len(time) or unit_by_magnitude(time) == "s" else "time_s"
 
 

@@ -93,9 +93,9 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert limits_text(state, Choice("python", period="0.0001")) == ""
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)
-    assert "goes on with exactly this gain" in limits_text(small)
+    assert "continues with exactly this gain" in limits_text(small)
     for target in ("platformio", "esphome", "bachagas"):
-        assert "has no constant gain to go on with" in limits_text(small, Choice(target))
+        assert "has no constant gain to continue with" in limits_text(small, Choice(target))
     assert limits_text(small, Choice("c")) == ""
 
 

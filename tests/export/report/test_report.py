@@ -241,7 +241,7 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
     assert "-o must end with .html or .png" in capsys.readouterr().err
     both = ["--momentum", "3", "--overshoot", "5"]
     assert run(["report", "demo", "--config", str(config), "-o", str(page), *both]) == 2
-    assert "--overshoot must stand without --momentum" in capsys.readouterr().err
+    assert "--overshoot must be used without --momentum" in capsys.readouterr().err
     assert run(["report", "demo", "--config", str(tmp_path / "none.toml"), "-o", str(page)]) == 2
 
 

@@ -114,7 +114,7 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
     ("options", "said"),
     [
         (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
-        (["--all", "--channel", "light"], "--all must stand without --channel (got --channel 'light')"),
+        (["--all", "--channel", "light"], "--all must be used without --channel (got --channel 'light')"),
         (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
     ],
 )
@@ -269,7 +269,7 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
         assert (driver.returncode, stdout) == (130, "")
     assert psutil.wait_procs(below, timeout=PATIENCE)[1] == []
     assert stderr.startswith("kalscope: stopped by Ctrl+C: ")
-    assert stderr.endswith("run the same command again to go on\n")
+    assert stderr.endswith("run the same command again to continue\n")
     assert stderr.count("\n") == 1, stderr
     assert [*(tmp_path / "tmp").iterdir()] == []
     assert not (out / "fleet.parquet").exists()

@@ -109,7 +109,7 @@ def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
         assert end(driver, signal.SIGTERM) == (
             143,
             "",
-            "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to go on\n",
+            "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to continue\n",
         )
 
 

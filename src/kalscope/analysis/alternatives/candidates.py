@@ -66,7 +66,7 @@ class Description:
     chain: Chain | None = None
     """What a device runs, with the channel's own Kalman filter where it says so; None where none is exported."""
     overshoot: float = 0.0
-    """How far its answer to a step goes beyond it, share of the step; NaN where that is not known."""
+    """Overshoot of its step response, share of the step; NaN where that is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
 
 
 def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
-    """The classic filters, the one-euro filter last, behind the parabolas over so many samples."""
+    """The classic filters; the one-euro filter comes last, after the parabolas over `parabola` samples."""
     made = [of_stage(stage, bench) for stage in stages]
     return *made[:-1], savitzky_golay_delayed(parabola), savitzky_golay_centred(parabola), made[-1]
 
@@ -212,7 +212,7 @@ def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) ->
     """The best odd window near a guess: downhill from it, in steps that halve."""
     best = _odd(guess, bench)
     least, step = miss(best), max(2, 2 * round(0.02 * best))
-    while step >= max(2, 2 * (best // 500)):  # half a hundredth of a long window is near enough
+    while step >= max(2, 2 * (best // 500)):  # half a percent of a long window is close enough
         near = [size for size in (best - step, best + step) if 1 <= size <= bench.longest_window]
         found = min(((miss(size), size) for size in near), default=(math.inf, best))
         if found[0] < least:
@@ -223,7 +223,7 @@ def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) ->
 
 
 def _nearest_power(miss: Callable[[PowerOfTwo], float]) -> PowerOfTwo:
-    """The gain of 1, 1/2, 1/4 … that misses least."""
+    """The gain of 1, 1/2, 1/4 … that comes closest."""
     return min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=miss)
 
 

@@ -32,7 +32,7 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
 MAX_SAMPLES = 200_000
-"""Samples of the stretch that is compared at most: seconds matter, and more would change no verdict."""
+"""Most samples that are compared: seconds matter, and more would change no verdict."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Comparison:
     """The present filter and the others over one stretch of a channel."""
 
     match: Match
-    """What they were made equal in."""
+    """What they were matched in."""
     first: int
     """First sample of the stretch."""
     last: int
     """One past its last sample."""
     judged: int
-    """Samples of the stretch after every causal filter has started: the errors are theirs."""
+    """Samples of the stretch after every causal filter has started: the errors are computed over these."""
     present: Alternative
     """The Kalman filter at the present q and r."""
     others: tuple[Alternative, ...]
@@ -104,7 +104,7 @@ def compare_alternatives(
     chosen = _candidates(piece, result, steady, match, moves)
     errors = Errors(piece, true, _begun(piece, [one for one in chosen if one.causal]))
     present = present_row(result, steady, errors, moves)
-    # Errors with momentum follow each other for longer than the lag: for as long as the filter takes to settle.
+    # With momentum, errors stay correlated for longer than the lag: for as long as the filter takes to settle.
     memory = max(lag, float(steady.settle_samples) / math.log(100.0)) if moves else lag
     stretch = Stretch(params, steps, errors, present, memory)
     others = candidate_rows(chosen, stretch, match)
@@ -128,7 +128,7 @@ def _candidates(
     """The candidates, as tuned to the lag or the noise of the present filter."""
     lag, gain = float(steady.lag_samples), float(steady.gain)
     share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
-    # What has the noise of a filter with momentum lags more than that does.
+    # A filter without momentum lags more than one with momentum at the same noise.
     bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
     return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
 

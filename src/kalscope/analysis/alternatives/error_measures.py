@@ -16,8 +16,8 @@ SPIKE = 6.0
 class Errors:
     """Squared errors of curves over the judged samples of a stretch.
 
-    A spike is no sample that a filter should predict: without the truth those are left out, the same for every
-    filter. What a spike does to the samples after it counts.
+    No filter should predict a spike: without the truth, spikes are left out, the same ones for every filter. What a
+    spike does to the samples after it counts.
     """
 
     def __init__(self, z: Array, truth: Array | None, begun: int) -> None:
@@ -56,7 +56,7 @@ def spikes_in(z: Array) -> NDArray[np.bool_]:
     """Which samples lie far from the median of five around them, shape of z; a step or a slope never does.
 
     The standard deviation is that of z less the mean of its neighbours, by its median, so a slope does not count;
-    where most readings repeat, it is the least change of them.
+    where most readings repeat, it is their smallest change.
     """
     from scipy.ndimage import median_filter
 

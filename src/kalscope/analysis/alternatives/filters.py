@@ -23,7 +23,7 @@ def classic(z: Array, stage: Stage) -> Array:
 
 
 def settled(z: Array, params: FilterParams) -> Array:
-    """The Kalman filter with the gains that it settles to, begun at the first sample; scalars."""
+    """The Kalman filter with the gains that it settles to, started at the first sample; scalars."""
     from scipy.signal import lfilter
 
     gain, product, both = settled_transfer(params)

@@ -23,7 +23,8 @@ WINDOWS = (3, 5)
 """Windows of the median that are tried, samples."""
 
 MIN_GAIN = 1e-3
-"""A median that lowers the error by less is not worth a row; errors in predicting are mostly noise of the next."""
+"""A median that lowers the error by less is not worth a row; prediction errors are mostly the noise of the next
+sample."""
 
 BEFORE_PRESENT, BEFORE_BEST = "Median, then Kalman", "Median, then the best"
 """Names of the rows: before the present filter, and before the best other one."""
@@ -36,7 +37,7 @@ class HelpfulMedian:
     row: Alternative
     """Both, over the stretch."""
     words: str = ""
-    """What the verdict says of it, with a blank before it."""
+    """What the verdict says of it, with a leading space."""
 
 
 def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[HelpfulMedian, ...]:
@@ -97,7 +98,7 @@ def _sentence(chain: Chain, later: str) -> str:
 
 
 def _row(base: Alternative, chain: Chain, curve: Array, steady: SteadyState, stretch: Stretch) -> Alternative:
-    """What the median changes of the row of `base`."""
+    """The row of `base`, as the median changes it."""
     errors, window, then = stretch.errors, chain.median, chain.then
     return replace(
         base,

@@ -20,13 +20,14 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState
 
 Match = Literal["lag", "noise"]
-"""What the candidates are made equal in."""
+"""What the candidates are matched in."""
 
 MAX_MISS_DB = 0.424
 """Noise reductions that differ by less, 5 % of the amplitude that is left, count as equal, dB."""
 
 MAX_NOISE_GAIN = 0.999
-"""Share of the noise that a window or a gain of 1 leaves at least: no filter, and so equal to none."""
+"""Share of the noise from which a candidate does not filter, as with a window or a gain of 1: it matches no
+filter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +64,7 @@ class Stretch:
     present: Alternative
     """The present filter over them."""
     memory: float
-    """Samples that its errors follow each other for."""
+    """Number of samples for which its errors stay correlated."""
 
     def run(self, chain: Chain) -> Array:
         """A chain over the samples; its Kalman filter is the present one."""

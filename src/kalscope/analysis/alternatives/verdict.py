@@ -21,7 +21,7 @@ NEGLIGIBLE = 1e-4
 """A ratio this close to 1 makes no practical difference, however significant."""
 
 MIN_OVERSHOOT = 5e-4
-"""Smaller overshoots are not worth a word."""
+"""Smaller overshoots are not mentioned."""
 
 MAX_VALUE = 1e120
 """Fourth powers of larger values, or of values below its inverse, overflow or underflow a double."""
@@ -60,7 +60,7 @@ class Difference:
 def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -> Difference:
     """Compare squared errors sample by sample, block by block.
 
-    Errors follow each other for about as long as the filter lags, so the blocks are at least ten lags long; their
+    Errors are correlated for about as long as the filter lags, so the blocks are at least ten lags long; their
     means then count as independent. The interval is Fieller's for the ratio of two paired means (1954, JRSS B
     16, 175), with Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
 
@@ -84,7 +84,7 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
 
 
 def block_of(lag: float) -> int:
-    """Samples of a block: ten lags of the filter, after which its errors are forgotten."""
+    """Samples of a block: ten lags of the filter, after which its errors are uncorrelated."""
     return math.ceil(10.0 * (lag + 1.0))
 
 
@@ -156,7 +156,7 @@ def _no_verdict(lag: float, samples: int) -> str:
 
 
 def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
-    """A sentence on which filters overshoot a step, with a blank before it; "" where the present one does not.
+    """A sentence on which filters overshoot a step, with a leading space; "" where the present one does not.
 
     Args:
         own: overshoot of the present filter, share of the step.

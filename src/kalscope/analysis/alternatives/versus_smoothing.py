@@ -22,7 +22,7 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
         z: measurements, shape (n,), NaN where missing.
         result: the output of the current filter.
         params: its parameters.
-        smoothed: fixed gains begun at the first sample, shape (n,); without momentum exponential smoothing.
+        smoothed: fixed gains started at the first sample, shape (n,); without momentum exponential smoothing.
     """
     steady, noise = steady_state(params), math.sqrt(float(params.r))
     gain = float(steady.gain)
@@ -71,7 +71,7 @@ def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
 
 
 def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp], gain: float, noise: float) -> str:
-    """How often samples are missing, and what how the first sample after each gap is weighted."""
+    """How many gaps there are, and how the first sample after the longest one is weighted."""
     if len(gaps) == 0:
         return "No samples are missing here, so gaps do not matter."
     after = seen[gaps + 1]

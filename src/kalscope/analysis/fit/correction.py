@@ -37,20 +37,20 @@ NEAR = 14
 """Steps to either side that are tried first: factors from 1/1000 to 1000."""
 
 LOWEST, HIGHEST = math.log(1e-6), math.log(1e6)
-"""ln λ between which any record can tell one filter from another; a long one tells smaller λ apart."""
+"""ln λ between which any record can distinguish two filters; a long one also distinguishes smaller λ."""
 
 CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
 """ln λ within which the near steps alone show where the best λ lies."""
 
 MAX_FACTOR, PLAINLY = 1e3, (1e-4, 100.0)
-"""Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is cut to this factor,
-or at the λ at which a filter is plainly at that end."""
+"""Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is limited to this factor,
+or to the λ at which a filter is clearly at that end."""
 
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""
 
 FINE = np.linspace(-1.0, 1.0, 401)
-"""Places between three steps at which a likelihood is read from its parts."""
+"""Points between three steps at which a likelihood is interpolated."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Profile:
     def one_factor(self) -> tuple[float, float, float]:
         """Log-likelihood and the factors for q and r of the best correction with one free parameter.
 
-        That of both wins where it is about as good as the others: it claims no wrong pace.
+        That of both wins where it is about as good as the others: it does not call the filter too slow or too fast.
         """
         both = float(self.chi2[self.own]) / self.m
         scaled = -0.5 * (float(self.logdet[self.own]) + self.m * math.log(both) + self.m)
@@ -139,7 +139,7 @@ class Profile:
         return float(curve[at]), float(fine[at])
 
     def _with_moves(self, moves: Array, log_chi2: Array, logdet: Array, *, r_moves: bool) -> Array:
-        """Log-likelihood at changes of ln λ; exp is cut where r is far too small for any likelihood."""
+        """Log-likelihood at changes of ln λ; exp is limited where r is far too small for any likelihood."""
         if not r_moves:
             return -0.5 * (logdet + np.exp(log_chi2))
         return -0.5 * (logdet - self.m * moves + np.exp(np.minimum(log_chi2 + moves, 700.0)))
@@ -244,7 +244,7 @@ def _at_edge(record: Record, m: float) -> float:
 
 
 def _bounded(*factors: float) -> tuple[float, ...]:
-    """Factors that a double can take together with any q and r worth a word."""
+    """Factors that fit a double together with any realistic q and r."""
     return tuple(min(max(factor, 1.0 / MAX_CHANGE), MAX_CHANGE) for factor in factors)
 
 

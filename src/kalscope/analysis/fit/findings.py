@@ -1,4 +1,4 @@
-"""What speaks against a filter in its residuals, as numbers; the words are in `words.py`."""
+"""The evidence against a filter in its residuals, as numbers; the words are in `words.py`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.array import Array
 
 MAX_SHARE = 0.25
-"""Share of low frequencies from which residuals follow each other so long that parts of them differ by chance."""
+"""Share of low frequencies above which residuals are correlated for so long that parts differ by chance."""
 
 MAX_UNCHANGED = 0.6
-"""Share of readings equal to the one before from which rounding decides what the residuals are."""
+"""Share of readings equal to the one before, above which rounding determines the residuals."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Findings:
     jumps: int = 0
     """Jumps beyond 5 σ that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
-    """Local σ of the residuals by what q and r promise, without spikes."""
+    """Local σ of the residuals over the one that q and r predict, without spikes."""
     largest: float = 0.0
-    """The largest residual, in σ of what q and r promise."""
+    """The largest residual, in σ as q and r predict it."""
     unchanged: float = 0.0
     """Share of the readings that equal the one before."""
     skewness: float = 0.0
@@ -70,14 +70,14 @@ class Findings:
 def find_misfits(
     run: Run, seen: NDArray[np.int64], e: Array, spikes: Spikes, refusals: Indices, lags: int
 ) -> Findings:
-    """Everything that speaks against the filter, found in all samples of the record.
+    """All evidence against the filter, found in all samples of the record.
 
     Args:
         run: the filter over the channel.
         seen: indices of the scored samples, shape (N,).
         e: their standardised residuals, shape (N,).
         spikes: the spikes among them.
-        refusals: the samples that the gate refused, rising.
+        refusals: the samples that the gate refused, ascending.
         lags: of the Ljung-Box test.
     """
     found = Findings(
@@ -89,7 +89,7 @@ def find_misfits(
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * len(seen) else spikes.off[:0]
     skewness, excess = find_shape(np.delete(e, spikes.off))
     record = Record.of(run, seen, seen[outliers])
-    if not record.moves and not len(outliers):  # what is left is the way from a given x0
+    if not record.moves and not len(outliers):  # what is left is the approach from a given x0
         return replace(found, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
         record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
@@ -136,6 +136,6 @@ def _left(
 
 
 def _longest_run(at: Indices) -> int:
-    """How many of the places, rising, come in a row at most."""
+    """The longest run of consecutive indices; `at` is ascending."""
     ends = np.flatnonzero(np.diff(at, append=np.inf) > 1)
     return int(np.diff(ends, prepend=-1).max(initial=0))

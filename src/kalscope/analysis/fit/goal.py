@@ -1,6 +1,7 @@
-"""A filter that was chosen: what the best statistical fit would do otherwise, and what the choice costs.
+"""A filter that was chosen: what the best statistical fit would do differently, and what the choice costs.
 
-Advice on such a filter does not undo the choice; it says once, in numbers, how far the record would go elsewhere.
+Advice on such a filter does not undo the choice; it says once, in numbers, how far the best fit to the record
+differs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ UNDOING = (Scale, SetRatio, AllowMomentum, EstimateAgain)
 """Actions that end a choice."""
 
 KEEPING = (SetGate, UnsetStart)
-"""Actions that mend a filter and leave its q/r: they come before what the choice costs."""
+"""Actions that correct a filter and leave its q/r: they come before what the choice costs."""
 
 NUMBER = r"(\d[\d.e+-]*)"
 
@@ -113,9 +114,9 @@ def still_met(request: Request | None, params: FilterParams, sample_period: floa
 
 
 def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
-    """The findings on a chosen filter: what can be mended, what the choice costs, and the rest as notes.
+    """The findings on a chosen filter: what can be corrected, what the choice costs, and the rest as notes.
 
-    A filter that is slower than the best leaves waves in its residuals, which say nothing of the model.
+    A filter that is slower than the best leaves waves in its residuals, which say nothing about the model.
     """
     costs: list[Finding] = []
     rest: list[Finding] = []
@@ -149,7 +150,7 @@ def _harmless(advice: Advice, choice: Choice) -> Advice:
 
 
 def _costs(choice: Choice, best: Scale) -> str:
-    """What the best fit would do otherwise, as clauses of two sentences."""
+    """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if choice.goal and abs(math.log(ratio)) >= math.log(MIN_FACTOR):
         change = f"({'q' if 1.0 / MIN_FACTOR < best.r_factor < MIN_FACTOR else 'q/r'} {larger(ratio)})"

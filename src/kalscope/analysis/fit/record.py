@@ -18,16 +18,16 @@ from kalscope.filtering.pieces.passing import filter_pieces
 Indices = NDArray[np.int64]
 
 MAX_SEARCHED = 40_000
-"""Samples in which momentum is searched; of a longer record stretches, and the answer is tried on all of it."""
+"""Samples searched for momentum; a longer record is searched in stretches, and the result tested on all of it."""
 
 MAX_SCALE = 1e150
-"""Changes larger than so many √r are as large as these: their squares must fit a double."""
+"""Changes larger than this many √r count as this large: their squares must fit a double."""
 
 LAG = 5.0
 """Samples of lag in the example of a filter that is chosen by its lag."""
 
 STRETCHES = 4
-"""Those stretches; they are spread evenly and leave the start of the record out."""
+"""Number of those stretches; they are spread evenly and leave the start of the record out."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,8 @@ def lost_by_lag(record: Record) -> float:
     """What a filter with a lag of `LAG` samples and no momentum loses of the signal, in units of the noise r.
 
     Its innovation is white on a signal that it can follow; on one that it cannot, neighbouring innovations share
-    their error, whose size is the mean of their products. Above 1 a raw reading is nearer than the filtered one.
+    their error, whose size is the mean of their products. Above 1 a raw reading is nearer the truth than the
+    filtered one.
     """
     gain = 1.0 / (1.0 + LAG)
     errors = np.empty(len(record.z))

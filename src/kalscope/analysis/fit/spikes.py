@@ -16,22 +16,22 @@ ALARM = 0.001
 
 MAX_OUTLIERS = 0.1
 """Share of the residuals up to which spikes are outliers; more of them belong to the noise or to the signal. Spikes
-widen the σ among which they are found: of 25 % that are off by 60 σ half are seen."""
+widen the σ by which they are found: where 25 % are off by 60 σ, half of them are detected."""
 
 MAX_REFUSED = 0.2
 """Share of the samples up to which those that a gate refuses are outliers."""
 
 MIN_COUNT, CLEAR = 5, 5.0
-"""Spikes that count whatever their size, and the size in σ from which fewer do."""
+"""Number of spikes that count whatever their size, and the size in σ from which fewer count."""
 
 MIN_BURST, MAX_BURST = 8, 0.1
 """Spikes that make a burst, and the share of the record that it may be."""
 
 MAX_JOINED, SLOPE = 2, 50
-"""Jumps of one sign within so many samples of each other that may be steps; more of them are a slope."""
+"""Most jumps of one sign, within this many samples of each other, that may be steps; more of them are a slope."""
 
 MAX_EXCURSION = 8
-"""A signal that comes back within so many samples has not stepped: it was a longer spike."""
+"""A signal that comes back within this many samples has not stepped: it was a longer spike."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Spikes:
     size: Array
     """Size in local σ, one value a spike."""
     off: NDArray[np.int64]
-    """Residuals of samples off the signal: the isolated spikes and all samples of the excursions, rising."""
+    """Residuals of samples off the signal: the isolated spikes and all samples of the excursions, ascending."""
     start: float
     """Size in local σ of the first residual where a given start makes a spike of it, not among `at`; else 0."""
 
@@ -93,10 +93,10 @@ class Spikes:
 
 
 def burst_of(at: NDArray[np.int64], n: int) -> tuple[int, int] | None:
-    """First and last of the shortest stretch that holds three quarters of the places `at` among n; None if long.
+    """First and last of the shortest stretch with three quarters of the indices `at` among n; None if long.
 
     Args:
-        at: places, shape (spikes,), rising.
+        at: indices, shape (spikes,), ascending.
         n: how many there are.
     """
     if len(at) < MIN_BURST:

@@ -21,7 +21,7 @@ MOMENTA = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 """Momenta that are tried, in sample periods."""
 
 NEARER = (0.6, 1.0, 1.7)
-"""Factors of the best of them that are tried next: advice needs no digits, the estimate gives them."""
+"""Factors of the best of them that are tried next: advice needs no precision, the estimate gives it."""
 
 LOG_MOVES = np.linspace(-16.0, 16.0, 17)
 """ln(step variance / r) at which each is tried; next in steps of a quarter."""
@@ -38,11 +38,11 @@ MAX_PARTS, MIN_PART = 8, 50
 """Parts of the record whose variances are compared, and the residuals that each of them needs."""
 
 MIN_CHANGE = 2.0
-"""Ratio of the largest to the least of these variances that is worth a word."""
+"""Ratio of the largest to the least of these variances that is worth reporting."""
 
 
 MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
-"""Residuals more lopsided than this, or flatter (a sine has −1.5), come in several kinds."""
+"""Residuals more skewed than this, or flatter (a sine has −1.5), are a mixture of several kinds."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ def with_momentum(found: Structure, record: Record, lags: int) -> Structure:
 def find_change(e: Array) -> float:
     """Largest over least variance of the residuals among up to eight parts of the record; 1 where it is chance.
 
-    The chance is that of the means of e² given how much e² scatters within the parts, so that heavy tails are no
-    change.
+    The chance is that of the means of e² given how much e² scatters within the parts, so that heavy tails do not
+    count as a change.
     """
     from scipy.special import chdtri
 
@@ -107,7 +107,7 @@ def find_change(e: Array) -> float:
 def find_shape(e: Array) -> tuple[float, float]:
     """Skewness and excess kurtosis of residuals, shape (N,), far from a normal distribution; else 0, 0.
 
-    Long tails on both sides are none of it: they are told by their spikes.
+    Long tails on both sides do not count: they are reported as spikes.
     """
     if len(e) < MIN_PART:
         return 0.0, 0.0
@@ -116,7 +116,7 @@ def find_shape(e: Array) -> tuple[float, float]:
 
 
 def calmed(e: Array) -> Array:
-    """The residuals with those beyond 4 σ (1.4826 · median) cut there: a few must not outweigh all others."""
+    """The residuals with those beyond 4 σ (1.4826 · median) clipped there: a few must not outweigh all others."""
     sizes = np.abs(finite(e))
     size = math.sqrt(dot(sizes, sizes) / max(len(sizes), 1))
     scale = 1.4826 * float(np.median(sizes, overwrite_input=True)) if len(sizes) else 0.0

@@ -40,11 +40,11 @@ GREAT_CHANGE = 4.0
 """A change of the variance by more than this factor explains spikes and jumps."""
 
 NARROW = 0.75
-"""σ of the residuals by that of q and r below which a gate of 4 σ is too wide; a gate 1/0.75 × as wide is, too."""
+"""σ of the residuals over that of q and r below which a gate of 4 σ is too wide, as is one 1/0.75 × as wide."""
 
 
 MUCH_TOO_WIDE = 0.3
-"""σ of the residuals by that of q and r below which a wrong size comes before spikes."""
+"""σ of the residuals over that of q and r below which a wrong size comes before spikes."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
     factors = (found.correction.q_factor, found.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
-    mixed = known.estimated and found.change > off  # its parts ask for different pairs
+    mixed = known.estimated and found.change > off  # its parts need different pairs
     size = None if fitted_again or lost or mixed else _size(found)
     said = [_start(found), _refused_share(found)]
     said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would refuse nothing
@@ -172,7 +172,7 @@ def _passing(found: Findings, seen: str) -> Finding:
 
 
 def _wide(found: Findings) -> float:
-    """The gate that refuses spikes and nothing else of these residuals, in σ of what q and r promise."""
+    """The gate that refuses spikes and nothing else of these residuals, in σ as q and r predict it."""
     return max(float(f"{SPIKE * found.scale:.2g}"), 1.0)
 
 

@@ -1,9 +1,9 @@
-"""Which sensor does not go with the others: its difference from them moves, or its noise changes.
+"""Which sensor disagrees with the others: its difference from them moves, or its noise changes.
 
 In a row in which several sensors answer, the quantity cancels out of the difference of one from the mean of the
 others, weighted by their information: what is left is white noise of known variance. Where sensors answer in
 different rows, the others are smoothed, and take part in the difference with their own error. The sensor that is
-furthest beyond chance is set aside before the others are compared: it is in their mean.
+furthest beyond chance is set aside before the others are compared, because it is in their mean.
 """
 
 from __future__ import annotations
@@ -20,28 +20,29 @@ from kalscope.filtering.fusion.smoothing import smooth_fusion
 from kalscope.filtering.steady_state import steady_state
 
 BEYOND_CHANCE = 5.0
-"""Standard errors from which on a difference is not chance: many blocks of many sensors are looked at."""
+"""Standard errors above which a difference is not chance: many blocks of many sensors are compared."""
 
 MIN_DRIFT = 0.5
-"""Smallest drift that is worth a word, in standard deviations of the sensor's noise."""
+"""Smallest drift that is worth reporting, in standard deviations of the sensor's noise."""
 
 MIN_NOISE_RATIO = 2.0
-"""Smallest change of a noise variance that is worth a word."""
+"""Smallest change of a noise variance that is worth reporting."""
 
 MAX_BLOCKS, MIN_BLOCK, MIN_NOISE_BLOCK = 16, 30, 100
 """Blocks of a record, and the readings that the mean and the variance of one need."""
 
 MIN_OWN = 1e-300
-"""Least variance that is divided by."""
+"""Smallest variance used as a divisor."""
 
 MAX_SIZE = 4.0
 """Differences are clipped at so many standard deviations: spikes are no drift."""
 
 MAX_FAINTER = 4.0
-"""A row far from readings of the others, where their error variance is so many times the least, is left out."""
+"""A row far from readings of the others, where their error variance is over this many times the least, is left
+out."""
 
 SMALLER, MEAN_OF_SMALLER = 0.9, 0.6573
-"""Share of the steps whose size is averaged, and that average for normal numbers of standard deviation 1."""
+"""Share of the steps whose size is averaged, and that average for a standard normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Difference:
 
     @property
     def scaled(self) -> Array:
-        """The values by the standard deviations that the model gives to what is new in them."""
+        """The values divided by the standard deviations that the model gives to what is new in them."""
         return self.d / np.sqrt(np.maximum(self.own, MIN_OWN))
 
 
@@ -89,7 +90,7 @@ def drift(one: Difference) -> tuple[float, float]:
     count = min(MAX_BLOCKS, len(one.d) // MIN_BLOCK)
     if count < 2:
         return 0.0, 0.0
-    own = one.own * max(1.0, _noise(one.scaled))  # noise as seen, where it is more than by the model
+    own = one.own * max(1.0, _noise(one.scaled))  # observed noise, where it exceeds that of the model
     reach = MAX_SIZE * np.sqrt(own + one.others) + _reach(one.d)
     d = np.clip(one.d - np.median(one.d), -reach, reach)
     means = np.array([block.mean() for block in np.array_split(d, count)])
@@ -122,7 +123,7 @@ def odd_ones(
     Args:
         sensors: their number.
         compare: size and standard errors of the difference of a sensor from others.
-        enough: whether a size of a sensor is worth a word.
+        enough: whether a size of a sensor is worth reporting.
     """
     odd: dict[int, float] = {}
     left = list(range(sensors))
@@ -164,7 +165,7 @@ def _noise(d: Array) -> float:
 
 
 def _beyond(chi2: float, degrees: int) -> float:
-    """A χ² as a standard normal number (Wilson & Hilferty 1931)."""
+    """A χ² as a standard normal variate (Wilson & Hilferty 1931)."""
     width = 2.0 / (9.0 * degrees)
     return (math.cbrt(chi2 / degrees) - 1.0 + width) / math.sqrt(width)
 

@@ -1,4 +1,4 @@
-"""The error of the fused value: predicted by the model, and seen where later readings are predicted."""
+"""The error of the fused value: predicted by the model, and measured by predicting later readings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CERTAIN = 2.0
 """Standard errors beyond which a difference is not chance."""
 
 FAR, TRIED = 100.0, 1000
-"""A sensor that sticks is tried so many standard deviations away, for so many rows."""
+"""A stuck sensor is simulated this many standard deviations away, for this many rows."""
 
 SETTLED_AFTER = 0.1
 """Share of the rows that the start may take."""
@@ -45,7 +45,7 @@ def held_out(z: Array, dt: Array | None, params: FusionParams, counted: Mask) ->
         z: readings, shape (n, sensors).
         dt: steps before the rows; None = 1 each.
         params: the filter.
-        counted: the readings that tell of the quantity, as those of a stuck sensor do not, shape (n, sensors).
+        counted: the readings that count, which those of a stuck sensor do not, shape (n, sensors).
     """
     every = range(params.sensors)
     squared = [_squared_errors(z, dt, params, sensors) for sensors in (list(every), *([i] for i in every))]
@@ -85,8 +85,8 @@ def _differ(weighted: Array) -> bool:
 def pull(params: FusionParams, sensor: int) -> float:
     """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
 
-    Without a gate its share. A gate refuses it at first, but takes a reading after so many refusals, lest it lock
-    out, and then the others are far from the fused value: that is tried out, without noise.
+    Without a gate this is its share. A gate refuses it at first, but accepts a reading after a number of refusals,
+    to avoid lock-out, and then the others are far from the fused value: that is simulated, without noise.
     """
     if params.gate is None:
         return float(params.shares[sensor])

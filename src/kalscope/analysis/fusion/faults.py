@@ -1,4 +1,4 @@
-"""What a sensor shows by itself: readings far off, one value for ever, no reading for long."""
+"""What a sensor shows by itself: readings far off, one value forever, no reading for a long time."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.fusion.smoothing import smooth_fusion
 
 MAD = 1.4826
-"""Standard deviation of normal numbers by the median of their size."""
+"""Standard deviation of normal numbers over the median of their size."""
 
 FAR_OFF, CONFIRMED = 6.0, 3.0
 """Size of a residual, in its own standard deviations, from which it is far off; and from which that of another
 sensor in the same row confirms it: then the quantity has moved."""
 
 MIN_STRETCH, MUCH_LONGER = 30, 20.0
-"""Readings in a row, and times the usual number, from which on a stretch of equal or missing ones is odd."""
+"""Least length in readings, and in multiples of the usual length, of a suspicious stretch of equal or missing
+ones."""
 
 USUALLY_NEW = 2.0
-"""Readings to a value up to which a sensor is one that gives new values."""
+"""Readings per value up to which a sensor usually gives new values."""
 
 Stretch = tuple[int, int]
 """First row, and one past the last; (0, 0) for none."""
@@ -38,7 +39,7 @@ def spikes(z: Array, dt: Array | None, params: FusionParams) -> list[int]:
 
 
 def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
-    """|v|/√s of one sensor, by the usual size of them; 0 where none is scored."""
+    """|v|/√s of one sensor, over their usual size; 0 where none is scored."""
     run = fuse(z, params, dt)
     with np.errstate(invalid="ignore"):
         size = np.abs(run.innovation[:, 0]) / np.sqrt(run.s[:, 0])
@@ -65,7 +66,7 @@ def stuck(z: Array, dt: Array | None, params: FusionParams, sensor: int) -> Stre
 
 
 def _others_moved(z: Array, dt: Array | None, params: FusionParams, sensor: int, stretch: Stretch) -> bool:
-    """Whether the others say that in this stretch the quantity moved, by far more than the noise of this sensor."""
+    """Whether the others show movement of the quantity in this stretch far beyond the noise of this sensor."""
     others = [j for j in range(params.sensors) if j != sensor]
     if not others:
         return False

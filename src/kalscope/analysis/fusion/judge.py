@@ -24,7 +24,7 @@ from kalscope.filtering.fusion.running import checked_readings
 FusionFit = Callable[[Array, Array | None], FusionParams]
 
 MIN_SPIKES, MIN_SPIKE_SHARE = 3, 5e-4
-"""Spikes that are worth a word: so many, and so large a share of the readings of the sensor."""
+"""Spikes that are worth reporting: at least this many, and at least this share of the readings of the sensor."""
 
 
 def judge_fusion(
@@ -45,7 +45,7 @@ def judge_fusion(
         dt: nominal sample periods before each row, shape (n,), ≥ 0; None = 1 each.
         names: of the sensors; None = those of the estimate, or "sensor 1", "sensor 2", …
         unit: of the quantity, for the sentences.
-        sample_period: nominal sample period in s; with it stretches are told as times.
+        sample_period: nominal sample period in s; with it stretches are given as times.
         fit: finds parameters from readings and steps. With it the second half is predicted by parameters that have
             not seen it; without it by those of `estimate`.
 
@@ -122,7 +122,7 @@ def _sensors(
 
 
 def _without(z: Array, stretches: Sequence[faults.Stretch]) -> Array:
-    """The readings without one stretch of each sensor: what a stuck one says there must not accuse the others."""
+    """The readings without one stretch of each sensor: those of a stuck one must not make the others look wrong."""
     if not any(last for _, last in stretches):
         return z
     left = z.copy()

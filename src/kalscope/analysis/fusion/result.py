@@ -1,4 +1,4 @@
-"""FusionVerdict: what is said of fused sensors, as numbers and in sentences."""
+"""FusionVerdict: the verdict on fused sensors, in numbers and sentences."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from kalscope.common.array import Array
 
 Fault = Literal["drift", "noise", "spikes", "stuck", "silent"]
 """What can be wrong with a sensor: its difference from the others moves; the size of its noise changes; single
-readings far off; it repeats one value; it says nothing for long."""
+readings far off; it repeats one value; it is silent for a long time."""
 
 
 @dataclass(frozen=True, eq=False)

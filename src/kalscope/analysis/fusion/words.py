@@ -10,15 +10,15 @@ from kalscope.analysis.fusion.result import Fault, HeldOut, SensorVerdict
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
 
 CLOSE = 0.005
-"""Shares of a difference below this are none: both errors read the same."""
+"""Relative differences below this count as none: both errors read the same."""
 
 MIN_SHARE = 1e-9
-"""A smaller share is none: that beside a sensor without noise."""
+"""A smaller share counts as none, as that beside a sensor without noise."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """How this record is spoken of."""
+    """Names and units for the sentences on a record."""
 
     names: tuple[str, ...]
     """The sensors."""
@@ -100,9 +100,9 @@ class Words:
             "spikes": f"{name} has {spikes} that no other sensor confirms: set an outlier gate.",
         }
         if pair and fault == "drift":
-            return f"{two} drift apart by {drifted}; which of them drifts, two sensors cannot tell."
+            return f"{two} drift apart by {drifted}; two sensors cannot show which of them drifts."
         if pair and fault == "noise":
-            return f"The noise variance of {two} {changed}; of which of them, two sensors cannot tell."
+            return f"The noise variance of {two} {changed}; two sensors cannot show which of them it is."
         return said[fault]
 
     def dropped(self, sensor: SensorVerdict, error: float) -> str:

@@ -29,7 +29,7 @@ class Sizes:
     samples: int
     """Samples of the long record, for what is fast."""
     repetitions: int
-    """Turns of each side; their median counts."""
+    """Timed runs of each side; their median counts."""
     slowness: float
     """Slow peers process their own number of samples over this."""
 
@@ -39,7 +39,7 @@ QUICK = Sizes(samples=200_000, repetitions=3, slowness=10.0)
 
 
 def sample_count(text: str) -> int:
-    """The number of samples that was asked for; 1e6 is one too."""
+    """The number of samples that was asked for, also written as 1e6."""
     try:
         samples = float(text)
     except ValueError:
@@ -55,7 +55,7 @@ def bench_command(
         int | None,
         typer.Option(metavar="N", parser=sample_count, help="Length of the long record; default: 10 million."),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Less work and fewer turns, rougher figures.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer samples and repetitions, rougher figures.")] = False,
 ) -> None:
     """Compare the filter's speed with other libraries.
 

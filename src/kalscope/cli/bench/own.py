@@ -1,4 +1,4 @@
-"""The contests against memory, scipy's steady filter, the plain loop of five lines, and what is done one by one."""
+"""The contests against memory, scipy's steady filter, the plain loop of five lines, and fits one by one."""
 
 from __future__ import annotations
 

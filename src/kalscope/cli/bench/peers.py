@@ -197,4 +197,4 @@ PEERS: tuple[tuple[str, str, str, Callable[[Any, Size], Iterator[Contest]]], ...
     ("statsmodels", "statsmodels.api", "kalman_filter", statsmodels_contests),
     (FIT, "statsmodels.api", ESTIMATE, fit_contest),
 )
-"""Name, module to import, what it is held against, and contests of each library."""
+"""Name, module to import, what it is compared with, and contests of each library."""

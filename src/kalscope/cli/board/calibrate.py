@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from kalscope.sources.live.live_source import LiveSource
 
 MIN_SAMPLES = 3
-"""Samples that have come from a board that has started."""
+"""Samples from which a board counts as started."""
 START_S = 10.0
-"""Seconds within which a board must have sent them, or as long as it measures."""
+"""Seconds within which a board must have sent them, or the time that it measures if that is longer."""
 
 
 def calibrate_command(
@@ -36,7 +36,7 @@ def calibrate_command(
         str | None, typer.Option("--channel", metavar="NAME", help="Measure only this channel; default: all.")
     ] = None,
     keep: Annotated[
-        bool, typer.Option("--keep", help="Store what was measured on the board: it starts with it from then on.")
+        bool, typer.Option("--keep", help="Store the measured values on the board for its next starts.")
     ] = False,
     no_reset: Annotated[
         bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
@@ -44,9 +44,10 @@ def calibrate_command(
 ) -> None:
     """Let a board measure its own noise r.
 
-    Its input must not change meanwhile. The result is compared with the same samples computed here.
+    Its input must not change during the measurement. The result is compared with the same samples computed here.
 
-    The sketch on it must be exported with --calibration. Status 1 where the board refused, and keeps its values.
+    The sketch on it must be exported with --calibration. Exit status 1 if the board refused; it then keeps its
+    values.
     """
     from kalscope.export.board.measuring import set_kept
     from kalscope.sources.live.live_source import LiveSource
@@ -61,7 +62,7 @@ def calibrate_command(
         refused = [one for one in found if not _is_measured(one)]
         kept = keep and not refused
         if kept:
-            with said_at_stop(lambda: "the board may have stored its values, or not"):
+            with said_at_stop(lambda: "the board may or may not have stored its values"):
                 set_kept(live, kept=True)
     if len(refused) < len(found):
         print(_afterwards(kept=kept, wanted=keep))
@@ -70,7 +71,7 @@ def calibrate_command(
 
 
 def _measured(live: LiveSource, channel: str | None, seconds: float) -> tuple[Measurement, ...]:
-    """What the board measured; ends the command where it was stopped meanwhile."""
+    """What the board measured; ends the command if it was stopped."""
     from kalscope.export.board.measuring import measure
 
     with stop_signals() as stop, progress_line() as report:
@@ -113,7 +114,7 @@ def _lines(one: Measurement) -> list[str]:
 
 def _afterwards(*, kept: bool, wanted: bool) -> str:
     if kept:
-        return "Kept: from its next start on the board uses these values."
+        return "Kept: the board uses these values from its next start."
     if wanted:
         return "Not kept, because not all channels were measured."
     return "Not kept: after a reset the board uses the values of its export. --keep stores these."

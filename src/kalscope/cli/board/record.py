@@ -30,9 +30,9 @@ MAX_CLOSE_S = 1.0
 KEPT_SAMPLES = 10_000
 """Samples that stay in memory: the file has them all, and nothing is drawn."""
 POLL_INTERVAL_S = 0.1
-"""Pause between two looks at the recording, s."""
+"""Pause between two checks of the recording, s."""
 _COUNTS = re.compile(r"\d[\d\s,.]*")
-"""What may grow in a problem that stays the same one."""
+"""Counts in a message, which may grow while the problem stays the same."""
 
 
 def record_command(
@@ -58,8 +58,8 @@ def record_command(
 
     FILE.csv gets every line as received, FILE.rejects the lines that are not data.
 
-    Ctrl+C, SIGTERM and SIGHUP end the recording with its account as a last comment: status 0, or 1 where the
-    disk did not take all lines.
+    Ctrl+C, SIGTERM and SIGHUP end the recording and write a summary as its last comment: exit status 0, or 1 if not
+    all lines could be written to the disk.
     """
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import port_of

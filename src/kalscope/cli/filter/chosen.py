@@ -25,14 +25,14 @@ def fusion_given(
         BadSetting: --fuse with --channel, or an r of each sensor without a fusion.
     """
     if fuse is not None and channel is not None:
-        raise BadSetting(f"--fuse must stand without --channel: it names its channels (got --channel {channel!r})")
+        raise BadSetting(f"--fuse must be used without --channel: it names its channels (got {channel!r})")
     fused = fuse is not None or (config is not None and channel is None and load_tuning(config).fusion is not None)
     if not fused:
         if given.r_of_each:
             raise BadSetting(f"--r must be one number without --fuse (got one for {', '.join(given.r_of_each)})")
         return None
     if given.values.get("chain") is not None:
-        raise BadSetting("--chain must stand without fused channels: a chain filters one (got both)")
+        raise BadSetting("--chain must be used without fused channels: a chain filters one (got both)")
     others = {name: value for name, value in given.values.items() if name != "r"}
     return FusionGiven(fuse, given.r_of_each or given.values.get("r"), others)
 

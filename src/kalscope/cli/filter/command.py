@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
 
 MAX_LINE_BYTES = 65_536
-"""Bytes of one line on stdin, hundreds of channels; a longer one is no line of numbers."""
+"""Bytes of one line on stdin, hundreds of channels; a longer one is not a line of numbers."""
 
 
 @with_options(reading=read_options, given=params_options)
@@ -51,7 +51,7 @@ def filter_command(
 ) -> None:
     """Filter a recording, or lines on stdin.
 
-    The answer is a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
+    The output is a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
 
     With --fuse, or where --config has a fusion and no --channel is named, the columns are those of the sensors, the
     fused value and its variance.
@@ -83,7 +83,7 @@ def filter_command(
 
 def _refuse_with_stdin(*, report: bool, output: Path | None) -> None:
     if report:
-        raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it comes')
+        raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
     if output is not None:
         raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
 

@@ -35,11 +35,11 @@ class LineFilter:
         """
         self._params = params
         self._channels = _known_channels(params)
-        """Numbers of a line; 0 until one says how many."""
+        """Numbers per line; 0 until the first readable line."""
         self._update = _start(params, self._channels)
         self._before = 0  # lines received while the number of channels was unknown
         self.received = 0
-        """Lines taken so far."""
+        """Lines received so far."""
 
     def answer(self, line: str) -> tuple[str, str]:
         """Take one line, with or without its newline.

@@ -42,7 +42,7 @@ def option_for(action: actions.Action | None, answer: Answer, recording: Recordi
 
 
 def _without(answer: Answer) -> list[str]:
-    """The options that keep q, r or momentum from being estimated: they must go."""
+    """The options that keep q, r or momentum from being estimated: they must be left out."""
     asked = answer.request
     noise = asked.noise
     given = [
@@ -65,7 +65,7 @@ def _scaled(answer: Answer, q_factor: float, r_factor: float) -> list[str]:
 
 
 def still_text(recording: Recording, first: int, last: int) -> str:
-    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as take the same ones."""
+    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
     time = recording.time
     for digits in range(3, 18):
         start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))

@@ -29,7 +29,7 @@ CHOSEN = "chosen"
 
 @dataclass(frozen=True)
 class Answer:
-    """What `kalscope tune` says of one channel."""
+    """What `kalscope tune` says about one channel."""
 
     channel: str
     """Name of the channel."""
@@ -52,7 +52,7 @@ class Answer:
     residuals: Diagnostics | None
     """The pair judged on the whole record; None without a pair."""
     held_out: Diagnostics | None
-    """A pair found in the first half, judged on the second; None where one of them gives too little."""
+    """A pair found in the first half, judged on the second; None where one of them has too little data."""
 
     judgement: Judgement
     """Whether the pair fits, and what to do next."""
@@ -87,7 +87,7 @@ def answer_for(
         recording: where the channel is.
         channel: its name.
         request: what is asked for.
-        progress: where the work reports to.
+        progress: where progress is reported.
         gate: outlier gate on v²/s in place of the one that is found; NaN = off, None = as found.
 
     Raises:

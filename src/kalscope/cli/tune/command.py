@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
 
 MAX_OTHERS = 24
-"""Channels beside the tuned one that are named; a car sends hundreds."""
+"""Most channels besides the tuned one that are named; a car sends hundreds."""
 
 
 @with_options(reading=read_options, asked=tune_options, fusing=fusion_options)
@@ -35,7 +35,7 @@ def tune_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
-        bool, typer.Option("--details", help="Print also how it was found, the tests and four other methods.")
+        bool, typer.Option("--details", help="Also print how it was found, the tests and four other methods.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[
@@ -44,7 +44,7 @@ def tune_command(
 ) -> None:
     """Find q and r for a recording, and say why.
 
-    By estimation, by a lag, cut-off or noise reduction that is asked for, or from known noise.
+    By estimation, for a given lag, cut-off or noise reduction, or from known noise.
     """
     from kalscope.analysis.channel_kinds import default_channel
     from kalscope.catalogue import open_source
@@ -53,7 +53,7 @@ def tune_command(
 
     tell_compiling()
     if every and channel is not None:
-        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
+        raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
     fusing.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []

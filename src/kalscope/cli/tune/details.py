@@ -85,7 +85,7 @@ def _steady_lines(steady: SteadyState, params: FilterParams, period: float | Non
 def _cutoff(params: FilterParams, period: float | None) -> str:
     hertz = scalar(steady_state(params, period or 1.0).cutoff_hz)
     if math.isnan(hertz):
-        return "none: it lets more than that through at every frequency"
+        return "none: it attenuates no frequency by 3 dB"
     return frequency(hertz) if period else f"{number(hertz)} × the sample rate"
 
 
@@ -133,7 +133,7 @@ def _trust(answer: Answer) -> Iterator[str]:
         white = f"lag-1 autocorrelation {correlation(judged.r1)} (white: within ±{correlation(judged.r1_bound)})"
         yield from wrapped(f"Residuals: {white}; {spikes}.")
     if held is None:
-        yield "Held-out test: not possible, one half of the record gives too little."
+        yield "Held-out test: not possible, one half of the record has too little data."
         return
     band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"

@@ -28,7 +28,7 @@ def fleet_command(
         typer.Argument(metavar="SOURCE…", help="Folders, files, patterns, Parquet data sets, or @LIST of files."),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results; a rerun goes on in it.")
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results; a rerun continues there.")
     ],
     cluster: Annotated[
         str | None, text_option("ADDRESS", "Dask scheduler, tcp://HOST:PORT; default: all cores of this machine.")
@@ -58,7 +58,7 @@ def fleet_command(
     from kalscope.tuning.fleet.work.asked import Asked, any_recording
 
     if every and channel is not None:
-        raise BadSetting(f"--all must stand without --channel (got --channel {channel!r})")
+        raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
     check_libraries()
     if asked.still is None:  # a stretch lies in each recording or not
         asked.request(any_recording()).checked_momentum()
@@ -78,7 +78,7 @@ def fleet_command(
 def _run_on_screen(
     sources: list[str], options: Asked, output: Path, cluster: str | None, finish: Callable[[Pool], None]
 ) -> Tally:
-    """`run_fleet`, with how far it is in a line of the terminal."""
+    """`run_fleet`, with its progress on a line of the terminal."""
     from kalscope.cli.console import TerminalLine
     from kalscope.common.stopping import said_at_stop
     from kalscope.common.text import count
@@ -103,11 +103,11 @@ def _run_on_screen(
 
 
 def kept_text(tally: Tally | None) -> str:
-    """What is kept of a run that was stopped, and how to go on; None where no batch was begun."""
+    """What is kept of a run that was stopped, and how to continue; None where no batch was started."""
     done = "what was done is kept"
     if tally is not None:
         done = f"{tally.kept + tally.done} of {tally.units} done, all kept"
-    return f"{done}: run the same command again to go on"
+    return f"{done}: run the same command again to continue"
 
 
 def say_what_is_tried_again(tally: Tally) -> None:
@@ -122,7 +122,7 @@ def say_what_is_tried_again(tally: Tally) -> None:
 
 
 def progress_text(tally: Tally) -> str:
-    """How far a run is, how fast and for how long yet, in one line."""
+    """How far a run is, how fast, and the time left, in one line."""
     from kalscope.common.text import count, duration, number, percent
 
     if tally.bytes:

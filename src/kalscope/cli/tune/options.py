@@ -82,7 +82,7 @@ NOTHING = TuneOptions()
 
 
 Method = Annotated[str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")]
-LagMs = Annotated[float | None, number_option("Target: largest lag behind a slope, ms.")]
+LagMs = Annotated[float | None, number_option("Target: largest lag behind a ramp, ms.")]
 CutoffHz = Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")]
 NoiseReductionDb = Annotated[float | None, number_option("Target: reduction of white noise, dB.")]
 Gain = Annotated[float | None, number_option("Target: steady gain, 0 to 1.")]
@@ -115,7 +115,9 @@ R = Annotated[
 ]
 Momentum = Annotated[
     float | None,
-    number_option('Sample periods that the signal keeps its direction, or "auto" (default).', number_or("auto")),
+    number_option(
+        'How long the signal keeps its direction, sample periods, or "auto" (default).', number_or("auto")
+    ),
 ]
 Gate = Annotated[
     float | None,
@@ -175,7 +177,7 @@ def _refuse_contradictions(named: list[str], method: str | None) -> None:
         raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
     deciding = [name for name in (*FOR_LAMBDA, *FOR_NOISE) if name in named]
     if method not in (None, "ml") and deciding:
-        raise BadSetting(f"--method {method} must stand without {deciding[0]}, which decides instead (got both)")
+        raise BadSetting(f"--method {method} must be used without {deciding[0]}, which decides instead (got both)")
 
 
 def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal["auto"]:
@@ -184,7 +186,7 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal[
     "auto" stays: each channel has a still stretch of its own.
 
     Raises:
-        BadSetting: not two rising numbers, no sample between them, or time steps back between them.
+        BadSetting: not two ascending numbers, no sample between them, or time steps back between them.
     """
     if text == "auto":
         return "auto"
@@ -193,7 +195,7 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal[
     except ValueError:
         first, last = math.nan, math.nan
     if not first < last:
-        raise BadSetting(f"--still must be FROM:TO, two rising numbers such as 2:5.5, or auto (got {text!r})")
+        raise BadSetting(f"--still must be FROM:TO, two ascending numbers such as 2:5.5, or auto (got {text!r})")
     inside = ((recording.time >= first) & (recording.time <= last)).nonzero()[0]
     unit = " s" if recording.sample_period is not None else ""
     if len(inside) == 0:

@@ -1,4 +1,4 @@
-"""The answer of `kalscope tune --json`: everything, in values that JSON can say."""
+"""The answer of `kalscope tune --json`: everything, in values that JSON can hold."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kalscope.recording import Recording
 
 
 def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
-    """The answer as JSON can say it: None for what is not there, "inf" for infinity, never NaN."""
+    """The answer in values that JSON can hold: None for what is missing, "inf" for infinity, never NaN."""
     params, limits = answer.found.params, answer.range
     return finite(
         {
@@ -93,7 +93,7 @@ def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
 
 
 def finite(value: Any) -> Any:
-    """The value without numbers that JSON has not; numpy's as Python's."""
+    """The value without numbers that JSON cannot hold; numpy types become Python's."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""What a tuning file already holds, and stays when `kalscope tune -o` saves over it."""
+"""What a tuning file already holds and keeps when `kalscope tune -o` saves to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def saved_before(recording: Recording, output: Path) -> Tuning | None:
     try:
         before = load_tuning(output) if output.is_file() else None
     except BadFile:
-        return None  # save_tuning says what is wrong with it
+        return None  # save_tuning reports what is wrong with it
     if before is None or before.sha256 != recording.sha256 or before.sample_period != recording.sample_period:
         return None
     return before

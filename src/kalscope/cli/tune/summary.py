@@ -20,14 +20,14 @@ MAX_LINES = 6
 
 
 def reading_lines(recording: Recording) -> list[str]:
-    """How the recording was read: one line, for a program to take, and one more where much could not be."""
+    """How the recording was read: one line that a program can parse, and one more for large losses."""
     lines = [f"{recording.title or recording.source}: {account.summary(recording)}"]
     warnings = account.warnings(recording)
     return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
 
 
 def summary_of(answer: Answer, recording: Recording, lines: int) -> list[str]:
-    """The channel in at most so many lines of the page, 4 or more; the last advice is cut where it is too long."""
+    """The channel in at most `lines` lines of the page, 4 or more; the last advice is cut where it is too long."""
     said = [_filter(answer), *_effect(answer), answer.judgement.headline]
     page = [line for one in said for line in wrapped(one)]
     for text in _next(answer, recording):
@@ -85,7 +85,7 @@ def _allowed(answer: Answer) -> str:
 
 
 def _next(answer: Answer, recording: Recording) -> Iterator[str]:
-    """What to do, most urgent first: with a pair at least that it can be kept, without one a filter to choose."""
+    """What to do, most urgent first: with a pair at least how to save it, without one how to choose a filter."""
     if answer.found.params is None and account.warnings(recording):
         yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
     advice = answer.judgement.advice

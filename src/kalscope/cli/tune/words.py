@@ -25,9 +25,9 @@ VERDICT_WORDS = {
     "not_converged": "not converged",
     "too_many_outliers": "too many spikes",
     "below_resolution": "noise below the rounding step",
-    "only_spikes": "r → 0 but for spikes",
+    "only_spikes": "r → 0 except for spikes",
 }
-"""Verdicts as they stand in a table."""
+"""Verdicts as they are shown in a table."""
 
 
 def between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:

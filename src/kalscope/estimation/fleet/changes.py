@@ -1,4 +1,4 @@
-"""Which device has changed: its files in order of date, held against the intervals of their q and r."""
+"""Which device has changed: its files in order of date, compared with the intervals of their q and r."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class Changes:
     device: NDArray[np.generic]
     """The devices, sorted."""
     files: NDArray[np.int64]
-    """Files of each that say something about it."""
+    """Files of each that give a value for it."""
     mean: Array
     """Their mean, weighted by their standard errors; NaN without any."""
     chi2: Array
-    """Σ(value − mean)²/error²; of a device that does not change its law is χ² with `files` − 1 degrees of
+    """Σ(value − mean)²/error²; for a device that does not change it follows χ² with `files` − 1 degrees of
     freedom."""
     p: Array
     """Chance of so large a value of a device that does not change, 0 … 1; 1 with fewer than two files."""
     adjusted_p: Array
-    """The same for the whole fleet (Holm): below 0.05 the device has changed, at most one fleet in twenty names one
+    """The same for the whole fleet (Holm): below 0.05 the device has changed; at most one fleet in twenty names one
     wrongly."""
     step: Array
     """Largest difference between the means before and after one date, later minus earlier; 0 with fewer than

@@ -63,7 +63,7 @@ def held_out(
 
 
 def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
-    """The error on the second half of the filter that the first half asks for, which may have momentum."""
+    """The error on the second half of the filter fitted to the first half, which may have momentum."""
     half, dt = len(z) // 2, steps if len(steps) else None
     found = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
     if found.params is None or not float(found.momentum) > 0.0:
@@ -75,7 +75,7 @@ def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
 def held_out_at(growth: ArrayLike, ratio: float) -> Array:
     """The ratio of errors at one λ, shape (k,), by a cubic spline through those of `held_out`.
 
-    Between their places it is good to 0.1 %; beyond them the nearest counts.
+    Between those points it is good to 0.1 %; beyond them the nearest one is used.
 
     Args:
         growth: of `held_out`, shape (k, 23), also as float32.

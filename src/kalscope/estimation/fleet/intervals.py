@@ -1,4 +1,4 @@
-"""Distances in standard errors of what is known by an interval, whose sides differ and may have no end."""
+"""Distances in standard errors from values with intervals, whose sides may differ and be infinite."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NORMAL = 1.959963984540054
 
 EDGE = 1.5
 """Least standard deviation, in ln, beyond the end of an interval whose estimate is 0: short recordings without any
-movement are more frequent than a likelihood that is quadratic in the logarithm would have it."""
+movement are more frequent than a likelihood that is quadratic in the logarithm predicts."""
 
 Interval = tuple[ArrayLike, ArrayLike]
 
@@ -40,7 +40,7 @@ def checked(values: ArrayLike, interval: Interval | None) -> tuple[Array, Array,
 
 
 def usual_error(down: Array, up: Array) -> float:
-    """Median of the standard errors that have an end, 0 without any."""
+    """Median of the finite standard errors, 0 without any."""
     both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
     known = both[np.isfinite(both)]
     return float(np.median(known)) if len(known) else 0.0
@@ -49,7 +49,7 @@ def usual_error(down: Array, up: Array) -> float:
 def distances(
     values: Array, interval: Interval | None, down: Array, up: Array, middle: Array, spread: float
 ) -> Array:
-    """Each value's distance from `middle` in standard deviations of itself, spread by `spread` besides; NaN stays.
+    """Each value's distance from `middle` in its own standard deviations, with `spread` added; NaN stays.
 
     The side of the interval that faces the middle counts. A value at ∓inf (ln of 0) is 1.96 away where its interval
     holds the middle, and farther by how far the interval ends before it.

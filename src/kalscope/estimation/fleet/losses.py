@@ -1,6 +1,6 @@
-"""What each device loses by one filter that all share, read from a few numbers that its fit left behind.
+"""What each device loses by one filter that all share, read from a few numbers that its fit stored.
 
-The filter for all is known only once every recording has been fitted. So each fit leaves the errors that any shared
+The filter for all is known only once every recording has been fitted. So each fit stores the errors that any shared
 λ would have on samples that it has not seen, and the filter of its own to compare with: nothing is read twice.
 """
 
@@ -19,7 +19,7 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 LOG_OWN, OWN_MOMENTUM, GROWTH = range(3)
-"""Columns of what a fit leaves: ln λ and momentum of the device's own filter; from GROWTH on `held_out`."""
+"""Columns of what a fit stores: ln λ and momentum of the device's own filter; from GROWTH on `held_out`."""
 WIDTH = GROWTH + len(LOG_RATIOS)
 """How many there are."""
 
@@ -38,7 +38,7 @@ class Losses:
 
 
 def left_by(own_ratio: Array, own_momentum: Array, growth: Array) -> Array:
-    """What the fits of k devices leave behind, shape (k, WIDTH).
+    """What the fits of k devices store, shape (k, WIDTH).
 
     Args:
         own_ratio: λ of each device's own filter, > 0, shape (k,).

@@ -34,7 +34,7 @@ class PooledFit:
     """Summed log-likelihood there."""
     ratio_interval: tuple[float, float]
     """The λ that another fleet of such devices may have as its best one, 95 %: profile likelihood, wider where the
-    devices differ. It is narrow for a large fleet, and not how far its devices lie apart: see `unlike`."""
+    devices differ. It is narrow for a large fleet, and does not show how far its devices differ: see `unlike`."""
     verdict: str
     """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
     scale: Scale
@@ -87,7 +87,7 @@ def fit_pool(pool: Pool, scale: Scale = "each") -> PooledFit:
 
 
 def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]:
-    """The interval of ln λ, which holds how much the devices differ.
+    """The interval of ln λ, which accounts for how much the devices differ.
 
     The slopes of the devices at the top scatter by the curvature where all share λ, by more where they do not; the
     likelihood is flattened by that factor.

@@ -14,10 +14,10 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.intervals import Interval, checked, distances, usual_error
 
 _MAD = NormalDist().inv_cdf(0.75)
-"""Median distance from the median of a normal law, standard deviations: 0.6745."""
+"""Median distance from the median of a normal distribution, standard deviations: 0.6745."""
 
 MIN_DEVICES = 8
-"""Devices from which a spread can be judged."""
+"""Least number of devices whose spread can be judged."""
 
 
 @dataclass(frozen=True)

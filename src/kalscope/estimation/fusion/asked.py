@@ -1,4 +1,4 @@
-"""What `estimate_fusion` is asked, checked once."""
+"""The arguments of `estimate_fusion`, checked once."""
 
 from __future__ import annotations
 

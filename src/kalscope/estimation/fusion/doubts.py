@@ -13,17 +13,17 @@ from kalscope.estimation.fusion.search.fit import Asked, Found, climbed
 from kalscope.estimation.fusion.search.likelihood import Readings, place_at
 
 MIN_ROWS = 30
-"""Rows in which all sensors answer, to say anything."""
+"""Least number of rows in which all sensors answer."""
 SURE = 10.83
 """Rise of twice the log-likelihood that one parameter brings by chance once in a thousand records."""
 MUCH = 1.3
 """Factor by which the fused value must be noisier than the sensors explain."""
 SLOW = 0.2
-"""Correlation of what differs between the sensors with the same a row before, beyond which it counts as slow."""
+"""Correlation of a sensor's difference with that of the row before, beyond which the difference counts as slow."""
 
 EVENLY, MIN_CHANGE = 0.8, 2.0
 """Share of readings that are repeated equally often, and usual change between them over the least, where a logger
-repeats what a slow sensor said last. One that rounds repeats itself too, but unevenly or in single steps."""
+repeats the last reading of a slow sensor. One that rounds repeats itself too, but unevenly or in single steps."""
 
 
 def held_for(readings: Array) -> int:
@@ -65,7 +65,7 @@ def common_noise(z: Array, steps: Array, found: Found) -> float:
 
 
 def slow_sensors(z: Array, found: Found) -> list[int]:
-    """The sensors that differ from the fused value by more than white noise: what differs stays for some rows."""
+    """The sensors that differ from the fused value by more than white noise: the difference stays for some rows."""
     data, place = found.coordinates.data, found.place
     signal = _complete(z, found)
     if signal is None:

@@ -69,7 +69,7 @@ def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress:
     """The estimate of the fused value as one signal, and of how many rows.
 
     Without momentum one r may come out as 0 although its sensor is no better, only quicker than the random walk
-    expects. So the mean with even weights is asked where the weighted one shows no momentum.
+    expects. So the mean with even weights is tried where the weighted one shows no momentum.
     """
     place, data = plain.place, plain.coordinates.data
     r = place.r / place.c**2
@@ -93,7 +93,7 @@ def lifted(place: Place, searched: Asked) -> Array:
 
 
 def within_record(data: Readings, searched: Asked, found: Found) -> Found:
-    """A momentum longer than the record is that of the record: how much longer it is cannot have been seen."""
+    """A momentum longer than the record is cut to its length: the record cannot show how much longer it is."""
     if found.place.tau <= data.span:
         return found
     place = place_at(data, found.place.q, data.span, found.place.r, found.place.c)

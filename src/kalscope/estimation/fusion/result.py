@@ -39,7 +39,7 @@ class FusionEstimate:
     """The readings of each sensor that were set aside, their rows."""
     verdict: str
     """"ok", "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement" (q = 0),
-    "too_few", "constant" (a sensor always says the same), "copies" (two sensors always move exactly alike),
+    "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly alike),
     "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement and noise
     explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another unit)."""
     message: str

@@ -32,7 +32,7 @@ def too_few(name: str, readings: int) -> str:
 
 
 def constant(name: str) -> str:
-    """A sensor that always says the same."""
+    """A sensor that always reads the same."""
     return (
         f"All readings of {name} are equal, so it says nothing about the quantity: it may be dead, or its steps "
         "are too coarse. Leave it out."

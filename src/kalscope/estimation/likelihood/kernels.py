@@ -6,8 +6,8 @@ innovation variance. So a lane is v and p; missing samples are gaps between the 
 over g periods adds λ g), and nothing here meets a NaN.
 
 A lane whose variance has come back to its fixed point K (p' = p holds for p = K, f = 1/(1 − K)) is settled:
-no division is left, only v = d + v/f and Σ v². Lanes stand in order of falling λ, the order in which they
-settle, so the settled ones are always the first.
+no division is left, only v = d + v/f and Σ v². Lanes are in order of descending λ, the order in which they settle,
+so the settled ones are always the first.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from kalscope.common.compiled import compiled
 Array = NDArray[np.float64]
 
 BLOCK = 8
-"""Samples that a lane takes in a row before the next lane has its turn: its state stays in registers."""
+"""Samples that a lane processes before the next lane: its state stays in registers."""
 
 LANES = 8
 """Lanes settle, and are filled up, in groups of this many: one AVX-512 register of doubles."""

@@ -14,7 +14,7 @@ from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
 
 METHODS = ("ml", "em", "moments", "als", "allan")
-"""What `estimate` knows, in the order in which `compare_methods` shows them."""
+"""The methods of `estimate`, in the order in which `compare_methods` shows them."""
 
 QUICK = {"moments": moments.fit, "als": innovation_correlations.fit, "allan": allan.fit}
 """The methods that use other properties of the record than its likelihood: from the record to a pair."""

@@ -1,6 +1,6 @@
 """Maximum likelihood with the exact diffuse start and the scale concentrated out: one search over ln λ.
 
-Durbin & Koopman (2012), section 2.10. Nothing in it knows the unit of the signal.
+Durbin & Koopman (2012), section 2.10. Nothing in it depends on the unit of the signal.
 """
 
 from __future__ import annotations

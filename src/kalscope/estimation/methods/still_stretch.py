@@ -1,4 +1,4 @@
-"""The still stretch of a record, found by itself: where the readings show noise alone, while elsewhere they move.
+"""Finds the still stretch of a record: where the readings show noise alone, while elsewhere they move.
 
 The record is cut into short blocks. A window of blocks is still where the noise within the blocks is white and
 equally large, and the means of the blocks lie on a line that hardly drifts. That happens by chance on a random walk
@@ -41,7 +41,7 @@ FITTED = 3
 ALL_STILL = -0.5
 """How much less likely noise may be than a random walk where the whole record is taken for still, logarithm."""
 EDGES = 16
-"""One block in so many is left out at each end, at least one."""
+"""One block in this many is left out at each end, at least one."""
 QUIET = 2.0
 """Variance of a still window over that of the quietest quarter of the blocks, at most."""
 MAX_DRIFT = 3.0
@@ -49,7 +49,7 @@ MAX_DRIFT = 3.0
 SURE = 3.3
 """Standard deviations up to which a statistic of white noise may be off."""
 _SPIKE = 6.0
-"""Standard deviations from the running median beyond which a sample is not looked at."""
+"""Standard deviations from the running median beyond which a sample is ignored."""
 _NORMAL = 2.1
 """Standard deviation of white noise over the median distance from its running median of five."""
 

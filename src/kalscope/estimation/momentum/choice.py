@@ -1,4 +1,4 @@
-"""Whether a record asks for momentum: by its likelihood, and by how well it predicts samples that it has not seen.
+"""Whether a record needs momentum: by its likelihood, and by how well it predicts samples that it has not seen.
 
 Both must agree, else the simpler model stays. A few jumps of a long record can raise the likelihood although the
 prediction of all the rest gets worse; and a slightly better prediction of a short record can be chance.
@@ -24,7 +24,7 @@ from kalscope.filtering.params import FilterParams
 MIN_GAIN = 12.0
 """Twice the log-likelihood that momentum must add: 2 for its parameter by Akaike's criterion, 10 for safety."""
 SHORT_RECORD = 5000.0
-"""This over the samples is to be added besides: a short record has seen few changes of direction, if any."""
+"""This over the number of samples is added to it: a short record has few changes of direction, if any."""
 MAX_ERROR = 0.995
 """One-step error with momentum over that without, on unseen samples: at least 0.5 % less."""
 FOLDS = 5
@@ -32,12 +32,12 @@ FOLDS = 5
 MIN_SAMPLES = 60
 """Samples of the record, so that each part holds a dozen."""
 _BLOCKS = 2
-"""Stretches of each part. All count alike: a sensor may sleep in one of them, and be shaken in another."""
+"""Stretches of each part. All count alike: a sensor may lie still in one of them, and be shaken in another."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What speaks for momentum in one channel."""
+    """The evidence for momentum in one channel."""
 
     gain: float
     """Twice the log-likelihood that it adds."""
@@ -48,7 +48,7 @@ class Choice:
 
     @property
     def chosen(self) -> bool:
-        """Whether both tests are for it."""
+        """Whether both tests favour it."""
         return self.gain > self.needed and self.error <= MAX_ERROR
 
 

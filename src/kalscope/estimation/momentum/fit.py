@@ -1,4 +1,4 @@
-"""The best q, r and τ of a record, and how well it knows them."""
+"""The best q, r and τ of a record, and how well it determines them."""
 
 from __future__ import annotations
 
@@ -24,4 +24,4 @@ class MomentumFit:
     tau_interval: tuple[float, float]
     """The τ that the record allows: profile-likelihood 95 %, from 0, or up to inf; τ itself where it was given."""
     region: tuple[tuple[float, float], ...]
-    """Pairs (q/r, τ) on the border of what the record allows: what the filter may be lies between theirs."""
+    """Pairs (q/r, τ) on the border of what the record allows: the possible filters lie between them."""

@@ -21,10 +21,10 @@ _NORMAL = math.sqrt(2.0 * DROP)
 
 
 def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
-    """The fit at the highest place of the likelihood, and how well the record knows it.
+    """The fit at the highest place of the likelihood, and how well the record determines it.
 
-    Of the τ longer than the record only the shortest that the record allows is taken: how much longer the signal
-    keeps its direction is something that the record cannot have seen.
+    Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
+    much longer the signal keeps its direction.
     """
     low, high = momentum_ends(data, top, progress.part(0.0, 0.6))
     tau = top.tau

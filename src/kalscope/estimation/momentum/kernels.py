@@ -1,8 +1,8 @@
 """The compiled loops of the likelihood with momentum, nothing else: many triples (q, r, τ) over one channel.
 
 Each triple is a lane of the filter of `filtering.momentum`, with the exact diffuse start. Eight lanes advance
-together. All that they hold stands in one array, quantity after quantity: only so does the compiler see that no two
-quantities share memory, and puts the eight into one vector. Once the gains of all eight have settled no division is
+together. All that they hold is in one array, quantity after quantity: only then does the compiler see that no two
+quantities share memory, and put the eight into one vector. Once the gains of all eight have settled no division is
 left.
 """
 
@@ -20,7 +20,7 @@ LANES = 8
 """Lanes that advance together: one AVX-512 register of doubles."""
 
 BLOCK = 4
-"""Samples between two looks at the lanes; so many variances multiplied stay within a double."""
+"""Samples between two checks of the lanes; the product of this many variances stays within a double."""
 
 SETTLED_WITHIN = 1e-13
 """Relative change of the variances a block below which the gains are taken as settled."""
@@ -41,7 +41,7 @@ def scan_lanes(z: Array, gap: Array, q: Array, r: Array, tau: Array, chi2: Array
     """Write Σ v²/s and Σ ln s of every lane into `chi2` and `logdet`.
 
     `z` holds the finite samples, `gap` the periods before each but the first (empty: 1 each); `q`, `r`, not both 0,
-    and `tau` > 0 the lanes, a multiple of LANES long. Lanes of one τ should stand together where gaps differ.
+    and `tau` > 0 the lanes, a multiple of LANES long. Lanes of one τ should be adjacent where gaps differ.
     """
     lanes = np.empty(ROOM)
     for first in range(0, q.shape[0], LANES):

@@ -58,7 +58,7 @@ class Samples:
         return Differences(np.diff(self.z), self.gap, self.scale)
 
     def sums(self, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:
-        """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should stand together."""
+        """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should be adjacent."""
         k = len(q)
         q, r, tau = (np.concatenate([part, np.full(-k % kernels.LANES, part[-1])]) for part in (q, r, tau))
         chi2, logdet = np.empty_like(q), np.empty_like(q)

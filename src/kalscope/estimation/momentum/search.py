@@ -18,7 +18,7 @@ from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.filtering.params import MAX_MOMENTUM
 
 MIN_MOMENTUM = 0.1
-"""Shortest τ searched, in samples: a velocity that is forgotten faster cannot be told from none."""
+"""Shortest τ searched, in samples: a velocity that is forgotten faster cannot be distinguished from none."""
 
 HIGHEST = 24.0
 """Largest finite ln(step variance / r) searched: no noise, as far as a double can tell."""
@@ -28,13 +28,13 @@ _PLACES = 16
 _TABLE_STEP = 1.6
 """Step of the table in ln(step variance / r)."""
 _WIDE = 0.9
-"""Half the stretch of ln τ that is looked at first where r = 0: one step of the table."""
+"""Half the stretch of ln τ that is searched first where r = 0: one step of the table."""
 _NODES = 5, 8
 """Points of a patch along the two; eight lanes of the kernel have one τ."""
 _SIZES = 0.7, 0.2, 0.05
 """Half the side of the patches, one after the other."""
 _MAX_PEAKS = 3
-"""Local maxima of the table to look at."""
+"""Local maxima of the table to examine."""
 _MAX_MOVES = 12
 """Moves of a patch of one size."""
 
@@ -123,7 +123,7 @@ def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tu
 
 
 def _climb(data: Samples, starts: list[tuple[float, float]], progress: Progress) -> Top:
-    """The highest place near several starts: that of the highest large patch, looked at more and more closely."""
+    """The highest place near several starts: that of the highest large patch, refined step by step."""
     count = len(starts) + len(_SIZES) - 1
     parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
     tops = [_move(data, *start, _SIZES[0], part) for start, part in zip(starts, parts, strict=False)]
@@ -204,7 +204,7 @@ def _basis(x: float, count: int) -> Array:
 
 
 def _climb_without_noise(data: Samples, log_tau: float, first: float, progress: Progress) -> Top:
-    """The best τ near one where r = 0; `first` is half the stretch that is looked at first."""
+    """The best τ near one where r = 0; `first` is half the stretch that is searched first."""
     low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
     nodes = chebyshev.chebpts1(_NODES[1])
     edge = np.full(len(nodes), math.inf)

@@ -27,7 +27,7 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
     Args:
         data: the record.
         plain: its estimate without momentum.
-        momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record asks for it.
+        momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record needs it.
         progress: reported to.
     """
     if plain.verdict == "bad_unit":

@@ -15,8 +15,8 @@ from kalscope.filtering.params import FilterParams
 def advised_gate(z: Array, steps: Array, params: FilterParams, away: Mask) -> float | None:
     """The gate in standard deviations of the innovation; None where the filter does better without.
 
-    A gate keeps spikes out, but it also delays the answer to a step. The signal is taken from the smoother, to
-    which the spikes are missing.
+    A gate keeps spikes out, but it also delays the response to a step. The signal is taken from the smoother, which
+    does not get the spikes.
 
     Args:
         z: one channel, shape (n,), NaN where missing.

@@ -1,8 +1,8 @@
 """The compiled loop of the spike-proof fit, nothing else: which samples the past does not predict.
 
 One run of the filter over a record, in which the samples beyond the gate change nothing. A spike, or a few side by
-side, is refused, and the sample after it is predicted well again. Where one sample more is refused than may stand
-side by side the signal has moved: the filter starts again at the first of them, and they count as predicted.
+side, is refused, and the sample after it is predicted well again. Where more than `longest` adjacent samples are
+refused, the signal has moved: the filter starts again at the first of them, and they count as predicted.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from kalscope.filtering.momentum import kernels as moving
 Array = NDArray[np.float64]
 
 AT_END = 2
-"""Spikes side by side that are recognised at either end of the record."""
+"""Adjacent spikes that are recognised at either end of the record."""
 
 
 @compiled()
@@ -40,7 +40,7 @@ def judge_samples(
     """Write v and s of each sample, and whether it is refused; `longest` may be refused side by side.
 
     `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum, and `start` the level
-    before the first sample and its variance. Samples refused before one is taken know nothing of their past:
+    before the first sample and its variance. Samples refused before one is taken have no past to be predicted from:
     s = inf. More than AT_END refused samples at the end may be a step, and count as predicted.
     """
     n, regular = z.shape[0], dt.shape[0] == 0

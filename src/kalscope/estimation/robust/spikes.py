@@ -1,6 +1,6 @@
 """Which samples of a record are spikes: those that neither the samples before nor those after them predict.
 
-A genuine step is predicted well from its own future, and a fast movement too, so both stay.
+A genuine step is predicted well from the samples after it, and so is a fast movement: both stay.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ LONGEST = GATE_LIMIT
 NEAR = 15
 """Samples on either side of one that show how lively the signal is there."""
 MOST = 25.0
-"""Largest v²/s of one sample that is believed of its neighbours: a single missed spike does not make it lively."""
+"""Limit on the v²/s of one neighbour: a single missed spike does not make the signal lively."""
 VERY_LIVELY, CROWDED = 2.0, 0.1
 """Mean v²/s around a sample, and share of the samples there, beyond which it takes SIGMAS times as much again:
 what looks like several spikes may be movement."""
 MIN_RUNS = 6
-"""Runs of spikes, of any length, from which those of more than two are believed."""
+"""Number of runs of spikes, of any length, from which those of more than two samples are accepted."""
 LIVELY = 1.5
 """Mean v²/s of the samples around one from which the signal counts as lively; of normal noise it is 1 or less."""
 START_SIGMAS = 3.0

@@ -1,8 +1,8 @@
-"""How much noise the rule itself takes away: of good samples the largest few are set aside with the spikes.
+"""How much noise the rule itself removes: of good samples the largest few are set aside with the spikes.
 
 A sample is z = x + e with e of variance r, and both sides together predict it with an error v, z - prediction, of
-variance s = r + p/2, where p is that of one side. It goes where |v| > c √s. The part ρ v of e, ρ = r/s, is known
-from v, the rest is independent of it: with the share P = 2 Q(c) of the samples goes the share
+variance s = r + p/2, where p is that of one side. It is set aside where |v| > c √s. The part ρ v of e, ρ = r/s, is
+known from v, the rest is independent of it: with the share P = 2 Q(c) of the samples goes the share
 
     I = ρ 2 (c φ(c) + Q(c)) + (1 - ρ) P
 

@@ -94,7 +94,7 @@ def _about_line(place: NDArray[np.intp], samples: Array) -> tuple[float, Array]:
 
 
 def _far(left: Array, step: float) -> NDArray[np.bool_]:
-    """The samples that are no noise: far out by the median distance, which spikes hardly move."""
+    """The samples that are not noise: far out by the median distance, which spikes hardly change."""
     away = np.abs(left - np.median(left))
     return away > SPIKE * max(_NORMAL * float(np.median(away)), step)
 

@@ -1,6 +1,6 @@
 """The commands by which a board measures its own noise, and its answers: texts only, no port.
 
-A sketch exported with calibration knows them. The answers come from outside: each is split once and bounded in
+A sketch exported with calibration supports them. The answers come from outside: each is split once and bounded in
 length, and its numbers must be finite and agree with their bits.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 
 MAX_LETTERS = 200
-"""Letters of an answer that is read; a live source cuts its lines there."""
+"""Most characters of an answer that is read; a live source cuts its lines there."""
 
 _AGREES = 1e-5
 """Share by which a printed number may differ from its bits: a board divides by ten until seven digits are left."""
@@ -51,7 +51,7 @@ class Calibrated:
 
     @property
     def rows(self) -> int:
-        """All samples that were looked at."""
+        """All samples that were examined."""
         return self.samples + self.spikes + self.missing
 
     @property
@@ -128,7 +128,7 @@ def start(seconds: float, channel: int | None = None) -> str:
         channel: Which channel of the board, from 1; None = all.
 
     Raises:
-        BadSetting: This is no time to measure for.
+        BadSetting: This is not a valid time to measure for.
     """
     if not 0.0 < seconds < 1e6:
         raise BadSetting(f"the time to measure for must be above 0 s and below 1e6 s (got {seconds:.6g})")
@@ -203,7 +203,7 @@ def _calibrated(name: str, fields: list[str]) -> Calibrated | None:
 
 
 def _float32(printed: str, bits: str) -> np.float32 | None:
-    """The value of eight hexadecimal digits, if it is 0 or more and the printed number says the same."""
+    """The value of eight hexadecimal digits, if it is 0 or more and agrees with the printed number."""
     try:
         value = float(printed)
     except ValueError:

@@ -1,4 +1,4 @@
-"""A channel as a small board filters it, in float32: by Kalman or a classic filter, or either behind a median."""
+"""A channel as a small board filters it, in float32: by Kalman or a classic filter, or either after a median."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.export.float32 import Float32Params, filter_float32
 
 MAX_ROWS_TO_RESTART = 2000
-"""Rows in which a restart is searched for: a board obeys within a few."""
+"""Rows in which a restart is searched for: a board executes it within a few."""
 
 MAX_RESTARTS_TRIED = 256
 """Candidate rows that are tried: while the input is constant and the old filter has settled on it, every row looks

@@ -1,6 +1,6 @@
 """The commands to a board that runs the exported sketch, and its answers: texts only, no port.
 
-Send one command, wait for its answer, then send the next: a small board keeps 64 letters.
+Send one command, wait for its answer, then send the next: a small board buffers 64 characters.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params
 
 MIN_MOMENTUM = 1e-3
-"""Shortest momentum that a board takes, sample periods; shorter ones are as good as none."""
+"""Shortest momentum that a board accepts, sample periods; shorter ones have no effect."""
 
 _BITS = "([0-9A-F]{8})"
 _ANSWER = re.compile(
@@ -50,7 +50,7 @@ class BoardAnswer:
 
 @dataclass(frozen=True)
 class FixedFilter:
-    """A filter of a board that takes no values while it runs: it is not Kalman's."""
+    """A filter of a board that takes no values while it runs: it is not a Kalman filter."""
 
     name: str
     """Identifier of the channel."""
@@ -79,7 +79,7 @@ def commands(params: Float32Params, channel: int | None = None, *, knows_momentu
             f"momentum must be 0 or at least {MIN_MOMENTUM:g} samples for a board (got {float(momentum):.6g})"
         )
     which = "" if channel is None else f"{channel} "
-    # A value of 0 comes last: the board refuses q = r = 0, also on the way.
+    # A value of 0 comes last: the board refuses q = r = 0, also in between.
     pair = sorted((("q", params.q), ("r", params.r)), key=lambda named: named[1] == 0)
     between = (("t", momentum),) if knows_momentum else ()
     return tuple(f"{which}{name} {float(value):.9g}" for name, value in (*pair, *between, ("p", params.p0)))

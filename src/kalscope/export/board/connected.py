@@ -59,7 +59,7 @@ def filtered_channels(names: tuple[str, ...], filters: int = 0) -> dict[str, str
 
 
 def is_unnamed(names: tuple[str, ...]) -> bool:
-    """Whether the board has not said what its columns are called."""
+    """Whether the board has not sent the names of its columns."""
     return names == tuple(f"value {i + 1}" for i in range(len(names)))
 
 

@@ -1,4 +1,4 @@
-"""Lets a connected board measure its own noise, and measures the same samples here."""
+"""Let a connected board measure its own noise, and measure the same samples here."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
 MAX_LATE_ROWS = 200
 """Samples after the end within which the answer must have come: those missing at the start make it later."""
 _CANCEL_S = 1.0
-"""Seconds to wait for it to confirm that it has stopped: Ctrl+C ends a command within 2 s."""
+"""Timeout for its confirmation that it has stopped, s: Ctrl+C ends a command within 2 s."""
 _TICK = 0.1
 """Seconds between two reports of the progress."""
 
@@ -73,13 +73,13 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         source: The board, which runs the exported sketch and is sending.
         channel: The measured channel, as the live record or the board itself calls it; None = all.
         seconds: For how long.
-        progress: What is told how far it is, and whether to stop: the board then keeps its values.
+        progress: Receives the progress, and says whether to stop: the board then keeps its values.
 
     Returns:
         One for each channel, in the board's order.
 
     Raises:
-        BadSetting: the board does not filter this channel, or no board measures so long.
+        BadSetting: the board does not filter this channel, or no board measures for that long.
         BadDevice: the board cannot measure, stopped, was unplugged or restarted.
         Cancelled: `progress` stopped it.
     """
@@ -143,11 +143,11 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
                     raise BadDevice(CANNOT)
                 if isinstance(answer, NotKept):
                     raise BadDevice(f"the board could not store its values: {answer.reason}")
-    raise BadDevice(f"the board did not say within {command_channel.ANSWER_S:g} s that it did so")
+    raise BadDevice(f"the board did not confirm this within {command_channel.ANSWER_S:g} s")
 
 
 class _Run:
-    """One measurement: what was said of each channel, and how many samples have come since."""
+    """One measurement: the answers on each channel, and how many samples have arrived since."""
 
     def __init__(self, source: LiveSource, heard: Queue[Remark], columns: int, channels: dict[str, str]) -> None:
         """Args: the board; its remarks; values of a row; the channels by the board's own names."""
@@ -172,13 +172,13 @@ class _Run:
         while len(self._done) < len(self._channels):
             progress(self._fraction(), "the board measures")
             status, rows = self._source.status(), self._row()
-            self._hear(_TICK)  # all that came until then is read before anything is called too late
+            self._hear(_TICK)  # everything that arrived by then is read before an answer counts as late
             if len(self._done) < len(self._channels):
                 self._check(status, rows)
         return tuple(self._done[name] for name in self._channels)
 
     def cancel(self, number: int | None) -> str:
-        """Let the board end it; which values it uses then, in words."""
+        """Cancel the measurement on the board; returns which values the board then uses, in words."""
         try:
             self._source.send(calibration.cancel(number), _CANCEL_S)
         except BadDevice:
@@ -190,7 +190,7 @@ class _Run:
         return _UNCHANGED
 
     def _hear(self, seconds: float) -> None:
-        """Take what has come, or the first that comes within some seconds; more may come for ever."""
+        """Process the remarks that are queued, or the first one within `seconds`; more may keep arriving."""
         with suppress(Empty):
             for _ in range(max(self._heard.qsize(), 1)):
                 self._take(self._heard.get(timeout=seconds))
@@ -214,7 +214,7 @@ class _Run:
             self._done[answer.name] = self._measured(channel, answer, remark)
 
     def _is_header(self, text: str) -> bool:
-        """Whether a board says the names of its columns: it does so when it starts."""
+        """Whether a remark contains the names of the board's columns: it sends them when it starts."""
         names = text.removeprefix("# ").split(",")
         return len(names) == self._columns and all(name.isidentifier() for name in names)
 
@@ -248,7 +248,7 @@ class _Run:
         return min((self._row() - row) / max(answer.rows, 1) for row, answer in begun)
 
     def _check(self, status: LiveStatus, rows: int) -> None:
-        """Refuse to wait any longer where no answer can come; `rows` have come."""
+        """Stop waiting where no answer can arrive any more; `rows` have arrived."""
         self._check_connection(status)
         now = time.monotonic()
         if rows != self._rows:
@@ -267,7 +267,7 @@ class _Run:
             raise BadDevice("the board's answer was lost on the way: what it uses now is not known. Measure again")
 
     def _check_connection(self, status: LiveStatus) -> None:
-        """Refuse to wait for a board that has gone, or has started again since."""
+        """Stop waiting for a board that has disconnected, or has restarted since."""
         if status.word == "closed":
             raise BadDevice(f"the board was disconnected while it measured. {_STARTS_WITH}")
         if status.word != "connected" or status.reconnects != self._reconnects:

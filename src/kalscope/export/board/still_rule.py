@@ -21,7 +21,7 @@ from kalscope.estimation.sensor.noise import SPIKE
 from kalscope.export.float32 import float32_text
 
 LEARNING = 16
-"""Readings that only tell where the others lie and how far they spread; so does the first group after them."""
+"""Readings that only show the level and the spread of the others; so does the first group after them."""
 GROUPS = 8
 """Groups of equally many samples that are measured, and whose means and variances are compared."""
 MIN_EACH, MAX_EACH = 8, 8000
@@ -33,7 +33,7 @@ MIN_CHANGES = 16
 MAX_MISSING, MAX_SPIKES, MAX_AT_END = 10, 20, 100
 """One of so many samples may be missing, a spike, at an end of the range; more are refused."""
 DEPENDENT, UNEVEN, WANDER = 0.1, 0.4, 100
-"""What is let pass however many the samples: a correlation of neighbours, a range of the groups' variances over r,
+"""What is allowed for any number of samples: a correlation of neighbours, a range of the groups' variances over r,
 one part of so many of r in the means of the groups."""
 
 F = np.float32
@@ -84,7 +84,7 @@ def rows_of(seconds: float, period: float) -> int:
 
 
 def measure_on_board(z: ArrayLike, known: BoardRange | None = None) -> BoardNoise | str:
-    """What the board says of these rows: what it found, or the reason why it keeps its old values.
+    """The answer of the board to these rows: what it found, or the reason why it keeps its old values.
 
     Args:
         z: The rows from the one after the command on, shape (n,), n as `rows_of` gives it; NaN is a missing sample.
@@ -122,7 +122,7 @@ class _Measurement:
     judged = place = group = counted = used = pairs = spikes = missing = cut_off = changes = 0
 
     def take(self, z: np.float32) -> BoardNoise | str | None:
-        """One sample; at the end what is said."""
+        """Take one sample; returns the answer at the end, else None."""
         came = bool(np.isfinite(z))
         measured = GROUPS * self.each
         if not came:
@@ -187,7 +187,7 @@ class _Measurement:
         self.counted += 1
 
     def _end_group(self) -> BoardNoise | str | None:
-        if self.group == 0:  # it has only told how far the readings spread
+        if self.group == 0:  # it has only shown how far the readings spread
             self.spikes = self.missing = self.cut_off = self.pairs = self.changes = 0
             self.jumps = F(0)
         elif self.counted < 2:

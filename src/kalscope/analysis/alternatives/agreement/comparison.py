@@ -35,10 +35,10 @@ def compare_methods(
 ) -> tuple[Estimate, ...]:
     """All methods on one record, in the order of METHODS; where they disagree, the first message says so.
 
-    All are asked for the five lines, without momentum. Under that model they estimate the same two numbers. Where
+    All fit the five-line filter, without momentum. Under that model they estimate the same two numbers. Where
     they differ by more than in records simulated under the first pair, the model does not describe the signal, and
     no pair can be trusted: `agreement` of each estimate says how likely its distance is, and `not_counted` why one
-    that spikes or gaps mislead says nothing.
+    that spikes or gaps mislead does not count.
 
     Args:
         z: measurements, shape (n,) or (n, channels); NaN is a missing sample.

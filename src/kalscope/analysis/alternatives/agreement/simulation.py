@@ -1,7 +1,7 @@
-"""What a method answers to records simulated under a given pair: the sampling law that no formula gives.
+"""What a method finds in records simulated under a given pair: a sampling distribution that has no formula.
 
-A parametric bootstrap (Efron & Tibshirani 1993, section 6.5). The law depends on q/r and on the pattern of the
-samples alone, not on the unit. A long record is simulated with fewer samples: `MAX_SAMPLES`.
+A parametric bootstrap (Efron & Tibshirani 1993, section 6.5). The distribution depends on q/r and on the pattern of
+the samples alone, not on the unit. A long record is simulated with fewer samples: `MAX_SAMPLES`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.by_name import QUICK
 
 SIMULATIONS = 200
-"""Simulated records of a whole law."""
+"""Simulated records of a whole distribution."""
 FIRST_SIMULATIONS = 40
-"""Simulated records that show first whether the answer is far from usual at all."""
+"""Simulated records of a first check whether the answer is unusual at all."""
 MAX_SAMPLES = 6000
 """Samples of a simulated record."""
 _BLOCKS = 8
@@ -82,7 +82,7 @@ def _answer(method: str, gap: Array, count: int, ratio: float, seed: int) -> Arr
 
 
 class _Laws:
-    """The laws simulated last, by a digest of what they depend on; safe from several threads."""
+    """The distributions simulated last, by a digest of what they depend on; thread-safe."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[bytes, tuple[int, Array]] = OrderedDict()

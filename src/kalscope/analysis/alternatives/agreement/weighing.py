@@ -1,4 +1,4 @@
-"""Whether another method's answer is as close to the maximum-likelihood pair as chance brings it."""
+"""Whether another method's answer is as close to the maximum-likelihood pair as chance allows."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 _USUAL = 0.2
-"""Above this share among the first simulations the whole law is not needed."""
+"""Above this share among the first simulations the whole distribution is not needed."""
 _MIN_ANSWERS = 0.9
 """Share of simulated records in which a method must find an answer to count."""
 _BIAS = 0.05
 """A method counts unless the true pair lies in this part of either tail of its answers."""
 _FAR = 4.0
-"""Standard deviations beyond which an innovation is no noise."""
+"""Standard deviations beyond which an innovation is not noise."""
 _FAR_SHARE = 6.334e-5
-"""Share of a normal law that lies beyond."""
+"""Share of a normal distribution that lies beyond."""
 _MIN_CHANCE = 1e-3
-"""So unlikely a number of such innovations, or so large a one, means spikes or jumps."""
+"""Chance below which the number of such innovations, or the largest one, means spikes or jumps."""
 _MAX_POWER = 0.05
 """Share of the power of all innovations, above which they mislead a method that is not robust."""
 
@@ -114,7 +114,7 @@ def spikes_in(data: Differences, best: Pair) -> str:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Where pairs stand: gain, and r as r/(r + unit), both 0 … 1, so that an edge is a place like others."""
+    """Coordinates of pairs: gain, and r as r/(r + unit), both 0 … 1, so that an edge is a point like others."""
 
     unit: float
     """Variance of the difference of two samples under the best pair."""

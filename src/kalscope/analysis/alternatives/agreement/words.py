@@ -1,4 +1,4 @@
-"""How the methods differ, in sentences: of interest where they disagree, or where the user asks."""
+"""How the methods differ, in sentences: shown where they disagree, or on request."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def disagreement(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
 
     Args:
         estimates: what `compare_methods` gave, or one channel of each.
-        momentum: of the filter that was chosen; the second opinions know none, and do not count beside it.
+        momentum: of the chosen filter; the second opinions have none, and do not count where it is above 0.
     """
     against = [one for one in estimates[1:] if _contradicts(one, estimates[0])]
     if not against or momentum > 0.0 or estimates[0].verdict == "below_resolution":
@@ -39,12 +39,12 @@ def disagreement(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
 
 
 def worth_showing(estimates: Sequence[Estimate], momentum: float = 0.0) -> bool:
-    """Whether second opinions are to be shown unasked: only where they contradict, never as reassurance."""
+    """Whether to show second opinions without a request: only where they contradict, never as reassurance."""
     return bool(disagreement(estimates, momentum))
 
 
 def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
-    """What a user who asks for the second opinions is to know of them, for one channel.
+    """What to tell a user who asks for second opinions, for one channel.
 
     Args:
         estimates: what `compare_methods` gave, or one channel of each.

@@ -116,7 +116,7 @@ def answer_fusion(
 
 
 def _sensors(recording: Recording, fusing: FusionOptions) -> tuple[tuple[str, ...], str | None]:
-    """The channels to fuse, and the one among them that is right, if one is named."""
+    """The channels to fuse, and the reference among them, if one is named."""
     reference = fusing.reference
     mixed = fusing.gains and reference is not None
     sensors = channels_to_fuse(units_of(recording), fusing.names or "", mixed_units=mixed)

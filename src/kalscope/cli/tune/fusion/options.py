@@ -29,14 +29,14 @@ class FusionOptions:
     """Whether the gain of each sensor is estimated too."""
 
     def refuse_others(self, channel: str | None, every: bool) -> None:
-        """BadSetting where an option stands with --fuse that cannot, or without it one that needs it."""
+        """Raise BadSetting for an option that --fuse excludes, or that needs --fuse where it is not given."""
         if self.names is None:
             for option, given in (("--reference", self.reference is not None), ("--sensor-gains", self.gains)):
                 if given:
                     raise BadSetting(f"{option} needs --fuse, the sensors of one quantity (got none)")
         elif channel is not None or every:
             got = "--all" if every else f"--channel {channel!r}"
-            raise BadSetting(f"--fuse must stand without --channel and --all: it names its channels (got {got})")
+            raise BadSetting(f"--fuse must be used without --channel and --all: it names its channels (got {got})")
 
 
 NONE = FusionOptions()
@@ -47,7 +47,7 @@ def fusion_options(
         str | None, text_option("NAMES", "Fuse these channels, sensors of one quantity: a,b,c or 1,2,3.")
     ] = None,
     reference: Annotated[
-        str | None, text_option("NAME", "With --fuse: the sensor that reads no offset; default: they add up to 0.")
+        str | None, text_option("NAME", "With --fuse: the sensor without an offset; default: offsets add up to 0.")
     ] = None,
     sensor_gains: Annotated[
         bool, typer.Option("--sensor-gains", help="With --fuse: estimate the gain of each sensor too.")
@@ -77,7 +77,7 @@ def known_noise(asked: TuneOptions, recording: Recording, sensors: tuple[str, ..
 
 
 def request_of(asked: TuneOptions, recording: Recording) -> Request:
-    """The target, momentum and robustness that were asked for; without the noise, which each sensor has its own of.
+    """The target, momentum and robustness that were asked for; without noise: each sensor has its own.
 
     Raises:
         BadSetting: an option that a fusion cannot have.

@@ -105,7 +105,8 @@ def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) ->
         text = f"Next: look at {listed([one.name for one in odd])}"
         if any("drift" in one.faults for one in odd) and not _has_gains(answer):
             return f"{text}; sensors of different scales seem to drift too: --sensor-gains"
-        return f"{text}; --fuse without one of them says what it is worth" if len(answer.sensors) > 2 else text
+        compare = "; try --fuse without one of them to see what it contributes"
+        return f"{text}{compare if len(answer.sensors) > 2 else ''}"
     if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
         return "Next, with --gate 16: refuse readings beyond 4 σ"
     return "Next: -o tuning.toml keeps it for kalscope filter, report and export; --details says more"

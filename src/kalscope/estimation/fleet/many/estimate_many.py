@@ -1,4 +1,4 @@
-"""`estimate_many`: q and r of many series in one compiled call, no Python a series."""
+"""`estimate_many`: q and r of many series in one compiled call, without Python code per series."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import checked_robust
 
 _AT_ONCE = 4_000_000
-"""Samples of one compiled call, a fraction of a second: progress is reported, and a stop seen, between two."""
+"""Samples of one compiled call, a fraction of a second; between calls progress is reported, and cancellation checked."""
 
 
 def estimate_many(
@@ -42,8 +42,8 @@ def estimate_many(
     """Find q and r by maximum likelihood in many series: the numbers of `estimate`, thousands of series a second.
 
     A series that cannot be fitted is a row with its verdict, never an error. Without momentum, the default, the
-    table holds what `estimate(z, momentum=0)` finds. With it, or where a series has spikes (which the compiled
-    call sees), a series takes as long as in `estimate`.
+    table holds what `estimate(z, momentum=0)` finds. With it, or where a series has spikes (which the compiled call
+    detects), a series takes as long as in `estimate`.
 
     Args:
         series: a list of 1-D arrays of any lengths, a 2-D array with one series a row, or a Series (all samples in
@@ -142,7 +142,7 @@ class _Columns:
             self.again[rows] |= suspect
 
     def _clear(self, many: Series, asked: _Asked, rows: slice, suspect: Mask) -> None:
-        """Take back the suspicion against series that have no spikes after all."""
+        """Unmark the suspect series that have no spikes after all."""
         chosen = np.flatnonzero(suspect & ~self.again[rows])
         if not len(chosen):
             return

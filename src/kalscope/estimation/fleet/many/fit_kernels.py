@@ -1,6 +1,6 @@
 """The compiled fit of many series, one after the other, nothing else: from samples to a row of numbers and a code.
 
-It follows `methods.maximum_likelihood`, `known` and `verdict.conclude` step by step; a test holds it to `estimate`.
+It follows `methods.maximum_likelihood`, `known` and `verdict.conclude` step by step; a test compares the two.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MIN_SAMPLES, MIN_VARIANCE, MAX_VARIANCE, MAX_FACTOR = 8, 1e-300, 1e300, 1e100
 MIN_CHANGES, MAX_CHANGING = 3, 0.8
 DERIVATIVE_STEP = 1e-3
 NORMAL = 1.9599639845400545
-"""As in the modules that are followed; a test holds them equal."""
+"""As in the modules that are followed; a test checks that they are equal."""
 
 
 @compiled()

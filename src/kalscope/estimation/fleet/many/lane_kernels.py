@@ -34,7 +34,7 @@ def sums_at(d: Array, gap: Array, log_ratios: Array, chi2: Array, logdet: Array)
 
 @compiled()
 def falling(values: Array) -> NDArray[np.intp]:
-    """The places of some dozens of values in falling order; of equal ones the first comes first."""
+    """The indices of some dozens of values in descending order; of equal ones the first comes first."""
     order = np.empty(values.shape[0], np.intp)
     for i in range(values.shape[0]):
         j = i

@@ -1,4 +1,4 @@
-"""The fit without momentum and without a look for spikes, of many series in one compiled call."""
+"""The fit without momentum and without a search for spikes, of many series in one compiled call."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EQUAL = 1e-6
 def fit_plain(
     many: Series, kind: int, known: Array, ends: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.uint8], NDArray[np.int64], Mask]:
-    """Fit each series up to one of `ends`, places in the values, shape (series,).
+    """Fit each series up to one of `ends`, indices into the values, shape (series,).
 
     Returns:
         The columns of numbers and the codes of the kernels, the finite samples, and whether readings repeat.
@@ -69,7 +69,7 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
         or abs(found[kernels.Q] / found[kernels.R] / float(one.ratio) - 1.0) > EQUAL
     ):
         return wald
-    # The spike-proof fit gives back the noise of the samples that its rule took too many.
+    # The spike-proof fit corrects r for the good samples that its rule removes.
     factor = 1.0 if kind == kernels.KNOWN_R else float(one.r) / found[kernels.R]
     low, high, r_low, r_high = (factor * found[kernels.Q_LOW :]).tolist()
     return low, high, r_low, r_high

@@ -14,7 +14,7 @@ from kalscope.estimation.fleet.many.lane_kernels import logliks_at
 Array = NDArray[np.float64]
 
 STEP, DROP, MAX_PEAKS = 0.8, 1.9207294103470617, 4
-"""As in `likelihood.search`; a test holds them equal."""
+"""As in `likelihood.search`; a test checks that they are equal."""
 
 Peak = tuple[float, float, float, float, float]
 """ln λ of the maximum, log-likelihood there, its second derivative, and the interval of ln λ."""

@@ -79,7 +79,7 @@ def series_of(
 
 
 def _writeable(array: Any) -> Any:
-    """The array, or a copy of one that may not be written (an Arrow buffer): the loops would be compiled again."""
+    """The array, or a copy of a read-only one (an Arrow buffer), for which the loops would be compiled again."""
     return array if array.flags.writeable else array.copy()
 
 

@@ -1,4 +1,4 @@
-"""The compiled look for spikes in many series, nothing else: those that surely have none need no spike-proof fit.
+"""The compiled search for spikes in many series, nothing else: those certain to have none need no spike-proof fit.
 
 The tests are those of `robust.spikes`, one for one, for records whose readings do not repeat.
 """
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 SIGMAS, SIDE_SIGMAS, LONGEST, START_SIGMAS, WINDOW, NORMAL, EQUAL_SHARE = 4.0, 3.5, 5, 3.0, 11, 1.8, 0.2
 NEAR, MOST, VERY_LIVELY, CROWDED, MIN_RUNS = 15, 25.0, 2.0, 0.1, 6
 FALSE_ALARM = 1e-3
-"""As in `robust.spikes`; a test holds them equal."""
+"""As in `robust.spikes`; a test checks that they are equal."""
 
 
 @compiled()
@@ -31,7 +31,7 @@ def suspect_each(
     r: Array,
     suspect: NDArray[np.bool_],
 ) -> None:
-    """Write whether each series with q and r, unit², may have spikes; those with neither have not."""
+    """Write whether each series with q and r, unit², may have spikes; those whose q and r are both 0 do not."""
     for i in range(q.shape[0]):
         here = slice(starts[i], ends[i])
         suspect[i] = q[i] + r[i] > 0.0 and is_suspect(

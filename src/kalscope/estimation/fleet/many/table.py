@@ -22,7 +22,7 @@ _USABLE_CODES = [VERDICTS.index(name) for name in USABLE]
 
 @dataclass(frozen=True)
 class EstimateTable:
-    """q, r and what belongs to them for k series, arrays of shape (k,). No number is NaN; see `Estimate`."""
+    """q, r and the related results of k series, arrays of shape (k,). No number is NaN; see `Estimate`."""
 
     q: Array
     """Process-noise variance per nominal sample period, unit², ≥ 0; 0 where nothing could be fitted."""
@@ -53,7 +53,7 @@ class EstimateTable:
     gate: Array
     """The gate that goes with the pair, standard deviations of the innovation; inf = none."""
     set_aside: NDArray[np.int64]
-    """The samples set aside in all series, as places in the series laid end to end, rising, shape (Σ spikes,)."""
+    """Samples set aside in all series, as indices into the concatenated series, ascending, shape (Σ spikes,)."""
 
     def __len__(self) -> int:
         return len(self.q)

@@ -24,9 +24,9 @@ _MAX_TRIED = 6
 _MAX_FINAL = 2
 """Tops of those that are climbed from on the whole record."""
 _SAME = 0.5
-"""Distance of ln r up to which two tops are one."""
+"""Distance of ln r up to which two tops count as one."""
 _FAR = 40.0
-"""An edge whose log-likelihood is lower by this, before the other parameters follow, is not looked at."""
+"""An edge whose log-likelihood is lower by this, before the other parameters follow, is not examined."""
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def movement_interval(found: Found, asked: Asked) -> tuple[float, float]:
 
 
 def momentum_interval(found: Found) -> tuple[float, float]:
-    """The τ that the record allows, in sample periods; from 0, or up to inf: so where it was cut to the record."""
+    """The τ that the record allows, in sample periods; from 0, or up to inf, as where it was cut to the record."""
     if not found.coordinates.keeps:
         return found.place.tau, math.inf
     low, high = _log_interval(found, 1)
@@ -92,7 +92,7 @@ def _guess(slope: float, found: Found) -> float:
 
 
 def _upper_end(found: Found, asked: Asked, q: float, r: Array, sensor: int | None) -> float:
-    """The largest variance of a sensor, or of the movement, that is 0 at the top; it is given a guess above 0."""
+    """The largest variance of a sensor, or of the movement, that is 0 at the top; its guess in q or r is > 0."""
     edge = place_at(found.coordinates.data, q, found.place.tau, r, found.place.c)
     coordinates = coordinates_of(found.coordinates.data, replace(asked, keeps=found.coordinates.keeps), edge)
     low, high = bounds(coordinates, asked.floor)

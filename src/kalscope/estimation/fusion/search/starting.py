@@ -9,7 +9,7 @@ from kalscope.estimation.fusion.search.fit import Asked, step_sizes
 from kalscope.estimation.fusion.search.likelihood import Place, Readings, place_at
 
 _LEAST = 0.02
-"""Share of the differences between sensors that one is given at least."""
+"""Least share of the differences between sensors that is attributed to one of them."""
 _MOVES = 1.0, 0.1, 1e-3
 """q of the starts, as shares of the smallest variance of the steps of a sensor."""
 _MIN_PAIRS = 8
