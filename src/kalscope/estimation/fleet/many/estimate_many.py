@@ -25,7 +25,7 @@ from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import checked_robust
 
 _AT_ONCE = 4_000_000
-"""Samples of one compiled call, a fraction of a second; between calls progress is reported, and cancellation checked."""
+"""Samples of one compiled call, a fraction of a second; progress and cancellation are handled between two."""
 
 
 def estimate_many(
