@@ -1,1 +1,1 @@
-"""Files that are no plain table of text, each read by its own rules or by a well-kept library."""
+"""Files that are not plain text tables, each read by its own rules or by a well-maintained library."""

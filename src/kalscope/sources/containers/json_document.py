@@ -1,8 +1,8 @@
 """One JSON document that holds the samples: its objects become lines of JSON, read by the ordinary rules.
 
-Known shapes: a list of objects (perhaps in a list of lists, as Home Assistant answers, or under a key, as
-ThingSpeak's "feeds"); an object of lists of one length, a column each; an object of lists of {ts, value}, as
-ThingsBoard answers, one a name.
+Known shapes: a list of objects (perhaps in a list of lists, as Home Assistant returns, or under a key, as
+ThingSpeak's "feeds"); an object of lists of one length, one per column; an object of lists of {ts, value}, as
+ThingsBoard returns, one per name.
 """
 
 from __future__ import annotations

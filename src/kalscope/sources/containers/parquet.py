@@ -15,7 +15,7 @@ from kalscope.sources.containers.parts import refuse_part
 from kalscope.sources.containers.table import MAX_NUMBERS, Table
 
 MAX_COLUMNS = 4096
-"""Most columns of numbers: what DuckDB needs for them grows with their square, 2 s for these."""
+"""Most columns of numbers: DuckDB's time grows with the square of their number, 2 s for this many."""
 _DATES = ("DATE", "TIMESTAMP")
 _NUMBERS = (
     *("TINYINT", "SMALLINT", "INTEGER", "BIGINT", "HUGEINT", "UTINYINT", "USMALLINT", "UINTEGER", "UBIGINT"),

@@ -51,7 +51,7 @@ def choose_part(parts: Sequence[Part], wanted: str | None, name: str, what: str)
 
 
 def refuse_part(wanted: str | None, name: str) -> None:
-    """BadSetting where a part is wanted of a file that is one table."""
+    """Raise BadSetting where a part is requested of a file that is one table."""
     if wanted is not None:
         raise BadSetting(f"part must be left out, because {name} holds one table (got {wanted!r})")
 
@@ -59,7 +59,7 @@ def refuse_part(wanted: str | None, name: str) -> None:
 def choose_text_part(
     parts: Sequence[Part], wanted: str | None, name: str, what: str
 ) -> tuple[int, tuple[str, ...], str | None]:
-    """As `choose_part`, of parts that are text; and what is to be chosen in that text: a name of a long table."""
+    """As `choose_part`, for parts that are text; and the part to choose within the text, a name of a long table."""
     if len(parts) == 1 and wanted is not None and not parts[0].name.endswith(wanted):
         return 0, (), wanted
     return (*choose_part(parts, wanted, name, what), None)

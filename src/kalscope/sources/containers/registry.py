@@ -20,7 +20,7 @@ OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """How a workbook of Excel before 2007 begins."""
 
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
-"""What may stand before the first mark: byte order marks, blanks, and the empty halves of UTF-16."""
+"""What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
 """First lines that show whether a file is one JSON document or has one object per line."""
 
@@ -28,7 +28,7 @@ Recogniser = Callable[[bytes, str], bool]
 """Whether the head of a file, and its name in lower case, are of a kind."""
 
 ReadContainer = Callable[[Path, str, "str | None", Progress], Table | Text]
-"""From the path of the content, the name of the file, the part to read and the progress to what it holds."""
+"""Takes the path of the content, the name of the file, the part to read and the progress; returns what it holds."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ def _begins(*magic: bytes) -> Recogniser:
 
 
 def _is_mat(head: bytes, name: str) -> bool:
-    """Version 4 has no mark, it goes by the name."""
+    """Version 4 has no magic number: its name decides."""
     return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
         name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
     )
 
 
 def _is_excel(head: bytes, name: str) -> bool:
-    """A zip archive goes by what its head names, or by its name."""
+    """For a zip archive the names in its head decide, or its own name."""
     return head.startswith(OLD_EXCEL) or (
         head.startswith(b"PK\x03\x04")
         and (
@@ -73,7 +73,7 @@ def _is_json_document(head: bytes, name: str) -> bool:
         inside = text[1:].lstrip()[:1]
         return inside == "{" or (inside == "[" and name.endswith(".json"))
     lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:_MAX_LINES]
-    # The first line may be torn, so that others must show what the file is.
+    # The first line may be torn, so other lines must show what the file is.
     return len(lines) == 1 or sum(find_object(line) is not None for line in lines) < 2
 
 
@@ -98,7 +98,7 @@ _CONTAINERS = (
 
 
 def find_container(head: bytes, name: str) -> Container | None:
-    """The container that begins so and is named so; None for a text file, or one of no known kind."""
+    """The container with this head and name; None for a text file, or one of an unknown kind."""
     lower = name.lower()
     return next((container for container in _CONTAINERS if container.recognise(head, lower)), None)
 
@@ -115,7 +115,7 @@ def read_container(
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # libraries warn of what is odd in a file
+            warnings.simplefilter("ignore")  # libraries warn about oddities in a file
             module, _, function = container.reader.rpartition(".")
             read: ReadContainer = getattr(importlib.import_module(f"{__package__}.{module}"), function)
             return read(path, name, part, progress)
@@ -132,7 +132,7 @@ def storage_of(path: Path) -> Path:
     Raises:
         BadFile: the bag is split into several files.
     """
-    if not os.path.isfile(path / "metadata.yaml"):  # which answers for an impossible name as well
+    if not os.path.isfile(path / "metadata.yaml"):  # which returns False for an invalid name as well
         return path
     files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
     if len(files) != 1:

@@ -40,11 +40,11 @@ class Table:
     texts: tuple[str, ...] = ()
     """Names of columns that hold no numbers and were left out."""
     headers: int = 0
-    """Lines of the file that are no rows: headers, and blank lines between its parts."""
+    """Lines of the file that are not rows: headers, and blank lines between its parts."""
     rejected: int = 0
     """Lines that were rejected."""
     bad_cells: int = 0
-    """Cells of rows that hold something else than a number: missing samples."""
+    """Cells of rows that hold something other than a number: missing samples."""
     issues: tuple[LineIssue, ...] = ()
     """The first MAX_ISSUES of both, in file order."""
     filled: int = 0
@@ -65,6 +65,6 @@ class Text:
     notes: tuple[str, ...]
     """What was decided, each a sentence."""
     delimiter: str | None = None
-    """Between the cells; None where the lines name their values."""
+    """The mark between cells; None where the lines name their values."""
     part: str | None = None
-    """The part that is to be chosen in the text: a name of a long table."""
+    """The part to choose within the text: a name of a long table."""

@@ -1,4 +1,4 @@
-"""Zip archives of tables of text, as phones share them (phyphox, Sensor Logger): one table is read."""
+"""Zip archives of text tables, as phone apps share them (phyphox, Sensor Logger): one table is read."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _MAX_FILES = 1000
 _MAX_UNPACKED = 1 << 30
 """Largest sum of the sizes of the tables in bytes: a small archive can hold terabytes of zeros."""
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Others unpack all of a piece at once: gigabytes from one kilobyte of bzip2."""
+"""Other methods unpack a whole piece at once: gigabytes from one kilobyte of bzip2."""
 _HEAD_BYTES = 8192
 _HEAD_LINES = 100
-"""Lines by which the columns are counted."""
+"""Lines used to count the columns."""
 _CHUNK = 1 << 20
 _DELIMITERS = "\t;, "
 
 
 def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Text:
-    """Read one table of an archive as the text that it is.
+    """Read one table of an archive as text.
 
     Raises:
         BadFile: there is no table of text, there are too many, they are too large, or packed in another way.
@@ -68,7 +68,7 @@ def _require_unpackable(tables: list[zipfile.ZipInfo], name: str) -> None:
 
 
 def _may_be_table(name: str) -> bool:
-    """False for other files, and for the copies with a leading dot in which macOS keeps what is no content."""
+    """False for other files, and for the dot files in which macOS keeps metadata."""
     path = PurePosixPath(name)
     return path.suffix.lower() in _TEXTS and not path.name.startswith(".")
 
@@ -101,7 +101,7 @@ def _encoding(head: bytes) -> str:
     if (wide := wide_encoding(head)) is not None:
         return wide
     try:
-        head[:-4].decode("utf-8-sig")  # the last letter may be cut
+        head[:-4].decode("utf-8-sig")  # the last character may be cut
     except UnicodeDecodeError:
         return "latin-1"
     return "utf-8-sig"

@@ -1,1 +1,1 @@
-"""What a cell, a stamp and a line of a log may be."""
+"""The forms of a cell, a stamp and a line of a log."""

@@ -30,11 +30,11 @@ NUMBER = {
 """The whole grammar of a number, by its decimal mark."""
 
 _TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
-"""What is typed for blanks that do not break, as browsers write them before AM, and for the typographic minus."""
+"""Plain characters for non-breaking spaces, as browsers write them before AM, and for the typographic minus."""
 _NUMBER_STARTS = (*"0123456789+-.", "nan", "NaN", "None", "null")
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 DAMAGED = "\0"
-"""Stands for a damaged line where lines are sniffed: it counts as one that is no row, and costs nothing."""
+"""Replaces a damaged line in sniffing: it counts as a line that is not a row, and costs nothing."""
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
 
 
@@ -54,9 +54,9 @@ def is_damaged(line: str) -> bool:
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
-    """Cells of one table line, without the blanks and quotes around them; typographic blanks and minus as typed.
+    """Cells of one table line, without blanks and quotes around them; typographic blanks and minus made plain.
 
-    A quote never reaches over the end of the line: a stray one is a damaged cell, and must not swallow
+    A quoted cell never spans lines: a stray quote is a damaged cell, and must not swallow
     the rows below it.
     """
     cells = _split(line, delimiter)
@@ -81,7 +81,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _without_brackets(text: str) -> str:
-    """`1, 2, 3` of `[1, 2, 3]` and `(1, 2, 3)`, as Python prints lists and tuples; any other line as it is."""
+    """`1, 2, 3` of `[1, 2, 3]` and `(1, 2, 3)`, as Python prints lists and tuples; any other line unchanged."""
     bare = text.strip(" \t")
     inner = bare[1:-1]
     is_pair = bare[:1] + bare[-1] in ("[]", "()") and not any(mark in inner for mark in "[]()")
@@ -122,7 +122,7 @@ _BLANK_GROUPED = {
 """The same with blanks or the Swiss apostrophe: 1 234,5."""
 _NO_BLANKS = str.maketrans("", "", " \u00a0\u202f'’")
 OTHER_MARK = {".": ",", ",": "."}
-"""The mark that is not the decimal mark, and may part the thousands."""
+"""The mark that is not the decimal mark, and may separate thousands."""
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,9 @@ class NumberForm:
     decimal: str = "."
     """Decimal mark, "." or ","."""
     thousands: bool = False
-    """True where the other mark, a blank or an apostrophe may part the thousands: 1,234.5."""
+    """True where the other mark, a blank or an apostrophe may separate thousands: 1,234.5."""
     suffix: str = ""
-    """Unit that is written behind each number: the C of 26.69C."""
+    """Unit that is written after each number: the C of 26.69C."""
 
     def fits(self, cell: str) -> bool:
         """True where the whole cell is a number of this form, within float64 or not."""
@@ -163,5 +163,5 @@ def split_measure(cell: str) -> tuple[str, str] | None:
 
 
 def is_grouped(cell: str) -> bool:
-    """True for a number whose thousands are parted, or may be: 1,234.5, 1 234,5 and 1.234."""
+    """True for a number that has thousands separators, or may have them: 1,234.5, 1 234,5 and 1.234."""
     return any(pattern.fullmatch(cell) for pattern in (*_GROUPED.values(), *_BLANK_GROUPED.values()))

@@ -6,14 +6,14 @@ import json
 from typing import Any, cast
 
 MAX_VALUES = 256
-"""Values of one object; what holds more is no row of samples."""
+"""Values of one object; one with more is not a row of samples."""
 
 
 def load_json(text: str) -> Any:
     """The value that a JSON text holds, its numbers left as they are written.
 
     Raises:
-        ValueError: it is no JSON, or nested too deep.
+        ValueError: it is not JSON, or nested too deep.
     """
     try:
         return json.loads(text, parse_float=str, parse_int=str, parse_constant=str)

@@ -1,4 +1,4 @@
-"""The pairs of a line that names its values: labels, equalities, JSON, and numbers with their units behind them.
+"""The pairs of a line that names its values: labels, equalities, JSON, and numbers followed by their units.
 
 Pure functions on one line of text.
 """
@@ -14,12 +14,12 @@ from kalscope.sources.grammar.units import is_measure
 Pairs = list[tuple[str, str]]
 
 MAX_PAIRS, MAX_LABEL, MAX_PARTS = 64, 60, 2048
-"""Pairs with units that a line may hold, letters of a label of several words, and commas, semicolons and tabs."""
+"""Pairs with units that a line may hold, length of a label of several words, and commas, semicolons and tabs."""
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
-# A label begins at a word's beginning and is never given back, else each place of a long word would be tried.
+# A label begins where a word begins and never backtracks, else each position in a long word would be tried.
 _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
@@ -39,7 +39,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `a=1 b=2`, `{"a":1}`.
 
     Returns:
-        The pairs, and the bare numbers among them that no label claims: `a:1 5`. None if anything else is on the
+        The pairs, and the bare numbers among them that have no label: `a:1 5`. None if anything else is on the
         line, or a label is a number (`12:30:05`). Between commas a bare number could be the decimals of the value
         before it, so there it is refused as well.
     """
@@ -104,12 +104,12 @@ def _with_axes(pairs: Pairs) -> Pairs:
 
 
 def _unstarred(value: str) -> str:
-    """`21.5 *C` as `21.5 C`: boards write the star where they lack a degree sign."""
+    """`21.5 *C` as `21.5 C`: boards write the asterisk where they lack a degree sign."""
     return f"{value[:-2].rstrip()} {value[-1]}" if value[-2:] in ("*C", "*F") else value
 
 
 def _measures(text: str) -> Pairs | None:
-    """The pairs of `Temp: 21.5 C Rel Hum: 40 %`, `T = 21.5 *C`: blanks between them, units behind numbers."""
+    """The pairs of `Temp: 21.5 C Rel Hum: 40 %`, `T = 21.5 *C`: separated by blanks, units after numbers."""
     names: list[list[str]] = [[]]
     for word in _PIECE.findall(text)[: 6 * MAX_PAIRS]:
         if word in (":", "="):
@@ -119,7 +119,7 @@ def _measures(text: str) -> Pairs | None:
     label, pairs = " ".join(names[0]), list[tuple[str, str]]()
     for k, words in enumerate(names[1:], 2):
         values, after = _leading_values(words)
-        # A label before each value, and none behind the last.
+        # A label before each value, and none after the last.
         if not 0 < len(label) <= MAX_LABEL or is_number(label) or not values or (k == len(names)) == bool(after):
             return None
         pairs += [(label if n == 1 else f"{label} {n}", value) for n, value in enumerate(values, 1)]
@@ -144,7 +144,7 @@ def _is_value(word: str) -> bool:
 
 
 def _parts(text: str) -> list[str]:
-    """What stands between commas, semicolons or tabs; the commas of `T=20,5;H=40,1` are decimal ones."""
+    """The texts between commas, semicolons or tabs; the commas of `T=20,5;H=40,1` are decimal ones."""
     commas = text.count(",")
     is_decimal = commas and _BUT_COMMAS.search(text) and len(_COMMA_IN_NUMBER.findall(text)) == commas
     return [part for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text) if part.strip()]
@@ -168,6 +168,6 @@ def _equalities(text: str) -> Pairs | None:
 
 
 def _trailing_numbers(text: str) -> bool:
-    """True for `a:1 5`: a value that is a number, and numbers behind it."""
+    """True for `a:1 5`: a value that is a number, and numbers after it."""
     words = text.partition(":")[2].split()
     return len(words) > 1 and all(map(is_number, words))

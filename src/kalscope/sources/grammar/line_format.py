@@ -1,6 +1,6 @@
-"""How one line of a source may be written, and how it comes apart: tables, labels, Teleplot, stamps, checksums.
+"""How one line of a source may be written, and how it is split: tables, labels, Teleplot, stamps, checksums.
 
-Pure functions on one line of text. What the cells mean is for `columns` and `timestamps`.
+Pure functions on one line of text. `columns` and `timestamps` decide what the cells mean.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ ESCAPE = "\x1b["
 _ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
 _MAX_SAMPLES = 1024
 """Samples that one line of Teleplot may hold."""
-_STAMP_REACH = 24  # the first colon of a clock behind a date
+_STAMP_REACH = 24  # the first colon of a clock after a date
 _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
@@ -29,7 +29,7 @@ _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
     rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
 )
-"""A stamp with nothing but blanks behind it, before a label."""
+"""A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
     r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
 )
@@ -56,7 +56,7 @@ class LineFormat:
     """"table": values in fixed places; "labels": pairs of a name and a value; "teleplot": `>name:ms:value§unit`.
     A further kind is split in `layout/rows/tables.py` for the head, in `lines/line_reader.py` for each line."""
     delimiter: str = ","
-    """Between the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
+    """Delimiter of the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str = "."
     """Decimal mark, "." or ","; equal to the delimiter only where numbers are quoted."""
     labels: tuple[str, ...] = ()
@@ -82,19 +82,19 @@ class Teleplot:
 
     @property
     def only_names(self) -> bool:
-        """True for `>name:`, which says that there is such a variable, and brings no sample."""
+        """True for `>name:`, which declares a variable and holds no sample."""
         return self.samples == (("", ""),)
 
 
 def without_escapes(line: str) -> str:
-    """A line without what colours it on a terminal or moves the cursor: `ESC[0;32m`."""
+    """A line without the escape sequences that colour it on a terminal or move the cursor: `ESC[0;32m`."""
     return _ESCAPES.sub("", line) if ESCAPE in line else line
 
 
 def split_teleplot(line: str) -> Teleplot | None:
     """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
 
-    Texts (`|t`), points of a plane (`|xy`) and shapes (`>3D|…`) are no samples.
+    Texts (`|t`), points of a plane (`|xy`) and shapes (`>3D|…`) are not samples.
     """
     match = _TELEPLOT.fullmatch(line)
     if match is None or not _NO_SAMPLES.isdisjoint(_flags(match)) or match[2].count(";") > _MAX_SAMPLES:

@@ -14,7 +14,7 @@ from kalscope.sources.grammar.cells import MISSING, is_number
 from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
 
 DELIMITERS = (",", ";", "\t", "|", " ")
-"""What may stand between cells; a space is any run of blanks."""
+"""What may separate cells; a space is any run of blanks."""
 
 _DELIMITER_WORDS = {
     "comma": ",",
@@ -36,11 +36,11 @@ class ReadOptions:
     """How to read a file. Every field left at its default is detected."""
 
     delimiter: str | None = None
-    """Between cells: one of `, ; TAB |`, or a space for any run of blanks."""
+    """Delimiter of cells: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str | None = None
     """Decimal mark, "." or ","; another mark than the delimiter."""
     time_column: str | int | None = None
-    """Name of the time column, or its index from 0; "none" where samples are to be counted."""
+    """Name of the time column, or its index from 0; "none" to count samples instead."""
     time_unit: str | None = None
     """Unit of a numeric time column: s, ms, us, ns, min, h, day or year."""
     missing: tuple[float | str, ...] = ()
@@ -48,7 +48,7 @@ class ReadOptions:
     header: bool | None = None
     """True: the line above the data holds the names, numbers or not; False: no line does."""
     gaps: Gaps = "rows"
-    """A gap in time is nothing special ("rows"), rows of missing samples ("missing"), or elapsed time ("dt")."""
+    """Gaps in time are ignored ("rows"), filled with missing samples ("missing"), or elapsed time ("dt")."""
     header_row: int | None = None
     """Line number, from 1, of the row of names; 0 where there is none."""
     unit_row: int | None = None
@@ -93,7 +93,7 @@ class ReadOptions:
         return tuple(float(value) for value in self.missing if not isinstance(value, str))
 
     def without_numbers(self) -> ReadOptions:
-        """The same for a reader of lines, where the numbers of `missing` are taken away all at once later."""
+        """The same for a reader of lines, where the numbers of `missing` are removed later, all at once."""
         texts = tuple(value for value in self.missing if isinstance(value, str))
         return replace(self, missing=texts) if texts != self.missing else self
 
@@ -106,7 +106,7 @@ OPTIONS = (
     *("--delimiter", "--decimal", "--header-row", "--unit-row", "--time-column", "--time-unit", "--time-format"),
     *("--day-first", "--month-first", "--rate", "--missing", "--gaps", "--part"),
 )
-"""The options of the command line that overrule what was detected."""
+"""The options of the command line that override what was detected."""
 
 
 def options_from_text(
@@ -200,7 +200,7 @@ def split_values(text: str) -> list[str]:
     r"""Values of one line, separated by blanks: `-200 "no data" \N`; quotes hold a text with blanks together.
 
     Raises:
-        BadSetting: a quote has no other end.
+        BadSetting: a quote is not closed.
     """
     words = shlex.shlex(text, posix=True, punctuation_chars=False)
     words.whitespace_split, words.commenters, words.escape = True, "", ""
@@ -211,7 +211,7 @@ def split_values(text: str) -> list[str]:
 
 
 def join_values(values: Sequence[str]) -> str:
-    """One line from which `split_values` takes the same values."""
+    """One line that `split_values` splits into the same values."""
     plain = [value.split() == [value] and not {"'", '"'} & set(value) for value in values]
     return " ".join(
         value if is_plain else shlex.quote(value) for value, is_plain in zip(values, plain, strict=True)
@@ -230,7 +230,7 @@ def option(name: str, value: str) -> tuple[str, ...]:
 
 
 def _by_word(text: str | None, meanings: Mapping[str, str]) -> str | None:
-    """What a word means; any other text as it is, for ReadOptions to refuse."""
+    """What a word means; any other text unchanged, for ReadOptions to reject."""
     return None if text is None else meanings.get(text.strip().lower(), text)
 
 

@@ -24,7 +24,7 @@ from kalscope.sources.grammar.stamps.odd_stamps import (
 from kalscope.sources.grammar.timestamps import StampParser, TimeColumn, stamp_parser
 
 _MAX_COUNTED = 300
-"""Cells by which the forms are told apart."""
+"""Cells used to tell the forms apart."""
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
@@ -53,13 +53,13 @@ class StampHints:
 
 
 def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> TimeColumn | None:
-    """The one reading that fits most of the cells that hold a digit, the odd damaged one left aside.
+    """The one reading that fits most of the cells that hold a digit, a few damaged ones ignored.
 
     Returns:
         A TimeColumn of index 0; None where no reading fits 90 % of the cells, or half of them by name.
 
     Raises:
-        BadSetting: the time format is none.
+        BadSetting: the time format is not valid.
     """
     present = [cell for cell in cells if len(cell) <= MAX_STAMP_LENGTH and cell.lower() not in MISSING]
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
@@ -83,7 +83,7 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     number = TimeColumn(0, "number")
     if fits(stamp_parser(number, decimal)):
         return number
-    # In a column that is named a date 17.05.24 is no clock.
+    # In a column that is named as a date, 17.05.24 is not a clock.
     calendar = _calendar(present, counted, least, hints.day_first) if hints.may_be_spreadsheet else None
     found = calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
     return found or _with_dateutil(counted, hints, fits)
@@ -96,7 +96,7 @@ def _clock(counted: list[str], least: float) -> TimeColumn | None:
 
 
 def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A date such as 240331 in the order that reads most of the cells, of equals in the one that rises steadily."""
+    """A date such as 240331 in the order that reads most of the cells; of equals, the one that rises steadily."""
     found: list[tuple[int, tuple[int, float, float], TimeColumn]] = []
     for order in _ORDERS:
         column = TimeColumn(0, "calendar", order=order, odd=SIX_DIGITS)
@@ -107,7 +107,7 @@ def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> T
 
 
 def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
-    """True for 20240229, 2024022912, 202402291200: the name allows it, or the steps are even as dates only.
+    """True for 20240229, 2024022912, 202402291200: the name allows it, or the steps are even only as dates.
 
     Numbers jump where a day or a month ends, 2024022923 to 2024030100. A number of ten digits may also be seconds
     since 1970, of which hardly one in a hundred is a date with an hour.
@@ -131,7 +131,7 @@ def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | N
 
 
 def _with_dateutil(counted: list[str], hints: StampHints, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A column that is named as a time, in words that only dateutil reads: it takes ten times as long a cell."""
+    """A column that is named as a time, in words that only dateutil reads: it takes ten times as long per cell."""
     order: DateOrder = "mdy" if hints.day_first is False else "dmy"
     if not hints.is_time or not counted or not fits(lambda cell: parse_with_dateutil(cell, order)):
         return None
@@ -154,7 +154,7 @@ def _calendar(present: list[str], counted: list[str], least: float, day_first: b
 
 
 def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
-    """Of orders that fit nearly all cells, the one that fits most; of equals the one whose stamps rise steadily.
+    """Of orders that fit nearly all cells, the one that fits most; of equals, the one whose stamps rise steadily.
 
     Where nothing decides, the day comes first, unless the log would then last many times longer.
     """
@@ -212,6 +212,6 @@ def _count(cells: Sequence[str], parse: StampParser) -> int:
 
 
 def _spread(cells: list[str]) -> list[str]:
-    """The first cells, and as many from everywhere behind them."""
+    """The first cells, and as many spread over the rest."""
     half = _MAX_COUNTED // 2
     return cells[:half] + cells[half :: max(1, (len(cells) - half) // half)]

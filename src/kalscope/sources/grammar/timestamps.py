@@ -57,7 +57,7 @@ class TimeColumn:
     """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), "six digits", or a
     format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
-    """(role, column) of each part where the time stands in several columns; () where it stands in one."""
+    """(role, column) of each part where the time is in several columns; () where it is in one."""
     also: tuple[int, ...] = ()
     """Other columns that only repeat a part of it: a year, a month, an hour."""
     notes: tuple[str, ...] = ()
@@ -70,14 +70,14 @@ class TimeColumn:
 
     @property
     def turn_s(self) -> float:
-        """Seconds after which a clock begins again from 0; 0 where it never does."""
+        """Seconds after which a clock wraps to 0; 0 where it never does."""
         return TURNS_S[self.clock] if self.kind == "clock" else 0.0
 
 
 def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str]], float | None]:
     """The function that reads the stamp of a row from all its cells, whatever columns it is made of.
 
-    It answers microseconds for calendar stamps (since 1970, UTC where no zone is given) and clocks, the number
+    It returns microseconds for calendar stamps (since 1970, UTC where no zone is given) and clocks, the number
     itself for numbers, and None for a missing or damaged stamp.
     """
     if not column.parts:
@@ -101,7 +101,7 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
 
 
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
-    """The function that reads one cell of a time column; it answers None for a missing or damaged stamp."""
+    """The function that reads one cell of a time column; it returns None for a missing or damaged stamp."""
     if column.odd:
         return odd_parser(column.odd, decimal, column.order)
     if column.kind == "calendar":
@@ -153,7 +153,7 @@ def _whole_day(text: str, order: DateOrder) -> float | None:
 def _day_parser(
     column: TimeColumn, places: dict[PartRole, int], decimal: str
 ) -> Callable[[Sequence[str]], float | None]:
-    """Microseconds from 1970 to the day of a row; 0 where no column says the day."""
+    """Microseconds from 1970 to the day of a row; 0 where no column holds the day."""
     if "date" in places:
         parse, date = stamp_parser(replace(column, kind="calendar", parts=()), decimal), places["date"]
         return lambda cells: parse(cells[date])
@@ -177,7 +177,7 @@ def _day_parser(
 def _clock_parser(
     column: TimeColumn, places: dict[PartRole, int], decimal: str
 ) -> Callable[[Sequence[str]], float | None]:
-    """Microseconds since midnight of a row; 0 where no column says the clock."""
+    """Microseconds since midnight of a row; 0 where no column holds the clock."""
     if "clock" in places:
         clock, parse = places["clock"], CLOCK_PARSERS[column.clock]
         if column.clock == "h:m:s":

@@ -1,4 +1,4 @@
-"""Words that are units, in a header, a row of their own or behind a number."""
+"""Words that are units, in a header, in a row of their own or after a number."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNITS = words(
     """
 )
 MAX_UNIT = 24
-"""Letters of a unit that is known by its marks alone."""
+"""Most characters of a unit that is recognised only by a sign such as / or °."""
 _SIGNS = re.compile(r"[/^°²³%µ]")
 # Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be.
 _SUFFIX_UNITS = words(
@@ -36,7 +36,7 @@ _SUFFIX_UNITS = words(
 
 
 def is_unit(text: str) -> bool:
-    """True for a known unit, and for what holds a mark that only units hold."""
+    """True for a known unit, and for a text with a sign that only units have."""
     text = text.strip().lower()
     spaced = "deg" in text and text.replace(" ", "") in _UNITS
     marked = len(text) <= MAX_UNIT and ":" not in text and _SIGNS.search(text) is not None
@@ -44,14 +44,14 @@ def is_unit(text: str) -> bool:
 
 
 def _is_unit_alone(text: str) -> bool:
-    """True for a unit with nothing around it: m/s is one, Date/Time and Load[%] are none."""
+    """True for a unit with nothing around it: m/s is one, Date/Time and Load[%] are not."""
     parts = [part.strip("()^-+23 ") for part in text.lower().split("/")]
     marked = any(mark in text for mark in "°²³%µ") and "[" not in text and "(" not in text
     return marked or all(part in _UNITS for part in parts)
 
 
 def is_measure(text: str) -> bool:
-    """True for a unit that may stand behind each number of a column: the C of 26.69C, the % of 45%."""
+    """True for a unit that may follow each number of a column: the C of 26.69C, the % of 45%."""
     return text.removesuffix("DC").removesuffix("AC").rstrip().lower() in _UNITS  # a multimeter writes 3.3 V DC
 
 

@@ -8,7 +8,7 @@ _MARKS = (b"\xff\xfe", b"\xfe\xff")
 def wide_encoding(head: bytes) -> str | None:
     """The kind of UTF-16 that a file begins with; None for other text.
 
-    Without a byte order mark: of text in it every second byte is NUL, and hardly another.
+    Without a byte order mark: in such text every second byte is NUL, and hardly any other.
     """
     if head.startswith(_MARKS):
         return "utf-16"

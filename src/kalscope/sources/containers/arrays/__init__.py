@@ -1,1 +1,1 @@
-"""Files of arrays under names: MATLAB, HDF5, TDMS."""
+"""Files of named arrays: MATLAB, HDF5, TDMS."""

@@ -1,4 +1,4 @@
-"""Arrays under names, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length are a table."""
+"""Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _RATES = frozenset(
     )
 )
 _PERIODS = frozenset(("dt", "ts", "sampleperiod", "samplingperiod", "sampletime", "samplingtime", "sampleinterval"))
-"""Names of single numbers, without the joints of words, that tell the sample rate in Hz or the period in s."""
+"""Names of scalars, lower case without separators, that give the sample rate in Hz or the period in s."""
 _MAX_PERIOD = 1e6
 """Longest sample period in s; a larger number is a date, or something else."""
 
@@ -62,7 +62,7 @@ def is_numeric(dtype: Any) -> bool:
 
 
 def period_from(name: str, value: float) -> float | None:
-    """Sample period in s, if a number of this name tells it: fs, sample_rate in Hz, dt, Ts in s."""
+    """Sample period in s, if a number of this name gives it: fs, sample_rate in Hz, dt, Ts in s."""
     word = "".join(c for c in name.lower() if c.isalnum()).removesuffix("hz")
     if not 0.0 < value < float("inf"):
         return None
@@ -78,11 +78,11 @@ def read_arrays(
     note: str,
     progress: Progress,
 ) -> Table:
-    """The part that is wanted: arrays of one group that hold as many samples.
+    """The requested part: the arrays of one group with the same number of samples.
 
     Args:
         items: The arrays of the file.
-        scalars: (group, name, value) of its single numbers, among which is the sample rate perhaps.
+        scalars: (group, name, value) of its scalars, which may include the sample rate.
         wanted: `ReadOptions.part`.
         name: The file.
         note: What it is: "a MATLAB file".
@@ -100,7 +100,7 @@ def read_arrays(
     ]
     chosen, said = choose_part(parts, wanted, name, "group of arrays of one length")
     (group, n, _), found = list(groups.items())[chosen]
-    if group:  # a time beside the group serves it as well
+    if group:  # a time array in the file itself applies to the group as well
         found = [*groups.get(("", n, None), []), *found]
     width = sum(_width(item, n) for item in found)
     if width > MAX_COLUMNS or n * width > MAX_NUMBERS:
@@ -128,7 +128,7 @@ def read_arrays(
 
 
 def _outer(group: str) -> list[str]:
-    """A group and all groups that it lies in, `run/imu`, `run` and the file itself; `run.imu` in MATLAB."""
+    """A group and all groups that contain it, `run/imu`, `run` and the file itself; `run.imu` in MATLAB."""
     ends = [i for i, mark in enumerate(group) if mark in "/."]
     return [group[:end] for end in (len(group), *reversed(ends))] + [""]
 

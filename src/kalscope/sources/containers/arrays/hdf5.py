@@ -1,4 +1,4 @@
-"""HDF5 files, read by h5py: the datasets of one length in a group. No link and no dataset leads out of the file."""
+"""HDF5 files, read by h5py: the datasets of one length in a group. None may lead out of the file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
         group, node, depth = waiting.pop(0)
         yield group, "", node
         for key in node:
-            # Only what is in this place: a link may lead out of the file, or back into the same group.
+            # Hard links only: any other link may lead out of the file, or back into the same group.
             if not isinstance(node.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
                 continue
             child = node[key]

@@ -26,8 +26,8 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         BadSetting: there is no such part.
     """
     nptdms = load_library("nptdms", "npTDMS", name, "a TDMS file")
-    nptdms.log.log_manager.set_level(logging.CRITICAL)  # it would print to the terminal what is odd in a file
-    # An open file, not its path: else an index file beside it would be believed.
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # else it prints warnings about a file to the terminal
+    # An open file, not its path: else npTDMS would trust an index file beside it.
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
         items = list(_items(file, path.stat().st_size))
         return read_arrays(items, (), part, name, "a TDMS file", progress)
@@ -53,7 +53,7 @@ def _items(file: Any, size: int) -> Iterator[Item]:
 def _loader(channel: Any, *, is_time: bool) -> Any:
     def load() -> Array:
         data = channel[:]
-        # Stamps as seconds since 1970, known as the time by their name and size.
+        # Stamps as seconds since 1970, recognised as the time by their name and size.
         return (data - _EPOCH) / np.timedelta64(1, "s") if is_time else data
 
     return load

@@ -22,7 +22,7 @@ MAGIC = "LabVIEW Measurement"
 
 _LINES_PER_REPORT = 4096
 _PLAIN = dict.fromkeys(map(ord, "0123456789+-.,eE\t ;"))
-"""Marks of a row of numbers, which `str.translate` takes away."""
+"""Characters of a row of numbers, which `str.translate` removes."""
 
 
 def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Table:
@@ -105,7 +105,7 @@ class _Reader:
                 segment = Segment(dict(file_tags))
                 self.segments.append(segment)
             elif cells[0] == X:
-                # Without a segment header of its own, a row of names begins one all the same.
+                # A row of names begins a segment even without a segment header.
                 if segment is None or segment.names:
                     segment = Segment(dict(file_tags))
                     self.segments.append(segment)

@@ -40,7 +40,7 @@ class Segment:
 
     @property
     def channels(self) -> list[int]:
-        """Columns of the channels: all that are named, but the x columns and the comment behind the last."""
+        """Columns of the channels: all that are named, except the x columns and a comment column at the end."""
         names = self.names
         return [
             j
@@ -64,7 +64,7 @@ class Series:
     periods: list[float | None] = field(default_factory=list["float | None"])
     """Sample period of each segment in s; None where the stamps are not even."""
     start: float | None = None
-    """When the first segment starts, in s since 1970; None where it does not say it."""
+    """When the first segment starts, in s since 1970; None where it gives none."""
     filled: int = 0
     """Rows of missing samples that keep the places of rejected lines."""
 
@@ -105,7 +105,7 @@ def _axes(segment: Segment, table: Array, decimal: str) -> Iterator[tuple[list[i
 
 
 def _x_axis(segment: Segment, column: int, x: Array | None, n: int, decimal: str) -> tuple[Array, float | None]:
-    """X0 + i Delta_X, where no x column says otherwise by more than half a step: x is rounded, Delta_X is not."""
+    """X0 + i Delta_X, unless an x column differs from it by more than half a step: x is rounded, Delta_X is not."""
     step = parse_number(segment.tag("Delta_X", column), decimal)
     first = parse_number(segment.tag("X0", column), decimal)
     even: Array | None = None

@@ -14,7 +14,7 @@ MAX_CHUNK = 1 << 28
 """Bytes of one unpacked chunk; rosbag writes chunks below 1 MB."""
 
 MAX_UNPACKED = 1 << 31
-"""Bytes of all unpacked chunks of a log; of a large one MAX_RATIO for each byte of the file, where that is more."""
+"""Bytes of all unpacked chunks of a log, or MAX_RATIO for each byte of the file where that is more."""
 MAX_RATIO = 32
 
 _BZIP2, _LZ4 = b"BZh", b"\x04\x22\x4d\x18"
@@ -24,7 +24,7 @@ class Unpacked:
     """Adds up what the chunks of a log unpack to: many small ones would take hours."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Args: the file, and its name in messages: one that was packed lies in a temporary file."""
+        """Args: the file, and its name in messages: a compressed file is unpacked into a temporary one."""
         self._name, self._left = name, max(MAX_UNPACKED, MAX_RATIO * path.stat().st_size)
         self._most = self._left
 
@@ -70,8 +70,8 @@ def unpacked_size(data: bytes, unpacker: Callable[[], Any], damage: type[Excepti
     """Bytes to which all streams in `data` unpack, counted up to one more than MAX_CHUNK.
 
     Args:
-        data: Streams or frames, one behind the other.
-        unpacker: Makes what unpacks one of them, as `bz2.BZ2Decompressor`.
+        data: Streams or frames, one after the other.
+        unpacker: Makes the decompressor of one of them, such as `bz2.BZ2Decompressor`.
         damage: What it raises where no stream begins.
     """
     size = 0

@@ -61,7 +61,7 @@ def read_mcap(path: Path, name: str, part: str | None, progress: Progress) -> Ta
 
 
 def _distinct(topics: list[Topic]) -> list[Topic]:
-    """Several channels of one topic, one of each publisher, keep names of their own."""
+    """Several channels of one topic, one per publisher, get distinct names."""
     seen: Counter[str] = Counter()
     distinct: list[Topic] = []
     for topic in topics:

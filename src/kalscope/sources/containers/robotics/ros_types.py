@@ -1,4 +1,4 @@
-"""ROS messages from their bytes, by the definitions that the log holds."""
+"""Decode ROS messages by the definitions that the log holds."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Decode = Callable[[bytes], Any]
 
 
 def ros_decoder(name: str, kind: str) -> Callable[[str, str, bool], Decode]:
-    """What makes a decoder from a type, its definition ("" where the log has none) and whether it is of ROS 1.
+    """Return a maker of decoders, from a type, its definition ("" where the log has none) and whether it is ROS 1.
 
     Args:
-        name: The file, for the refusal where rosbags is not installed.
+        name: The file, for the error where rosbags is not installed.
         kind: What it is.
     """
     typesys = load_library("rosbags.typesys", "rosbags", name, kind)

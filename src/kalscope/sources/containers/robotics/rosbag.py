@@ -17,7 +17,7 @@ from kalscope.sources.containers.robotics.topics import Messages, Topic, read_to
 from kalscope.sources.containers.table import Table
 
 _STEPS = 100_000
-"""Steps of SQLite between two looks at whether the user has cancelled."""
+"""Steps of SQLite between two checks whether the user has cancelled."""
 
 _DEFINITIONS = "SELECT topic_type, encoded_message_definition FROM message_definitions WHERE encoding = 'ros2msg'"
 _MESSAGES = "SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"

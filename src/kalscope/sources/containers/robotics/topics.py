@@ -1,4 +1,4 @@
-"""Messages of a topic into a table: every numeric field is a channel with its full name."""
+"""Turn the messages of a topic into a table: every numeric field is a channel with its full name."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Topic:
     count: int
     """Messages that it holds."""
     messages: Callable[[], Messages]
-    """Decodes them, in the order of the log; fails where it cannot."""
+    """Decodes them, in the order of the log; raises where it cannot."""
 
 
 def read_topics(topics: Sequence[Topic], wanted: str | None, name: str, note: str, progress: Progress) -> Table:
-    """The topic that is wanted.
+    """The requested topic.
 
     Args:
         topics: The topics of the log.
@@ -112,7 +112,7 @@ def _read(topic: Topic, names: list[str], progress: Progress) -> tuple[NDArray[n
 
 
 def _stamp(found: dict[str, float]) -> int:
-    """Time of the header of a message in ns since 1970; 0 unless both its parts are there."""
+    """Time of the header of a message in ns since 1970; 0 unless both parts are present."""
     for parts in _STAMP_PARTS:
         seconds, rest = (found.get(f"header.stamp.{field}") for field in parts)
         if seconds is not None and rest is not None:

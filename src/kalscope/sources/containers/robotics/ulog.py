@@ -26,7 +26,7 @@ def read_ulog(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     """
     pyulog = load_library("pyulog", "pyulog", name, "a ULog file")
     progress(0.0, "reading")
-    # The library prints what it finds odd: no part of what a command prints.
+    # The library prints its warnings, which are not part of a command's output.
     with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
         log = pyulog.ULog(file)
     progress(0.8, "reading")

@@ -1,10 +1,10 @@
-"""A spreadsheet into files of text, one a sheet; run as a program of its own.
+"""Convert a spreadsheet to text files, one per sheet; run as a process of its own.
 
-The library ends its process where a damaged file asks for more memory than there is: this one, not Kalscope's.
+The library aborts its process where a damaged file asks for more memory than there is: this one, not Kalscope's.
 
     python convert.py BOOK FOLDER
 
-FOLDER gets 0.txt, 1.txt, …, cells between tabs, and sheets.json: name, rows, columns and numbers of each.
+FOLDER gets 0.txt, 1.txt, …, cells separated by tabs, and sheets.json: name, rows, columns and numbers of each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 MAX_CELLS = 1 << 24
-"""Cells of one sheet, empty ones among them."""
+"""Cells of one sheet, including empty ones."""
 MAX_BYTES = 4 << 30
 """Memory of this process, where the system can limit it."""
 
@@ -63,6 +63,6 @@ if __name__ == "__main__":
         resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     try:
         convert(sys.argv[1], sys.argv[2])
-    except BaseException as error:  # a panic of the library, which is written in Rust, is no Exception
+    except BaseException as error:  # a panic of the library, which is written in Rust, is not an Exception
         sys.stderr.write(" ".join(str(error).split())[:200])
         sys.exit(1)

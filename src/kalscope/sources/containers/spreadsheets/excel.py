@@ -28,11 +28,11 @@ _CHUNK = 1 << 20
 _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
 _SPREADSHEETS = ("xl/workbook.xml", "content.xml")
 _POLL_S = 0.05
-"""Between two looks at whether the user has cancelled, s."""
+"""Seconds between two checks whether the user has cancelled."""
 
 
 def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> Text:
-    """Read one sheet of a spreadsheet as lines of cells between tabs, dates as ISO 8601.
+    """Read one sheet of a spreadsheet as lines of cells separated by tabs, dates as ISO 8601.
 
     Raises:
         BadFile: no sheet holds numbers, or it is too large.
@@ -57,7 +57,7 @@ def _without_end(text: str) -> Iterator[str]:
 
 
 def _convert(path: Path, folder: Path, progress: Progress) -> None:
-    """Let a process of its own write the sheets; it ends when the task is cancelled."""
+    """Write the sheets in a process of its own, which is killed when the task is cancelled."""
     process = subprocess.Popen(
         [sys.executable, convert.__file__, str(path), str(folder)],
         stdin=subprocess.DEVNULL,
@@ -81,7 +81,7 @@ def _convert(path: Path, folder: Path, progress: Progress) -> None:
 
 
 def _check_size(path: Path, name: str, progress: Progress) -> None:
-    """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may lie."""
+    """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may be false."""
     total = 0
     with zipfile.ZipFile(path) as archive:
         if not any(info.filename in _SPREADSHEETS for info in archive.infolist()):

@@ -1,6 +1,6 @@
 """Clock times and elapsed times in one cell: pure functions on text.
 
-Each function answers None for any other text. All patterns have bounded repeats only.
+Each function returns None for any other text. All patterns have bounded repeats only.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ TURNS_S: dict[ClockForm, float] = {
     "hhmm": 86400.0,
     "hhmmss": 86400.0,
 }
-"""Seconds after which a clock of a form begins again from 0; 0 where it never does."""
+"""Seconds after which a clock of a form wraps to 0; 0 where it never does."""
 
 MAX_STAMP_LENGTH = 64
-"""A longer cell is no stamp."""
+"""A longer cell is not a stamp."""
 
 CLOCK = (
     r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.?[Mm]\.?)?"
@@ -39,7 +39,7 @@ _ELAPSED = re.compile(
 
 
 def quick_clock(cell: str) -> float | None:
-    """Microseconds since midnight of `07:18`, `07:18:47`, `07:18:47.375`; None may still be a clock."""
+    """Microseconds since midnight of `07:18`, `07:18:47`, `07:18:47.375`; after None it may still be a clock."""
     size = len(cell)
     if cell[2:3] != ":" or cell[:2] == "24" or not (size in (5, 8) or (cell[8:9] in ".," and cell[9:].isdecimal())):
         return None
@@ -84,7 +84,7 @@ def clock_of(groups: tuple[str | None, ...], *, midnight: int = 0) -> float | No
 
 
 def fraction_us(digits: str | None, mark: str | None = ".") -> int:
-    """Microseconds of the digits behind a second, those beyond cut; behind a colon they count ms or µs."""
+    """Microseconds of the digits after a second, finer ones cut off; after a colon they count ms or µs."""
     if not digits:
         return 0
     if mark == ":":

@@ -1,8 +1,8 @@
 """Calendar stamps in one cell, in one order of day, month and year: pure functions on text.
 
-Read are numbers (`2022-02-23`, `23.02.22`), names of months (`23-Feb-2022`, `Feb 23, 2022`, `27. Mai 2021`), digits
+It reads numbers (`2022-02-23`, `23.02.22`), names of months (`23-Feb-2022`, `Feb 23, 2022`, `27. Mai 2021`), digits
 alone (`20220223_071847`), the form of C and Java (`Wed Feb 23 07:18:47 GMT+08:00 2022`), a clock before the date.
-A clock and a zone may follow. Each pattern has bounded repeats only, and a cell above 64 characters is no stamp.
+A clock and a zone may follow. Each pattern has bounded repeats only, and a cell above 64 characters is not one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DateOrder = Literal["ymd", "dmy", "mdy"]
 """Which of year, month and day comes first, second and third."""
 
 PIVOT_YEAR = 69
-"""Years of two digits from here on are of 1900, as POSIX has it; those below are of 2000."""
+"""Two-digit years from here on are 19xx, as in POSIX; those below are 20xx."""
 
 _EPOCH = datetime(1970, 1, 1)
 _EPOCH_UTC = datetime(1970, 1, 1, tzinfo=UTC)
@@ -139,7 +139,7 @@ def parse_month(cell: str, order: DateOrder) -> float | None:
 
 
 def parse_six_digits(cell: str, order: DateOrder) -> float | None:
-    """`240331` as the year, the month and the day in an order; only a column that is named a date holds such."""
+    """`240331` as the year, the month and the day in an order; only in a column named as a date."""
     if len(cell) != 6 or not (cell.isascii() and cell.isdecimal()):
         return None
     return _day(cell[:2], cell[2:4], cell[4:], order)
@@ -158,7 +158,7 @@ CALENDAR_FORMS: tuple[Callable[[str, DateOrder], float | None], ...] = (
 
 
 def is_weekday(word: str | None) -> bool:
-    """True for a name of a weekday, cut or not, and where there is none."""
+    """True for a name of a weekday, abbreviated or not, and where there is none."""
     return word is None or word.lower()[:2] in WEEKDAYS
 
 
@@ -195,7 +195,7 @@ def _day(first: str, second: str, third: str, order: DateOrder) -> float | None:
 
 
 def _with_rest(day: float, rest: str) -> float | None:
-    """The stamp of a day with the clock and the zone behind it."""
+    """The stamp of a day with the clock and the zone after it."""
     if not rest:
         return day
     match = _REST.fullmatch(rest)

@@ -27,7 +27,7 @@ DATEUTIL = "dateutil"
 """Whatever python-dateutil reads as a whole date."""
 
 MIN_EXCEL, MAX_EXCEL = 20_000.0, 80_000.0
-"""Days of 1954 to 2119: a number outside is no date of a spreadsheet."""
+"""Days of 1954 to 2119: a number outside is not a spreadsheet date."""
 
 _EPOCH = datetime(1970, 1, 1)
 _EXCEL_EPOCH_DAYS = 25569  # from 1899-12-30 to 1970-01-01
@@ -52,7 +52,7 @@ def parse_excel(cell: str, decimal: str) -> float | None:
     days = parse_number(cell, decimal)
     if days is None or not MIN_EXCEL <= days <= MAX_EXCEL or cell[0] == "0":  # 030124 is a date in digits
         return None
-    return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets know no more than ms
+    return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets resolve ms at best
 
 
 def parse_with_format(cell: str, form: str) -> float | None:
@@ -74,7 +74,7 @@ def has_date(form: str) -> bool:
 
 
 def check_format(form: str) -> None:
-    """Raise BadSetting unless strptime knows every code of a format, and each comes once."""
+    """Raise BadSetting unless strptime knows every code of a format, and each occurs once."""
     try:
         datetime.strptime("", form)
     except ValueError as error:
