@@ -2,8 +2,8 @@
 
 Source: ActiLife user manual, "CSV export"; the readers pyActigraphy (reader_agd, reader_awd) and GGIR. The date is
 written as "date format M/d/yyyy" in line 1 says; an epoch of 00:00:00 means raw samples at the rate of line 1.
-An .AWD holds seven lines (name, date, time, epoch in quarters of a minute, age, serial number, sex), then a count a
-line, perhaps with an M behind it where the marker was pressed.
+An .AWD holds seven lines (name, date, time, epoch in quarters of a minute, age, serial number, sex), then one count
+per line, with an M after it where the marker was pressed.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def recognise(head: Sequence[str]) -> Preface | None:
     named = not is_sample(row)
     stamped = named and bool(row) and row[0].lower().startswith(_STAMPED)
     above = [line.strip(' ",;') for line in head[1:end]]
-    period = _epoch(_behind(above, "epoch period (hh:mm:ss)")) or inverse(_rate(head[0]))
+    period = _epoch(_after(above, "epoch period (hh:mm:ss)")) or inverse(_rate(head[0]))
     if period is None:
         return None
-    start = None if stamped else _start(head[0], _behind(above, "start date"), _behind(above, "start time"))
+    start = None if stamped else _start(head[0], _after(above, "start date"), _after(above, "start time"))
     return TablePreface(
         _NAME,
         header_row=end + 2 if named else 0,
@@ -83,7 +83,7 @@ def _actiwatch(head: Sequence[str]) -> Preface | None:
     )
 
 
-def _behind(lines: Sequence[str], key: str) -> str:
+def _after(lines: Sequence[str], key: str) -> str:
     return next((line[len(key) :].strip(" :") for line in lines if line.lower().startswith(key)), "")
 
 

@@ -1,7 +1,7 @@
-"""The first lines of a file in one form, so that the rule of an instrument knows one only.
+"""The first lines of a file in one form, so that the rule of an instrument handles only one.
 
 A file that a spreadsheet saved again, that a German computer wrote, or that a script copied, has ";" or tabs
-between its cells, decimal commas, quotes around all of them, blank lines, or a line `sep=;` above.
+as delimiters, decimal commas, quotes around all of them, blank lines, or a line `sep=;` above.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from kalscope.sources.instruments.metadata import KEPT_COMMA, MAX_LINES
 from kalscope.sources.instruments.preface import Preface
 
 _MAX_LENGTH = 1 << 14
-"""No instrument writes a longer line above its samples; a table so wide is none."""
+"""No instrument writes a longer line above its samples; so wide a table is not an instrument's."""
 _LOOKED_AT = 40
 _MIN_SHARE = 0.6
-"""Above this share of the lines; the text above an ActiGraph's table has no delimiter."""
+"""Least share of lines with the delimiter; the text above an ActiGraph's table has no delimiter."""
 _MAX_BLANK = 0.4
-"""Above this share, blank lines are none of the instrument's own, as where a line end was doubled."""
+"""Above this share, blank lines are not the instrument's own: line ends were doubled, for instance."""
 _MAX_CELLS = 50
 _TOLD = {",": ",", ";": ";", "\t": "\t", "\\t": "\t", "|": "|"}
 
@@ -33,7 +33,7 @@ class PlainHead:
     numbers: tuple[int, ...]
     """Line number in the file, from 1, of each."""
     delimiter: str
-    """Between the cells in the file."""
+    """Delimiter in the file."""
     decimal: str
     """Decimal mark in the file; "" where no number among these lines has one."""
     told: str | None
@@ -57,7 +57,7 @@ class PlainHead:
     def _number(self, row: int | None) -> int | None:
         if not row or row <= len(self.numbers):
             return self.numbers[row - 1] if row else row
-        return self.numbers[-1] + row - len(self.numbers)  # a table that has no rows as yet
+        return self.numbers[-1] + row - len(self.numbers)  # a table that has no rows yet
 
 
 def plain_head(head: Sequence[str]) -> PlainHead:

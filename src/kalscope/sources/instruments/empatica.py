@@ -1,7 +1,7 @@
 """Empatica E4 wristbands: the start, then the rate, then the samples, without a header.
 
 Source: Empatica's "Data export and formatting from E4 connect": row 1 is the start in Unix seconds (UTC), row 2
-the rate in Hz, both written once a column; ACC.csv holds x, y, z in 1/64 g; IBI.csv begins with the start and
+the rate in Hz, both written once per column; ACC.csv holds x, y, z in 1/64 g; IBI.csv begins with the start and
 "IBI", then holds seconds since the start and the interval between beats in seconds.
 """
 

@@ -17,7 +17,7 @@ KEPT_COMMA = "\x1f"
 """A comma that is part of a text, where "," stands for the delimiter of a file (`dialect`)."""
 
 MIN_PERIOD = 1e-15
-"""A shorter period, and a longer one than its inverse, is damage, s."""
+"""Shortest period in s, and the inverse of the longest; any other is damage."""
 
 MAX_LINES = 200
 """The table of a known instrument begins within this many lines."""
@@ -64,12 +64,12 @@ def table_rows(head: Sequence[str]) -> list[Cells]:
 
 
 def is_sample(cells: Cells) -> bool:
-    """True for a row of numbers; one behind the first may be missing."""
+    """True for a row of numbers; those after the first may be missing."""
     return bool(cells) and is_number(cells[0]) and all(not cell or is_number(cell) for cell in cells)
 
 
 def first_sample(rows: Sequence[Cells], after: int = 0) -> int | None:
-    """Index of the first row of numbers at or behind index `after`; None where there is none."""
+    """Index of the first row of numbers at or after index `after`; None where there is none."""
     return next((i for i in range(after, len(rows)) if is_sample(rows[i])), None)
 
 
@@ -84,7 +84,7 @@ def index_of(rows: Sequence[Cells], *firsts: str) -> int | None:
 
 
 def said(rows: Iterable[Cells], *keys: str) -> str:
-    """The cell behind the first of the keys, lower case, that a row begins with; "" where none does."""
+    """The cell after the first of the keys, lower case, that a row begins with; "" where none does."""
     for cells in rows:
         if len(cells) > 1 and cells[0].lower().rstrip(" :=") in keys:
             return cells[1]
@@ -126,7 +126,7 @@ def agrees(period: float, rows: Sequence[Cells], column: int) -> bool:
 
 
 def in_words(period: float) -> str:
-    """A period as a report says it: "8 µs"."""
+    """A period as a report writes it: "8 µs"."""
     period = float(f"{period:.6g}")
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)):
         if period >= size:

@@ -1,7 +1,7 @@
 """OpenBCI boards (Cyton, Ganglion): comments with the rate, then a table that has names since version 5 of the GUI.
 
 Source: github.com/OpenBCI/OpenBCI_GUI, DataWriterODF.pde (and OpenBCI_GUI/DataLogging.pde before it): EXG in
-microvolts, acceleration in g; "Sample Index" counts to 255; stamps arrive in bursts, so the rate goes before them.
+microvolts, acceleration in g; "Sample Index" counts to 255; stamps arrive in bursts, so the rate takes precedence.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recorders of body signals: OpenSignals (BITalino, biosignalsplux), BIOPAC AcqKnowledge, ADInstruments LabChart.
+"""Physiological recorders: OpenSignals (BITalino, biosignalsplux), BIOPAC AcqKnowledge, ADInstruments LabChart.
 
 Sources: the OpenSignals text file format (a JSON object in the second line), AcqKnowledge's text export as public
 readers describe it (`0.5 msec/sample`, `2 channels`, a name and a unit for each), and LabChart's "Export as text"

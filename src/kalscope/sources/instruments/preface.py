@@ -12,13 +12,13 @@ class Preface:
     instrument: str
     """What wrote the file, as a report names it: "Rigol oscilloscope"; "" where only its text is understood."""
     delimiter: str | None = None
-    """Between the cells of the table."""
+    """Delimiter of the table."""
     decimal: str | None = None
     """Decimal mark."""
     header_row: int | None = None
-    """Line number, from 1, of the row of names; 0 where there is none. `names` goes before what it says."""
+    """Line number, from 1, of the row of names; 0 where there is none. `names` takes precedence over it."""
     unit_row: int | None = None
-    """Line number, from 1, of the row of units; 0 where there is none. `units` goes before what it says."""
+    """Line number, from 1, of the row of units; 0 where there is none. `units` takes precedence over it."""
     first_row: int | None = None
     """Line number, from 1, of the first row of the table."""
     names: tuple[str, ...] = ()
@@ -45,9 +45,9 @@ class Preface:
 
 @dataclass(frozen=True)
 class TablePreface(Preface):
-    """The same of a table between commas, with decimal points, and without rows of names and units.
+    """The same for a comma-separated table with decimal points, without rows of names and units.
 
-    Rules see every file so: `dialect.py` puts back what a spreadsheet wrote.
+    Rules see every file in this form: `dialect.py` restores the marks of the file.
     """
 
     delimiter: str | None = ","

@@ -46,7 +46,7 @@ _HERTZ = {
 }
 _SECONDS = {"": 1.0} | {word: SECONDS_PER_UNIT[unit] for word, unit in UNIT_OF_WORD.items()}
 _SEPARATORS = str.maketrans(";\t|", ",,,")
-# Behind ":" or "=" a comma between digits is part of the number; elsewhere it separates cells.
+# After ":" or "=" a comma between digits is part of the number; elsewhere it separates cells.
 _NUMBER_WITH_COMMA = re.compile(r"[:=][ \t]*[\"']?[-+]?[0-9]+(?:,[0-9]+)+")
 _DECIMAL_COMMA = re.compile(rf"([-+]?[0-9]+){KEPT_COMMA}([0-9]+)(?![0-9.{KEPT_COMMA}])")
 _MIN_PERIOD, _MAX_PERIOD = 1e-13, 1e8
@@ -65,7 +65,7 @@ def recognise(head: Sequence[str]) -> Preface | None:
             if period is not None:
                 found.setdefault(period, key)
                 lines += 1
-    # A key on line after line is a value of each, as `dt: 12` from a board.
+    # A key that repeats on each line is a value of each row, such as `dt: 12` from a board.
     if len(found) != 1 or lines > 2:
         return None
     period, key = next(iter(found.items()))
@@ -105,7 +105,7 @@ def _spoken(part: str) -> tuple[str, str]:
 
 
 def _period(key: str, value: str) -> float | None:
-    """Seconds of a key and its value; None where they are no rate and no interval."""
+    """Seconds of a key and its value; None where they are neither a rate nor an interval."""
     bare, _, unit = key.partition("(") if "(" in key else key.partition("[")
     bare, unit = bare.strip(), unit.rstrip(")] ")
     if bare not in _RATES and bare not in _INTERVALS:
@@ -128,7 +128,7 @@ def _period(key: str, value: str) -> float | None:
 def _number(value: str) -> tuple[float | None, str]:
     """(250.0, "hz") of `250 hz` and `250hz`; the unit is the rest of the text.
 
-    `12,5` is 12.5; `1,000` is no number, because it may be one or a thousand, whereas `0,001` can be no thousand.
+    `12,5` is 12.5; `1,000` is not read, because it may be one or a thousand, whereas `0,001` cannot be a thousand.
     """
     if KEPT_COMMA in value:
         comma = _DECIMAL_COMMA.match(value)

@@ -14,7 +14,7 @@ from kalscope.sources.grammar.units import is_unit, is_unit_suffix
 from kalscope.sources.layout.rows.kinds import ColumnType
 
 Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
-"""What becomes of a column; "metadata" stands beside the data in the first rows only."""
+"""How a column is used; "metadata" is beside the data in the first rows only."""
 
 _INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
 _SUFFIX = re.compile(r"[A-Za-zµμ%]+")
@@ -36,13 +36,13 @@ class Column:
     """One field of the data lines."""
 
     name: str
-    """Name without its unit, as the source says it; "" where it says none. Distinct among the channels."""
+    """Name without its unit, as the source gives it; "" where it gives none. Distinct among the channels."""
     unit: str = ""
-    """Unit as the source says it; "" where it says none."""
+    """Unit as the source gives it; "" where it gives none."""
     role: Role = "channel"
-    """What becomes of it; only channels and the time are read."""
+    """How it is used; only channels and the time are read."""
     form: NumberForm | None = None
-    """How its numbers are written, where not as in the rest of the table."""
+    """How its numbers are written, where that differs from the rest of the table."""
     words: frozenset[str] = frozenset()
     """Texts, in lower case, that say "no sample" in this column, besides those that say it everywhere."""
 
@@ -69,7 +69,7 @@ def named_column(text: str) -> Column:
 
 
 def _split_brackets(text: str) -> tuple[str, str]:
-    """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text ends in no bracket."""
+    """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text does not end in a bracket."""
     opening = {"]": "[", ")": "("}.get(text[-1:])
     start = -1 if opening is None else text.rfind(opening)
     inside = text[start + 1 : -1]
@@ -90,7 +90,7 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
 
 
 def _is_row_number(name: str, cells: list[str]) -> bool:
-    """True for Kalscope's own column of row numbers, and for another column named so that counts without a gap."""
+    """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
     if name == ROW_NUMBER_NAME:
         return _counts(cells)
     if name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
@@ -111,7 +111,7 @@ def settle_roles(
 ) -> tuple[list[Column], TimeColumn | None, tuple[str, ...]]:
     """Columns with their final role and distinct channel names, the time column, and remarks about both.
 
-    A time that stands alone is the channel: a file of rising numbers is a signal.
+    A time column on its own is the channel: a file of rising numbers is a signal.
     """
     if time is not None and time.kind == "number" and sum(column.role != "empty" for column in columns) == 1:
         time = None
@@ -140,7 +140,7 @@ def distinct_names(names: list[str]) -> tuple[str, ...]:
     for i, name in enumerate(names, 1):
         count = counts.get(name, 2) if name else i
         candidate = name or f"value {count}"
-        # A made-up name must not take one that a later column has of its own.
+        # A made-up name must not be the given name of a later column.
         while candidate in distinct or (candidate != name and candidate in given):
             candidate = f"{name or 'value'} {count}"
             count += 1

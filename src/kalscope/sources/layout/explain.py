@@ -1,4 +1,4 @@
-"""The sentences by which a layout explains itself, and by which it names another that could be meant."""
+"""The sentences that explain a layout, and that name another one that could be meant."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 def explain(
     form: LineFormat, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
 ) -> list[str]:
-    """How the lines are split, what stands beside the data, and which other way comes close."""
+    """How the lines are split, what is beside the data, and which other way comes close."""
     notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
     if form.kind == "table":
         notes.append(table_note(form))
@@ -80,7 +80,7 @@ def _about_numbers(number: NumberForm, form: LineFormat) -> str:
     if number.decimal != form.decimal:
         said.append(f'the decimal mark is "{number.decimal}"')
     if number.thousands:
-        said.append(f'"{"." if number.decimal == "," else ","}" or a blank parts the thousands')
+        said.append(f'"{"." if number.decimal == "," else ","}" or a blank separates thousands')
     return ", ".join(said)
 
 

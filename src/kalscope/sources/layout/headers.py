@@ -52,7 +52,7 @@ class _Rows:
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:
-    """The lines, with names that break inside their quotes in the last line of the header and nothing above it.
+    """The lines, with quoted names that span lines joined into the last of them, and those above left empty.
 
     Spreadsheets write such names. A stray quote in a row of data joins nothing: all cells must be names.
     """
@@ -133,7 +133,7 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
 
 
 def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadTable) -> _Rows:
-    """The names and the units among lines of text above the data, nearest first: units stand below the names."""
+    """The names and the units among lines of text above the data, nearest first: units are below the names."""
     rows = list(above)
     units = next(
         (
@@ -157,7 +157,7 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
 
 
 def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTable) -> Row | None:
-    """A row of units right below the names that begins with nothing and %, and so looks like a comment."""
+    """A row of units right below the names that begins with an empty cell and %, and so looks like a comment."""
     for number in range(names[0] + 1, min(last + 2, len(head) + 1)):
         text = head[number - 1]
         cells = tuple(split_fields(text, table.form.delimiter))
@@ -167,7 +167,7 @@ def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTabl
 
 
 def _stand_below(units: Cells, names: Cells, delimiter: str) -> bool:
-    """True where units may stand below these names: `seconds pressure` below a sentence are names themselves."""
+    """True where these may be units below these names: `seconds pressure` below a sentence are names themselves."""
     bracketed = all(cell != bare_unit(cell) for cell in units if cell)
     spare = abs(len(names) - len(units))
     return bracketed or spare == 0 or (spare == 1 and delimiter != " ")
@@ -190,7 +190,7 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], 
     if len(cells) + trailing >= width:
         notes: list[str] = []
         if trailing:
-            notes.append("each row ends in a separator that the line of names has not")
+            notes.append("each row ends in a separator that the line of names lacks")
         elif any(cells[width:]):
             notes.append(f"line {number} holds {len(cells)} names for {width} columns")
         return tuple(named_column(name) for name in (*cells, *[""] * trailing)[:width]), notes
@@ -253,7 +253,7 @@ def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:
 
 
 def _is_name(text: str, delimiter: str) -> bool:
-    """A few words, with their unit in brackets or behind a comma perhaps: no sentence."""
+    """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
     few = len(bare.split()) <= _COMMENT_NAME_WORDS
     return (
@@ -267,7 +267,7 @@ def _is_name(text: str, delimiter: str) -> bool:
 def _is_code_row(table: HeadTable, body: Body) -> bool:
     """True where the first row can only be codes: `94255 2018 1000 0 2010 …` above fractions of another size.
 
-    The first sample must never be eaten. Three columns at least must hold a whole number five times larger
+    The first sample must never be lost. Three columns at least must hold a whole number five times larger
     than anything below, one of them above nothing but fractions.
     """
     decimal = table.form.decimal

@@ -36,7 +36,7 @@ def mark_series(
 ) -> tuple[list[Column], tuple[str, ...]]:
     """The columns of a long table with the role "series" for those that name the value, and a note that says so.
 
-    Any other table comes back as it is. Few tables are long, so the rule is strict: a column named as such holds
+    Any other table is returned unchanged. Few tables are long, so the rule is strict: a column named as such holds
     repeated texts, one named as such holds the values, and no other column but the time holds numbers.
     """
     bases = ["_".join(column.name.lower().split()) for column in columns]

@@ -22,7 +22,7 @@ class Plan:
 
     @property
     def delimiter(self) -> str | None:
-        """Between cells."""
+        """Delimiter of cells."""
         return self.options.delimiter or self.preface.delimiter
 
     @property
@@ -50,7 +50,7 @@ class Plan:
 
 
 def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
-    """The choices for a file that begins so.
+    """The choices for a file with this head.
 
     Raises:
         BadSetting: a row is chosen that the head of the file does not have.

@@ -1,6 +1,6 @@
 """How a log is written, found from its first lines: delimiter, decimal mark, header, units, time column.
 
-Pure functions on text. A file says its units in the header (`accel (m/s^2)`, `t [us]`, `Distance_cm`), in a
+Pure functions on text. A file gives its units in the header (`accel (m/s^2)`, `t [us]`, `Distance_cm`), in a
 row of units below the header, or in comment lines of Kalscope's own convention above the data:
 
     # unit volume: 1e8 m3
@@ -32,7 +32,7 @@ from kalscope.sources.layout.time.candidates import stamps_of
 from kalscope.sources.layout.time.time_column import chosen_time, find_time
 
 MAX_COLUMNS = 256
-"""A table wider than this is no log of samples (a list per line, an image, one case per line)."""
+"""A table wider than this is not a log of samples (a list per line, an image, one case per line)."""
 
 MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
 """Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
@@ -56,13 +56,13 @@ class Layout:
     headers: frozenset[int]
     """Line numbers above the data that are header or units rows."""
     header_rows: tuple[Cells, ...]
-    """Their cells, by which a repeated header is known again."""
+    """Their cells, by which a repeated header is recognised."""
     notes: tuple[str, ...]
     """What was decided, each a sentence."""
     narrow: frozenset[int] = frozenset()
     """Widths of rows that lack their last fields, where several such rows follow each other."""
     period: float | None = None
-    """Sample period in s that the file itself says; None where it says none."""
+    """Sample period in s that the file itself gives; None where it gives none."""
     start: float | None = None
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
     offset: float = 0.0
@@ -77,7 +77,7 @@ class Layout:
 
     @property
     def least(self) -> int:
-        """Fields of a whole line at least: a spreadsheet's trailing empty columns may be left out."""
+        """Fewest fields of a whole line: a spreadsheet's trailing empty columns may be left out."""
         roles = [column.role for column in self.columns]
         return max(1, *(i for i, role in enumerate(roles, 1) if role != "empty"), 1)
 
@@ -110,7 +110,7 @@ def sniff(
 
 
 def _marked(form: LineFormat, marks: LineFormat) -> LineFormat:
-    """How lines are written whose stamps and checksums were split off."""
+    """The form, with the stamps and checksums that were split off."""
     return replace(form, stamped=marks.stamped, checksum=marks.checksum)
 
 
@@ -220,12 +220,12 @@ def _find_time(
         time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
     else:
         named = any(column.name for column in columns) or table.form.kind != "table"
-        # A field that was added later is no time of the rows before.
+        # A field that was added later cannot be the time of the rows before.
         least = min(table.narrow, default=len(columns))
         rows = [row[:least] for row in rows]
         time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
     if time is None and choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
-        time = TimeColumn(0, "number", "ms")  # which so few lines do not show: they may all be of one moment
+        time = TimeColumn(0, "number", "ms")  # so few lines may not show it: they may all be of one moment
     if time is not None and time.kind == "number" and plan.preface.time_unit:
         time = replace(time, unit=plan.preface.time_unit)
     return time
@@ -242,13 +242,13 @@ def _leading(table: HeadTable, columns: list[Column], rows: list[Cells], time: T
 
 
 def _in_their_places(columns: list[Column]) -> list[Column]:
-    """Only columns behind the last number are empty: `1,,3` has a second channel that is missing as yet."""
+    """Only columns after the last number are empty: `1,,3` has a second channel that is still missing."""
     last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
     return [replace(c, role="channel") if c.role == "empty" and i < last else c for i, c in enumerate(columns)]
 
 
 def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:
-    """Names and units that the data lines bring themselves."""
+    """Names and units that the data lines themselves hold."""
     if table.form.kind == "labels":
         columns = [named_column(label) for label in table.form.labels]
         return Header(tuple(columns), (), table.rows[0][0], ("each line holds name:value pairs",))

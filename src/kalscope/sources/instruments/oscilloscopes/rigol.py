@@ -65,7 +65,7 @@ def _counted(rows: list[Cells], at: int) -> Preface | None:
     offset = parse_number(says[start_at]) if len(says) > start_at else None
     period = positive(says[step_at]) if len(says) > step_at else None
     units = tuple(unit_in(cell) or "" for cell in says[:width])
-    # Pods of eight digital lines, written 0x00, are no samples.
+    # Pods of eight digital lines, written 0x00, are not samples.
     pods = {i for i, name in enumerate(names[:width]) if name.upper().startswith("D") and "-" in name}
     interval = f"sample interval {in_words(period)} from its header" if period else "it gives no sample interval"
     return TablePreface(
@@ -128,7 +128,7 @@ def _settings_above(rows: list[Cells]) -> Preface | None:
         return None
     header = [_bracketed(cell) for cell in rows[at]]
     # The settings name the channels one cell to the left of their columns in some firmware, above them in others:
-    # "Channel Data","CH 1","CH 2" stands above "Time (s)","Voltage (V)","Voltage (V)".
+    # "Channel Data","CH 1","CH 2" is above "Time (s)","Voltage (V)","Voltage (V)".
     channels = next((cells[1:] for cells in rows[:at] if cells and cells[0].lower() == "channel data"), ())
     given = len(channels) == len(header) - 1
     rate = positive(said(rows[:at], "sampling frequency (hz)"))

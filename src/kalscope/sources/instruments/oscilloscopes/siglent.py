@@ -62,6 +62,6 @@ def _labelled(settings: list[Cells], key: str) -> dict[str, str]:
 
 
 def _with_units(found: Preface, units: dict[str, str]) -> Preface:
-    """`Second,Value` says no unit: the settings do."""
+    """`Second,Value` gives no unit: the settings do."""
     said_units = (unit or units.get(name, "") for name, unit in zip(found.names, found.units, strict=True))
     return replace(found, units=tuple(said_units))

@@ -26,7 +26,7 @@ from kalscope.sources.instruments.preface import Preface, TablePreface
 
 _NAME = "Tektronix oscilloscope"
 _MIN_BESIDE = 2
-"""Key and value, and perhaps a unit, stand beside the samples."""
+"""Fewest columns of settings beside the samples: key and value, and perhaps a unit."""
 _MAX_BESIDE = 6
 _SETTINGS = ("model", "waveform type", "point format", "horizontal units", "sample interval", "record length")
 

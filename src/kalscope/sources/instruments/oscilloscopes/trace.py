@@ -38,7 +38,7 @@ def trace(
     names: Cells = (),
     period: float | None = None,
 ) -> Preface | None:
-    """The preface of a table whose row of units stands at an index; None where it is none, or no samples follow.
+    """The preface of a table whose row of units is at an index; None if that row is not one, or no samples follow.
 
     Args:
         instrument: What wrote the file.
@@ -78,5 +78,5 @@ def trace(
 
 
 def counted(channels: int) -> str:
-    """As a report says it: "1 channel", "4 channels"."""
+    """As a report writes it: "1 channel", "4 channels"."""
     return f"{channels} channel" + ("s" if channels != 1 else "")

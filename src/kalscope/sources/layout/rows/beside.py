@@ -1,4 +1,4 @@
-"""Columns of metadata that stand beside the data, in the first rows only."""
+"""Columns of metadata beside the data, in the first rows only."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from kalscope.sources.layout.rows.kinds import CellKinds, Cells
 
 MIN_BESIDE_ROWS = 16
-"""Rows it takes to judge that."""
+"""Fewest rows to judge that."""
 MAX_BESIDE = 64
 """Rows in which metadata may stand beside the data."""
 
 
 def find_beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:
-    """Columns of labels and values that stand in some of the first rows only, and empty ones up to the data."""
+    """Columns of labels and values that are in some of the first rows only, and empty ones up to the data."""
     last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
     brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
     if len(rows) < MIN_BESIDE_ROWS:

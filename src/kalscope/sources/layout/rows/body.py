@@ -1,4 +1,4 @@
-"""Where the table starts, what its columns hold, and what stands above and beside it."""
+"""Where the table starts, what its columns hold, and what is above and beside it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from kalscope.sources.layout.rows.shapes import HeadLine
 from kalscope.sources.layout.rows.tables import HeadTable
 
 MAX_HEADER_LINES = 5
-"""Lines of names, units and what was done to each column that may stand above a table."""
+"""Lines of names, units and what was done to each column that may be above a table."""
 MAX_REPEATED = 64
-"""Rows of one repeated word that may stand between the names and the first number."""
+"""Rows of one repeated word that may come between the names and the first number."""
 _PAIR_LABELS = frozenset(
     """
     sample rate|sampling rate|sample frequency|sampling frequency|sample interval|sample period|sampling interval
@@ -29,10 +29,10 @@ _PAIR_LABELS = frozenset(
     .strip("|")
     .split("|")
 )
-"""What is said in pairs above a table, in lower case."""
+"""Labels of the pairs above a table, in lower case."""
 _WIDE_GAP = re.compile(r"[ \t]{2,}|\t")
 _RULED = frozenset("-=_+|:;, \t")
-"""What a line below the names may be drawn with."""
+"""Characters of a ruled line below the names."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -156,7 +156,7 @@ class _Grid:
     def first_row(self, least: int) -> int:
         """Line number of the first row, from line `least` on.
 
-        A line of names below others that are no whole rows begins the table: above it are metadata.
+        A line of names below others that are not whole rows begins the table: above it is metadata.
         """
         places = [i for i, (number, _) in enumerate(self._lines) if number >= least]
         best, gained, whole, other = 0, 0, 0, 0
@@ -177,7 +177,7 @@ class _Grid:
         return self._lines[start][0]
 
     def _repeats(self, place: int) -> bool:
-        """True for the second ERR of several below other names: one word that repeats is no name."""
+        """True for the second ERR of several below other names: one word that repeats is not a name."""
         cells = self._lines[place][1]
         if self._fits[place] != "text" or len(set(cells)) > 1:
             return False
@@ -201,7 +201,7 @@ class _Grid:
         return self._is_pair(cells) or not place or self._fits[place - 1] != "text"
 
     def _is_pair(self, cells: Cells) -> bool:
-        """True for `Sample Rate,100 Hz`: something that is said about a recording, and what."""
+        """True for `Sample Rate,100 Hz`: a property of the recording, and its value."""
         label = cells[0].partition("(")[0].partition("[")[0].strip(" :=").lower()
         said = [cell for cell in cells[1:] if cell]
         return label in _PAIR_LABELS and len(said) == 1 and self._types[0].kind in ("number", "stamp")
@@ -228,7 +228,7 @@ class _Grid:
             found.append((number, cells))
         if found and len(found[0][1]) < self._least:
             alike = sum(len(cells) == len(found[0][1]) for _, cells in lines[-MAX_HEADER_LINES:])
-            return () if alike > 1 else tuple(found)  # `Gain;24` above `Site;Barn 7` are pairs, no names
+            return () if alike > 1 else tuple(found)  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
 
     def _is_remark(self, number: int, cells: Cells) -> bool:
@@ -246,7 +246,7 @@ class _Grid:
         if width == 1:
             fits = len(cells) == 1 and len(cells[0]) <= _MAX_NAME
         else:
-            # Between blanks any sentence has several cells.
+            # Split at blanks, any sentence has several cells.
             prose = self._table.form.delimiter == " "
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
@@ -261,8 +261,8 @@ class _Grid:
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
     """The cells of a line above `width` columns.
 
-    Between blanks a unit in brackets belongs to the name before it (`t [us]   torque`), names may hold a blank
-    where several part them, and a row of units may lack that of the time.
+    Split at blanks, a unit in brackets belongs to the name before it (`t [us]   torque`), names may hold a blank
+    where several separate them, and a row of units may lack that of the time.
     """
     cells = tuple(split_fields(text, delimiter))
     if delimiter != " " or len(cells) == width:
@@ -281,7 +281,7 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 
 def _least_width(table: HeadTable, types: tuple[ColumnType, ...]) -> int:
-    """The fewest cells of a whole row: those behind the last column that is ever filled may be left out."""
+    """The fewest cells of a whole row: those after the last column that is ever filled may be left out."""
     width = table.width
     while width > 1 and types[width - 1].kind == "empty":
         width -= 1

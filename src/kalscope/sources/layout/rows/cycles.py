@@ -1,4 +1,4 @@
-"""Labels that come in turn, one or some of them a line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`."""
+"""Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MIN_CYCLES = 4
 _MIN_COMPLETE = 0.9
 """Share of the turns that must hold every label."""
 _MAX_INSIDE = 0.25
-"""Of the time between two turns, what may pass between their first and their last line."""
+"""Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
 def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | None) -> int | None:

@@ -11,15 +11,15 @@ from kalscope.sources.layout.rows.kinds import CellKinds, Cells, column_type, on
 from kalscope.sources.layout.rows.shapes import HeadLine
 
 MIN_RUN, MIN_NAMED_RUN = 8, 3
-"""Lines in a row of another width that are no damage: the logger gained a field; and below its name."""
+"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
 _MAX_CELLS = 4096
-"""A line of more cells is no row of any table."""
+"""A line of more cells is not a row of any table."""
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 
 
 class _Run(NamedTuple):
-    """Rows of one width below each other."""
+    """Consecutive rows of one width."""
 
     width: int
     """Cells of each."""
@@ -30,12 +30,12 @@ class _Run(NamedTuple):
 
 
 class SplitLines:
-    """The lines of a log split at one delimiter; each when its cells are asked for."""
+    """The lines of a log split at one delimiter, each when its cells are needed."""
 
     def __init__(
         self, lines: list[HeadLine], some: Mapping[str, Sequence[str]], delimiter: str, head: Sequence[str] = ()
     ) -> None:
-        """Args: lines that may hold data, some of each shape, what parts their cells, the head with comments."""
+        """Args: lines that may hold data, some of each shape, their delimiter, the head with comments."""
         self.lines, self._head = lines, head
         self.some = {shape: [_cells(text, delimiter) for text in texts] for shape, texts in some.items()}
         self._delimiter = delimiter
@@ -61,7 +61,7 @@ class SplitLines:
 
 
 def _cells(text: str, delimiter: str) -> Cells:
-    """The cells of a line; one that would have thousands is no row and is left whole."""
+    """The cells of a line; one that would have thousands is not a row and is not split."""
     if len(text) > _MAX_CELLS and text.count(delimiter) > _MAX_CELLS:
         return (text,)
     return tuple(split_fields(text, delimiter))
@@ -72,7 +72,7 @@ def grown_width(
 ) -> tuple[int, frozenset[int]]:
     """The width of the rows, and the smaller widths of the rows above that a later field was added to.
 
-    `width` is the commonest. A file grows where runs of rows of another width stand below a line of names for the
+    `width` is the commonest. A file grows where runs of rows of another width are below a line of names for the
     widest, or between the rows of the widest.
     """
     lines = split.lines
@@ -106,9 +106,9 @@ def _is_void(cells: Cells, kinds: CellKinds) -> bool:
 
 
 def _runs(split: SplitLines, rows: set[str], kinds: CellKinds) -> list[_Run]:
-    """The rows, of shapes that are `rows`, in runs of one width that no line of texts parts."""
+    """The rows, of shapes that are `rows`, in runs of one width that no line of texts interrupts."""
     runs: list[_Run] = []
-    parted = False  # `Gain;24` above the names is no row of those below
+    parted = False  # `Gain;24` above the names is not one of the rows below
     for place, line in enumerate(split.lines):
         here = split.width(line)
         if line.shape not in rows:
@@ -132,7 +132,7 @@ def _is_named(split: SplitLines, rows: set[str], first: _Run, width: int, decima
 
 
 def _alike(wide: list[Cells], narrow: list[Cells], width: int, kinds: CellKinds) -> bool:
-    """True where the first `width` columns hold the same in both: no table of another kind."""
+    """True where the first `width` columns hold the same in both: it is not another table."""
     return all(
         column_type([cells[i] for cells in wide], kinds).suits(column_type([cells[i] for cells in narrow], kinds))
         for i in range(width)

@@ -22,7 +22,7 @@ from kalscope.sources.layout.rows.shapes import ANY_DIGIT
 
 Cells = tuple[str, ...]
 CellKind = Literal["number", "other number", "grouped", "measure", "missing", "word", "stamp", "text"]
-"""A plain number, one with the other decimal mark, one whose thousands are or may be parted, one with its unit, an
+"""A plain number, one with the other decimal mark, one with possible thousands separators, one with its unit, an
 ordinary missing value, a word that loggers write for one, a stamp, anything else."""
 
 NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
@@ -30,13 +30,13 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
-"""Characters from which the shape of a cell tells a stamp, and how many cells of it must agree."""
+"""Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _MIN_REPEATED = 3
-"""How often the one word of an otherwise numeric column must come to say "no sample"."""
+"""How often the one word of an otherwise numeric column must occur to mean "no sample"."""
 
 
 class CellKinds(dict[str, CellKind]):
-    """The kind of each cell; a cell that comes often is judged once."""
+    """The kind of each cell; a repeated cell is judged once."""
 
     def __init__(self, decimal: str, words: Iterable[str] = (), delimiter: str = "") -> None:
         """Args: decimal mark of the table, more texts, in lower case, that say "no sample", and the delimiter."""
@@ -58,7 +58,7 @@ class CellKinds(dict[str, CellKind]):
             return "grouped" if self._quoted and is_grouped(cell) else "number"
         if cell.lower() in self._words:
             return "word"
-        # Most other cells of a log are several numbers, split at another mark than theirs.
+        # Most other cells of a log are several numbers, split at the wrong mark.
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
         return "stamp" if not is_listed and self._is_stamp(cell) else _odd_kind(cell, self.decimal)
 
@@ -66,7 +66,7 @@ class CellKinds(dict[str, CellKind]):
         """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
         shape = cell.translate(ANY_DIGIT)
         if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
-            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is none
+            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
         known = self._shapes.get(shape, 0)
         if abs(known) >= _MIN_JUDGED:
             return known > 0
@@ -76,7 +76,7 @@ class CellKinds(dict[str, CellKind]):
 
 
 def _odd_kind(cell: str, decimal: str) -> CellKind:
-    """The kind of a cell that is no plain number, no missing value and no stamp."""
+    """The kind of a cell that is not a plain number, a missing value or a stamp."""
     if is_grouped(cell):
         return "grouped"
     if NUMBER[OTHER_MARK[decimal]].fullmatch(cell):
@@ -86,7 +86,7 @@ def _odd_kind(cell: str, decimal: str) -> CellKind:
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
-    """True where no cell is a number, a stamp or a missing value, and one is there at all."""
+    """True where no cell is a number, a stamp or a missing value, and there are cells at all."""
     kinds = CellKinds(decimal)
     return any(cells) and all(not cell or kinds[cell] not in ("number", "stamp", "missing") for cell in cells)
 
@@ -127,7 +127,7 @@ class ColumnType:
         return "empty" in (self.kind, other.kind) or self.kind == other.kind
 
     def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
-        """Whether a cell may stand in this column; text fits a column of text and says nothing."""
+        """Whether a cell may be in this column; in one of text any cell is "missing", because it tells nothing."""
         kind = kinds[cell]
         if kind in ("missing", "word") or cell.lower() in self.words:
             return "missing"
@@ -162,7 +162,7 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
 def number_form(
     cells: Sequence[str], kinds: CellKinds, wanted: str | None = None
 ) -> tuple[NumberForm, NumberForm | None]:
-    """How the numbers of a column are written, and how they could as well be; None where nothing else fits.
+    """How the numbers of a column are written, and how else they could be; None where nothing else fits.
 
     The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
     outranks it.
@@ -182,7 +182,7 @@ def number_form(
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
     if best.decimal != kinds.decimal and not best.thousands and not wanted:
-        # "1,234" above "2,345": thousands of English writers rather than decimals of the others.
+        # "1,234" above "2,345": English thousands rather than decimal commas.
         grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
         best = grouped if counts[grouped] == counts[best] else best
     rivals = [
@@ -198,6 +198,6 @@ def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
 
 
 def _common_suffix(measures: list[str]) -> str:
-    """The unit behind most of the numbers; "" where there is none."""
+    """The unit after most of the numbers; "" where there is none."""
     found = Counter(parts[1] for cell in measures if (parts := split_measure(cell)))
     return found.most_common(1)[0][0] if found else ""

@@ -9,14 +9,14 @@ from typing import NamedTuple
 ANY_DIGIT = str.maketrans("123456789", "000000000")
 """Makes a shape of a text: each digit becomes 0."""
 _MAX_SHAPES = 64
-"""Above as many shapes, those that differ in the lengths of their numbers only are one."""
+"""With more shapes, those that differ only in the lengths of their numbers become one."""
 _MAX_OF_SHAPE = 4
 """Lines by which all of one shape are judged: 0,123 and 1,234 may be read differently."""
 _NUMBER = re.compile("00+")
 
 
 class HeadLine(NamedTuple):
-    """One line that may hold data; thousands are made for each file, which a dataclass takes long for."""
+    """One line that may hold data; thousands are made for each file, and a dataclass is slow to make."""
 
     number: int
     """Line number, from 1; beyond the head for lines from further down the file."""

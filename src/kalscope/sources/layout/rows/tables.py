@@ -26,11 +26,11 @@ from kalscope.sources.layout.rows.shapes import HeadLine, first_of_each_shape, s
 MIN_TEXT_SHARE = 0.04
 """Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
 MIN_UNIFORM = 0.6
-"""Of the lines with numbers, the share that must have one width: records of several lines are no table."""
+"""Of the lines with numbers, the share that must have one width: records of several lines are not a table."""
 MIN_UNIFORM_LINES = 20
-"""Lines it takes to judge that."""
+"""Fewest lines to judge that."""
 _SOME = 64
-"""Lines of which one shows that a file may hold one column."""
+"""Lines that are searched for one that shows that a file may hold one column."""
 MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
 """Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
 
@@ -58,7 +58,7 @@ def candidate_lines(
     lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if _may_be_data(text)]
     last = len(head)
     for sample in samples:
-        # A line is left out, so that the last line above is no neighbour of the first below.
+        # A line number is skipped, so that the last line above is not next to the first below.
         lines += [HeadLine(i, text) for i, text in enumerate(sample, last + 2) if _may_be_data(text)]
         last += 1 + len(sample)
     lines = shaped(lines)
@@ -89,7 +89,7 @@ def _without_checksums(lines: list[HeadLine]) -> tuple[list[HeadLine], bool]:
 
 
 def candidate_tables(lines: list[HeadLine], plan: Plan, head: Sequence[str]) -> list[HeadTable]:
-    """Every way to split the lines of a head, with how much each makes them look like data."""
+    """Every way to split the lines of a head, each with a score of how much they look like data."""
     some = first_of_each_shape(lines)
     candidates = [] if plan.delimiter else [_teleplot(lines, some), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}

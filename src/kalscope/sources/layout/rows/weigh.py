@@ -12,9 +12,9 @@ from kalscope.sources.layout.rows.tables import MIN_TEXT_SHARE, HeadTable
 MIN_SHARE = 0.15
 """Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
 CLOSE = 0.9
-"""A second way with as large a part of the best one's score could be meant as well."""
+"""A second way with at least this share of the best score could be meant as well."""
 TABS = 0.75
-"""Rows between tabs with as large a part of the score of rows between blanks are meant."""
+"""Rows split at tabs are chosen with at least this share of the score of rows split at blanks."""
 _MIN_ALIKE = 8
 _SOME = 64
 """Rows by which one column is judged."""
@@ -27,7 +27,7 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     """
     found = [table for table in tables if table.score >= MIN_SHARE or _all_alike(lines, table)]
     tabs = max((table.score for table in found if table.form.delimiter == "\t"), default=0.0)
-    # Where tabs part the rows, blanks are inside the cells: of a stamp, of a text.
+    # Where tabs split the rows, blanks are inside the cells: of a stamp, of a text.
     found = [table for table in found if table.form.delimiter != " " or TABS * table.score > tabs]
     ranked = sorted(found, key=lambda table: _rank(lines, table), reverse=True)
     if not ranked:
@@ -38,7 +38,7 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
 
 
 def _all_alike(lines: list[HeadLine], table: HeadTable) -> bool:
-    """True for a wide table of mostly text: nearly all lines are rows whose cells are of one kind a column."""
+    """True for a wide table of mostly text: nearly all lines are rows whose cells are of one kind per column."""
     if table.score < MIN_TEXT_SHARE or len(table.rows) < max(_MIN_ALIKE, len(lines) / 2) or table.width < 4:
         return False
     return _consistency(table) > 0.9
@@ -58,7 +58,7 @@ def _consistency(table: HeadTable) -> float:
 
 def _score(lines: list[HeadLine], table: HeadTable) -> float:
     if table.form.decimal == "," and table.width == 1 and not _names_fit(lines, table) and not _is_padded(table):
-        # Any "12,5" is one number as well as two: the header must speak for the one.
+        # Any "12,5" is one number as well as two: the header must decide for the one.
         return table.score / 2
     return table.score
 
@@ -69,7 +69,7 @@ def _likely(lines: list[HeadLine], table: HeadTable) -> float:
 
 
 def _is_grouped(table: HeadTable) -> bool:
-    """True for one column of numbers, some of them with their thousands parted: `990,00` and `1.013,25`."""
+    """True for one column of numbers, some of them with thousands separators: `990,00` and `1.013,25`."""
     if table.width != 1 or table.form.kind != "table":
         return False
     some = [cells[0] for _, cells in table.rows[:: max(1, len(table.rows) // _SOME)]]
@@ -78,9 +78,9 @@ def _is_grouped(table: HeadTable) -> bool:
 
 
 def _is_padded(table: HeadTable) -> bool:
-    """True for one column of such numbers where the digits behind a mark show that no two cells are meant.
+    """True for one column of such numbers where the digits after a mark show that it does not split two cells.
 
-    As a cell of its own nobody would write the 05 of `1.013,05` or the 013.25 of `1,013.25`.
+    No cell of its own would be written like the 05 of `1.013,05` or the 013.25 of `1,013.25`.
     """
     if not _is_grouped(table):
         return False
@@ -89,9 +89,9 @@ def _is_padded(table: HeadTable) -> bool:
 
 
 def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, bool, bool]:
-    """Best score; of equals Teleplot, the one whose header has as many cells, the one with the decimal point.
+    """The score; among equals Teleplot, the one whose header has as many cells, the one with the decimal point.
 
-    Numbers whose thousands are parted come before the cells that they could be.
+    Numbers with thousands separators come before the cells that they could be.
     """
     fits = _names_fit(lines, table)
     score, teleplot = round(_score(lines, table), 6), table.form.kind == "teleplot"
@@ -99,7 +99,7 @@ def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, b
 
 
 def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
-    """True where the line above the first row holds one name a column."""
+    """True where the line above the first row holds one name per column."""
     above = [line for line in lines if line.number < table.rows[0][0]]
     if not above or table.form.kind != "table":
         return False

@@ -1,4 +1,4 @@
-"""All columns, alone or together, that may be the time, and how many points speak for each."""
+"""All columns, alone or together, that may be the time, and the points of each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kalscope.sources.layout.time.evidence import Evidence, is_since_1970, judge
 from kalscope.sources.layout.time.names import TimeName, time_name
 
 _MAX_BACK, _MAX_BACK_WEAK = 0.25, 0.02
-"""Share of steps back with which numbers may be a time, by a clear name and by a mere hint."""
+"""Share of steps back with which numbers may be a time, with a clear name and with a mere hint."""
 _MIN_JUDGED = 8
 """Rows from which a clear name can be wrong."""
 _MIN_FILL = 0.5
@@ -42,7 +42,7 @@ class Candidate:
 def find_candidates(
     columns: list[Column], rows: list[Cells], decimal: str, options: ReadOptions
 ) -> list[Candidate]:
-    """All columns, alone or together, that may be the time, as they stand in the file."""
+    """All columns, alone or together, that may be the time, in the order of the file."""
     names = [time_name(column) for column in columns]
     forms: dict[int, TimeColumn] = {}
     for i, (column, name) in enumerate(zip(columns, names, strict=True)):
@@ -75,7 +75,7 @@ def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
 def _joined(
     forms: dict[int, TimeColumn], names: list[TimeName], rows: list[Cells], decimal: str
 ) -> list[TimeColumn]:
-    """Each date with the clock of the same row, in the column beside it or in one that is named a time.
+    """Each date with the clock of the same row, in the column beside it or in one that is named as a time.
 
     Digits are a clock (`1800`) only where their name gives no unit: `time_ms` counts milliseconds.
     """
@@ -99,7 +99,7 @@ def _joined(
 
 
 def _in_two_columns(rows: list[Cells], decimal: str, options: ReadOptions) -> list[TimeColumn]:
-    """Two columns beside each other that the format of the user reads together, a blank between them."""
+    """Two columns beside each other that the user's format reads together, joined by a blank."""
     proposed: list[TimeColumn] = []
     for i in range(min(map(len, rows), default=0) - 1):
         form = find_stamp_form([f"{row[i]} {row[i + 1]}" for row in rows], decimal, hints_of(TimeName(0), options))

@@ -1,4 +1,4 @@
-"""A time that stands in several columns: year, month, day, hour, minute, second, or a date and a clock."""
+"""A time in several columns: year, month, day, hour, minute, second, or a date and a clock."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _RANGES: tuple[tuple[int, int], ...] = (
 
 
 def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
-    """The time whose parts are named year, month, day, …; None where there is no year with more beside it."""
+    """The time whose parts are named year, month, day, …; None without a year and a month or day of the year."""
     places: dict[PartRole, int] = {}
     for i, column in enumerate(columns):
         role = _role(column.name, places)
@@ -124,7 +124,7 @@ def clock_form(cells: list[str]) -> ClockForm | None:
 
 
 def _role(name: str, places: dict[PartRole, int]) -> PartRole | None:
-    """The part that a name says; `mm` is the month of `YY MM DD hh mm` once and the minute then."""
+    """The part that a name means; in `YY MM DD hh mm`, `mm` is first the month, then the minute."""
     base = name.partition("(")[0].strip(" #%").lower().replace(" ", "_").replace("-", "_")
     if base == "mm":
         return "minute" if "hour" in places or "month" in places else "month"

@@ -1,4 +1,4 @@
-"""How well the stamps of a candidate bear out that they are the time: fill, order, resolution, evenness."""
+"""How well the stamps of a candidate show that they are the time: fill, order, resolution, evenness."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Evidence:
     back: float
     """Of the steps that move, those against the direction of most; a clock that passes midnight goes on."""
     distinct: float
-    """Stamps that are no repetition: below 1 the clock is coarser than the sampling."""
+    """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling."""
     even: float
     """Steps within a fifth of the median step."""
     moves: bool
@@ -31,7 +31,7 @@ class Evidence:
 
     @property
     def weight(self) -> float:
-        """Points of a candidate; those for its name and form come on top."""
+        """Points of a candidate; those for its name and form are added."""
         lost = _WEIGHT_FILL * (1.0 - self.fill) + _WEIGHT_BACK * self.back
         return _WEIGHT_DISTINCT * self.distinct + _WEIGHT_EVEN * self.even - lost
 
@@ -41,7 +41,7 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
 
     Args:
         stamps: Of the sampled rows, shape (n,), NaN where unreadable.
-        turn: Where a clock begins again from 0, in the unit of the stamps; 0 where it never does.
+        turn: Where a clock wraps to 0, in the unit of the stamps; 0 where it never does.
     """
     read = stamps[np.isfinite(stamps)]
     if not read.size:

@@ -18,10 +18,10 @@ _TIME_WORDS = words(
 _SPREADSHEET_WORDS = words("date dates datetime datum fecha")
 _DATE_WORDS = _SPREADSHEET_WORDS | words("day timestamp")
 _DECIMAL_WORDS = words("decimal dec fractional")
-"""Beside a word of time they make 1958.2027 of it."""
+"""Beside a word of time they mean years such as 1958.2027."""
 _DAY_COUNTS = words("jd hjd bjd")
 """Julian dates: of the Earth, the sun and the solar system."""
-# Beside a word of time they leave it one: "Device Time", "time since start", "Timestamp (Formatted)".
+# Beside these a word of time stays one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
     in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
@@ -42,12 +42,12 @@ _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 @dataclass(frozen=True)
 class TimeName:
-    """What a name says; a hint, which the cells must bear out."""
+    """What a name says; a hint, which the cells must confirm."""
 
     strength: int
     """2: the name of a time and nothing else; 1: a word of it is, or it may be one if it rises; 0: none."""
     unit: str = ""
-    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is said."""
+    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
     is_date: bool = False
     """True where 19580329 may be a date."""
     may_be_spreadsheet: bool = False

@@ -1,4 +1,4 @@
-"""Which columns of a log are its time: all that could be are weighed against each other.
+"""Which columns of a log are its time: all candidates are weighed against each other.
 
 A name is a hint. How many rows have a stamp, whether the stamps rise, and how fine they are decide.
 """
@@ -21,17 +21,17 @@ from kalscope.sources.layout.time.unnamed import unnamed_time
 _MAX_ROWS = 600
 """Rows that are weighed: the first, and some of the middle and the end."""
 _CLOSE = 1.0
-"""A candidate with as few points less than the best is named."""
+"""A candidate at most this many points below the best is named."""
 
 
 def find_time(
     columns: list[Column], rows: list[Cells], decimal: str, *, named: bool, options: ReadOptions = DEFAULTS
 ) -> TimeColumn | None:
-    """The candidate that bears out best that it is the time; None where there is none.
+    """The candidate with the most points; None where there is none.
 
     Args:
         columns: Names and roles.
-        rows: Cells of rows from the head of the file and, where they are at hand, from its middle and end.
+        rows: Cells of rows from the head of the file and, if available, from its middle and end.
         decimal: Decimal mark.
         named: True where the names are those of the source.
         options: Format of the stamps, order of day and month.
@@ -95,7 +95,7 @@ def chosen_time(
 
 
 def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells], decimal: str) -> TimeColumn:
-    """The time with the columns that only repeat a part of it, which are no channels either."""
+    """The time with the columns that only repeat a part of it, which are not channels either."""
     if column.kind != "calendar":
         return column
     others = repeated_parts(columns, rows, stamps_of(column, rows, decimal))

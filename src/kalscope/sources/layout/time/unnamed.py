@@ -1,4 +1,4 @@
-"""Numbers that are the time though no name says so."""
+"""Numbers that are the time although no name says it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from kalscope.sources.layout.rows.kinds import Cells
 from kalscope.sources.layout.time.evidence import is_since_1970
 
 _MIN_DATES = 8
-"""Rows from which dates in digits show themselves without a name."""
+"""Fewest rows to recognise dates in digits without a name."""
 _MIN_STEPS_FROM_1970 = 3
-"""Steps forward that stamps since 1970 without a name must show; between them they may stand still."""
+"""Steps forward that stamps since 1970 without a name must show; between them they may repeat."""
 
 
 def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
-    """Numbers whose name says no time: dates in digits, a first column without a name that rises, or since 1970."""
+    """Numbers with no name of a time: dates in digits, a first column without a name that rises, or since 1970."""
     if len(columns) < 2:
         return None
     for i, column in enumerate(columns):
@@ -37,7 +37,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
 
 
 def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
-    """2024022923, 2024030100: numbers whose steps are even as dates only, and that never step back."""
+    """2024022923, 2024030100: numbers whose steps are even only as dates, and that never step back."""
     form = find_stamp_form(cells, decimal, StampHints())
     if form is None or form.kind != "calendar" or len(cells) < _MIN_DATES:
         return None
@@ -52,7 +52,7 @@ def _numbers(cells: list[str], decimal: str) -> Array:
 
 
 def _rises_steadily(cells: list[str], decimal: str) -> bool:
-    """True for eight or more rising stamps of nearly even step; a counter 0, 1, 2, … is none."""
+    """True for eight or more rising stamps of nearly even step; a counter 0, 1, 2, … is not one."""
     stamps = _numbers(cells, decimal)
     if stamps.size < 8 or stamps.size < 0.9 * len(cells):
         return False
