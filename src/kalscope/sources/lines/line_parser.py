@@ -8,7 +8,7 @@
 The layout is detected as for a file: at the first line with data, and again while the head of the
 stream shows lines that do not fit. From then on each line is read by the `LineReader` of the file reader, so
 the same line means the same everywhere. Only labels that come in turn on several lines differ: a file gathers them
-into one row, while a stream makes a row of each line at once, because the next one may be long in coming.
+into one row, while a stream makes a row of each line at once, because the next one may take long.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from kalscope.sources.lines.line_reader import TAIL_LINES, Kind, LineEvent, Line
 from kalscope.sources.lines.teleplot_variables import TeleplotVariables
 
 MAX_LINE_BYTES = 65_536
-"""Bytes of one line, ten times the widest table; a longer one is no line of numbers and is dropped as it comes."""
+"""Bytes of one line, ten times the widest table; a longer one is not a line of numbers and is dropped."""
 
 HEAD_BYTES = 65_536
 """Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
 
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
-"""Different lines with words beside numbers, or any, that it takes to believe that these are rows."""
+"""How many different lines with words beside numbers, or of any, are enough to take them for rows."""
 
 _SHORT_HEAD = 64
 """A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
@@ -97,7 +97,7 @@ class LineParser:
         """The stream was interrupted and starts again; the layout stays known.
 
         Returns:
-            True where the beginning of a line was thrown away.
+            True where the beginning of a line was discarded.
         """
         torn = bool(self._buffer) and not (self._after_cr and bytes(self._buffer) == b"\n")
         self._buffer, self._searched = bytearray(), 0
@@ -109,11 +109,11 @@ class LineParser:
 
         Args:
             head: The lines.
-            named: Adopt only a layout with a header, so that the known names are not lost for none.
+            named: Adopt only a layout with a header, so that known names are not replaced by none.
 
         Returns:
             That line, read again; None, and nothing changes, if they show no other layout, or one in which it is
-            no row.
+            not a row.
         """
         if not self._has_chosen_rows(head):
             return None
@@ -244,7 +244,7 @@ class LineParser:
         return True
 
     def _has_chosen_rows(self, head: Sequence[str]) -> bool:
-        """Whether lines reach below the rows that the user chose as names and units: they refuse a shorter head."""
+        """Whether lines reach below the rows that the user chose as names and units; a shorter head is refused."""
         last = max(self._options.header_row or 0, self._options.unit_row or 0)
         return last == 0 or len(head) > last
 
@@ -264,7 +264,7 @@ class LineParser:
 def comma_line(parser: LineParser, line: bytes) -> str:
     """One line as numbers with commas between them, in the order of the channels.
 
-    A line that is written so already, or is no data, is returned as it is: the filter reports what is wrong.
+    A line that is already written so, or holds no data, is returned unchanged: the filter reports what is wrong.
     """
     parser.feed(line if line.endswith(b"\n") else line + b"\n")
     events, layout = list(parser), parser.layout
@@ -284,7 +284,7 @@ def _decoded(line: bytes | bytearray) -> str:
 
 
 def _without_layout(number: int, line: str) -> LineEvent:
-    """A line before any data: boot text, or an attempt at a number that is none (`12abc`, `0x1F`, `Infinity`)."""
+    """A line before any data: boot text, or a failed attempt at a number (`12abc`, `0x1F`, `Infinity`)."""
     kind: Kind = "text"
     if is_blank(line):
         kind = "blank"

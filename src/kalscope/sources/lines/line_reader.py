@@ -1,4 +1,4 @@
-"""One line of a log whose layout is known: rows of numbers, a header, a comment, or why it is neither.
+"""One line of a log whose layout is known: rows of numbers, a header, a comment, or why it is none of these.
 
 The file reader, stdin and the live port all end here, so that a recording and the wire agree.
 """
@@ -29,7 +29,7 @@ from kalscope.sources.layout.long_table import MAX_SERIES
 from kalscope.sources.layout.sniffer import MAX_STREAM_COLUMNS, Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
-"""What became of a line; "text" is prose that is no attempt at data: boot text, a program's log."""
+"""How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
 
 _TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
 TAIL_LINES = 64
@@ -44,12 +44,12 @@ class LineEvent:
     number: int
     """Line number, from 1."""
     kind: Kind
-    """What became of it."""
+    """How it was read."""
     text: str
     """The line, without its newline, cut at 200 characters."""
     rows: tuple[tuple[float, ...], ...] = ()
-    """Rows of one value a column, in the order of the layout; NaN where missing or not read. One for a "row"
-    line, except where one line of Teleplot brings several samples."""
+    """Rows of one value per column, in the order of the layout; NaN where missing or not read. One for a "row"
+    line, except where one line of Teleplot holds several samples."""
     issues: tuple[LineIssue, ...] = ()
     """Why it was rejected, or which of its cells are missing samples."""
     missing: tuple[str, ...] = ()
@@ -77,11 +77,11 @@ class LineReader:
         self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
-        """The names of a long table and their numbers, which stand in its first "series" column."""
+        """The names of a long table and their numbers, which are in its first "series" column."""
         self.before = -1
         """Fields of the row before; −1 at the first row."""
         self._labels = frozenset(self._form.labels)
-        # A blank label would match at each place of a long run of blanks.
+        # A blank label would match at each position in a long run of blanks.
         names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
         self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
 
@@ -145,7 +145,7 @@ class LineReader:
         return parts[0]
 
     def _labelled(self, number: int, text: str, issues: list[LineIssue]) -> list[str] | None:
-        """Cells in column order; what no column claims is an issue; None for prose."""
+        """Cells in column order; a value without a column is an issue; None for prose."""
         found = find_labels(text)
         if found is None:
             if self._known_label.search(text) or text.lstrip().startswith("{"):
@@ -163,7 +163,7 @@ class LineReader:
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
         strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
         for token in strangers + ignored:
-            issues.append(LineIssue(number, "must belong to a known label, it is left out", token, ""))
+            issues.append(LineIssue(number, "must belong to a known label; it is left out", token, ""))
         return [values.get(label, "") for label in self._form.labels]
 
     def _teleplot(
@@ -227,9 +227,9 @@ class LineReader:
         return self.series.setdefault(name, len(self.series))
 
     def _whole(self, cells: list[str]) -> list[str]:
-        """The cells of a row, one a column: without a separator at its end, with the last ones where it lacks them.
+        """The cells of a row, one per column: without a separator at the end, with the last ones where they lack.
 
-        One row that is too narrow was torn. Where another of its width stood before it, or none at all, it is of a
+        One row that is too narrow was torn. Where the row before has its width, or there is none, it is from a
         time when the logger wrote fewer fields.
         """
         count, before, self.before = len(cells), self.before, len(cells)
@@ -244,7 +244,7 @@ class LineReader:
     def read_last(self, number: int, line: str, before: Sequence[str]) -> LineEvent:
         """Take a last line that has no newline: torn, unless it shows that nothing of it was cut.
 
-        That is so where its checksum is right, or where it is a row whose last number has exactly as many
+        It does where its checksum is right, or where it is a row whose last number has exactly as many
         decimals as that of all the rows before it. A whole number may have lost a digit.
 
         Args:
@@ -274,7 +274,7 @@ def rejected(number: int, text: str, reason: str) -> LineEvent:
 
 
 def _decimals(line: str, mark: str) -> int:
-    """Digits behind the decimal mark of the number that ends the line; 0 where none does."""
+    """Digits after the decimal mark of the number that ends the line; 0 where none does."""
     text = line.rstrip("\r\n")
     matches = [match for match in _TAIL_NUMBER[mark].finditer(text) if match.end() == len(text)]
     return len(matches[-1][1]) if matches else 0

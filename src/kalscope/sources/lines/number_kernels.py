@@ -20,7 +20,7 @@ EXACT, ROUNDED, BAD = 0, 1, 2
 """What `read_number` found: the number; the number within a few roundings, which `float` must read again; none."""
 
 MAX_DIGITS = 18
-"""Digits that an int64 surely holds."""
+"""Digits that always fit an int64."""
 _MANY_DIGITS = 100
 MAX_TENS = 60
 """Largest power of ten, up or down, of a number that is read here: far from the ends of float64."""
@@ -99,7 +99,7 @@ def _roughly(data: Bytes, at: int, end: int) -> float:
 
 @compiled()
 def _exponent(data: Bytes, at: int) -> tuple[int, int]:
-    """The power of ten behind an e, and its end; 1000 where it is as large or none."""
+    """The power of ten after an e, and its end; 1000 where it is that large or missing."""
     down = data[at] == 45
     at += down or data[at] == 43
     start, power = at, 0
@@ -116,7 +116,7 @@ def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, int]:
     """The number, or nan, that begins at `at`; where it ends; and EXACT, ROUNDED or BAD.
 
     The bytes must end with a newline. Its grammar is that of `grammar.cells.parse_number`: no hexadecimal, no
-    infinity, and a digit behind a decimal comma.
+    infinity, and a digit after a decimal comma.
     """
     byte = data[at]
     negative = byte == 45

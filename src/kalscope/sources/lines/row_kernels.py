@@ -1,4 +1,4 @@
-"""Plain rows of a table, many lines a call: each line means what it means to the line reader, or ends the call."""
+"""Plain rows of a table, many lines per call: each line is read as the line reader reads it, or ends the call."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from kalscope.common.compiled import compiled
 from kalscope.sources.lines.number_kernels import BAD, EXACT, ROUNDED, TENS, Bytes, read_number
 
 NEVER, ALWAYS, AFTER_ITS_LIKE = 0, 1, 2
-"""Whether a line of so many fields is a row; the last only after a row as narrow, or as the first."""
+"""Whether a line of so many fields is a row; the last only after an equally narrow row, or as the first."""
 
 MAX_SURE_STAMP = 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
 
 _NEWLINE, _BLANK, _TAB, _QUOTE, _STAR, _MINUS = 10, 32, 9, 34, 42, 45
 _LINE_MARKS = (35, 37, 47, 40, 91)
-"""What may make a comment of a line, `#%/`, or leave out its ends, `([`."""
+"""Marks that may make a line a comment, `#%/`, or be removed from its ends, `([`."""
 _EMPTY, _NO_CELL = -1, -2
-"""What `_odd_cell` found besides what `read_number` finds: nothing between two marks; the end of the line."""
+"""What `_odd_cell` found besides what `read_number` finds: nothing between two delimiters; the end of the line."""
 
 
 @compiled()
@@ -85,7 +85,7 @@ def read_plain_rows(
 ) -> tuple[int, int, int, int]:
     """Plain rows from `at` on, up to the first line that is not plain, or until `out` or `rounded` is full.
 
-    The usual cell, 15 digits at most and a mark behind them, is read here: with a call for each it takes four times
+    The usual cell, 15 digits at most and a mark after them, is read here: with a call for each it takes four times
     as long.
 
     Args:
@@ -98,7 +98,7 @@ def read_plain_rows(
             shape (many, 4), many > width.
 
     Returns:
-        Rows, the place behind them, the fields of the last of them, numbers in `rounded`.
+        Rows, the place after them, the fields of the last of them, numbers in `rounded`.
     """
     marks, wanted = form.marks, form.wanted
     delimiter, decimal = marks
@@ -142,7 +142,7 @@ def read_plain_rows(
 
 @compiled()
 def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
-    """Whether a line of so many fields is a row, and its stamp no damage."""
+    """Whether a line of so many fields is a row, and its stamp is not damage."""
     kind = form.widths[fields] if fields < len(form.widths) else NEVER
     whole = kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
     return whole and (form.stamp < 0 or abs(values[form.stamp]) <= MAX_SURE_STAMP)

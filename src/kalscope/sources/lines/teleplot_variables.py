@@ -1,4 +1,4 @@
-"""Variables of Teleplot that were not there before: one more column each, behind the others."""
+"""New variables of Teleplot: one more column each, after the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAX_NAMES = 1024
 
 
 class TeleplotVariables:
-    """Which new names of one stream are believed."""
+    """Which new names of one stream are accepted."""
 
     def __init__(self) -> None:
         self._seen_once = set[str]()
@@ -45,8 +45,8 @@ def with_variable(layout: Layout | None, plot: Teleplot) -> Layout | None:
         plot: The line.
 
     Returns:
-        None where no column is to be added: the lines are not of Teleplot, the variable has one, the line brings no
-        name that may be one, or there are MAX_STREAM_COLUMNS already.
+        None where no column is to be added: the lines are not of Teleplot, the variable has one, the line has no
+        valid name, or there are MAX_STREAM_COLUMNS already.
     """
     if not plot.name or not plot.name.isprintable():
         return None

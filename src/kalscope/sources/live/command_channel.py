@@ -13,17 +13,17 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.lines.line_reader import LineEvent
 
 MAX_COMMAND_BYTES = 63
-"""Bytes of one line to the board, newline included: the ring of an AVR that receives them holds 64."""
+"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64."""
 ANSWER_S = 5.0
 """Seconds within which a board answers."""
 _TICK = 0.1
-"""Seconds between two looks whether anyone still waits."""
+"""Seconds between two checks whether the caller still waits."""
 _REPLY_PAUSE = 1.0
 """Seconds without any line after which a reply is complete; the next sample completes it at once."""
 _MAX_REPLY_S = 2.0
-"""Seconds after which it is taken as complete anyway: a board may say something without end."""
+"""Seconds after which it is taken as complete anyway: a board may send without end."""
 _MAX_REMARKS = 1000
-"""Remarks that wait for a listener; what comes on top is left out."""
+"""Remarks that may wait for a listener; further ones are dropped."""
 
 
 class BoardGone(BadDevice):
@@ -67,7 +67,7 @@ class CommandChannel:
         """Send a line and wait for the reply.
 
         Args:
-            line: As for `LiveSource.send`, which says what this returns and raises, too.
+            line: As for `LiveSource.send`, which also says what this returns and raises.
             timeout: Seconds to wait; None = ANSWER_S.
             is_reply: Whether a line with # belongs to the reply; None = every one.
             check: Called while it waits; what it raises ends the wait.
@@ -93,15 +93,15 @@ class CommandChannel:
     @contextmanager
     def listen(self) -> Generator[Queue[Remark]]:
         """Every line with # that arrives while the block runs, asked for or not."""
-        heard = Queue[Remark](_MAX_REMARKS)
-        self._listeners = (*self._listeners, heard)
+        remarks = Queue[Remark](_MAX_REMARKS)
+        self._listeners = (*self._listeners, remarks)
         try:
-            yield heard
+            yield remarks
         finally:
-            self._listeners = tuple(one for one in self._listeners if one is not heard)
+            self._listeners = tuple(one for one in self._listeners if one is not remarks)
 
     def on_events(self, events: Iterable[LineEvent], row: int = 0, generation: int = 0) -> None:
-        """Collect the comment lines among these while a reply is expected or someone listens.
+        """Collect the comment lines among these while a reply is expected or there is a listener.
 
         Args:
             events: The lines, in their order.
@@ -120,15 +120,15 @@ class CommandChannel:
                 found.append(Remark(event.text, row, generation))
                 said.append(event.text)
         for remark in found:
-            for heard in self._listeners:
+            for listener in self._listeners:
                 with suppress(Full):
-                    heard.put_nowait(remark)
+                    listener.put_nowait(remark)
         with self._replied:
             if self._is_pending:
                 self._collect(said)
 
     def _collect(self, said: Iterable[str | None]) -> None:
-        """Take the reply from remarks and samples, up to the first sample behind it."""
+        """Take the reply from remarks and samples, up to the first sample after it."""
         for text in said:
             if self._is_complete:
                 return

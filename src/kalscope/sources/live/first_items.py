@@ -1,7 +1,7 @@
 """The first items of a source whose messages each name one variable: held until each has likely come once.
 
-Otherwise a board of six variables would begin as one of one, then of two, then of three: as many charts that start
-again, and as many parts of a recording.
+Otherwise a board of six variables would begin with one, then two, then three: each time the charts would start
+again, with a new part of the recording.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from queue import Empty, SimpleQueue
 from kalscope.sources.port.events import BytesReceived, Item, Opened
 
 HOLD_S = 0.5
-"""Seconds for which the first variables are held: a board sends all it has in one go, a broker all that it kept."""
+"""Seconds for which the first variables are held: a board sends all at once, a broker all retained messages."""
 _MAX_BYTES = 1 << 20
 
 
 class FirstItems:
-    """Hands on the items of a port in order, the first ones late where that helps."""
+    """Passes on the items of a port in order, the first ones late where that helps."""
 
     def __init__(
         self, items: SimpleQueue[Item], monotonic: Callable[[], float], on_first: Callable[[bytes], None]
@@ -26,9 +26,9 @@ class FirstItems:
         """Wrap a queue.
 
         Args:
-            items: What the port brings.
+            items: The items of the port.
             monotonic: The clock of their stamps, s.
-            on_first: Called once with all bytes that were held, before the first of them is handed on.
+            on_first: Called once with all bytes that were held, before the first of them is passed on.
         """
         self._items, self._monotonic, self._on_first = items, monotonic, on_first
         self._held: list[BytesReceived] = []
@@ -53,7 +53,7 @@ class FirstItems:
         return self._ready.popleft()
 
     def _holds(self, item: Item) -> bool:
-        """Whether this is one of the first, and more are to be waited for."""
+        """Whether this is one of the first, and more may follow."""
         if isinstance(item, Opened):
             return False
         if not isinstance(item, BytesReceived) or not self._is_first:

@@ -1,7 +1,7 @@
-"""The lines of a port that can be trusted: no first line after an opening, no boot text; new firmware is noticed.
+"""The lines of a port that can be trusted: no first line after an opening, no boot text; new firmware is detected.
 
 Every line that arrived is in one of three counts: accepted (it became samples), rejected (it should have), and
-dropped (it had no samples to give, or could not be trusted).
+dropped (it had no samples, or could not be trusted).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.port.events import BytesReceived, Start
 
 BOOT_SECONDS = 2.0
-"""Seconds after an opening in which a board may restart: a line that is no row is then boot text, not damage."""
+"""Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage."""
 _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
-"""Successive rejected lines after which the board is taken to run another program."""
+"""Successive rejected lines after which the board is assumed to run another program."""
 _UNKNOWN_RUN = 8
 """Lines of unknown layout that are sniffed together."""
 MAX_UNKNOWN_LINES = 32
-"""Lines between two such looks at most, and so those that a board may send after noise before it is heard: the
-first looks follow each run, and each that finds nothing doubles the lines until the next."""
+"""Most lines between two such attempts, and so the most that a board may send after noise before it is read: the
+first attempts follow each run, and each that finds nothing doubles the lines until the next."""
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
@@ -42,13 +42,13 @@ _LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
 _CELL_END = re.compile(r"[,;|\s]+")
-# What the ROM of an ESP chip says before any program runs; some of it reads as name:value pairs.
+# What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(rb"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
 
 
 @dataclass
 class LineCounts:
-    """The account of a stream: received = accepted + rejected + dropped, always."""
+    """The line counts of a stream: received = accepted + rejected + dropped, always."""
 
     received: int = 0
     """Lines that arrived, torn ones included."""
@@ -58,12 +58,12 @@ class LineCounts:
     """Lines that should have become samples and did not."""
     dropped: int = 0
     """The rest: blank lines, comments, headers, text, boot text, the first line after each opening, what was torn
-    when the board went, and `overrun`."""
+    when the board disconnected, and `overrun`."""
     overrun: int = 0
-    """Of the dropped lines, those that came faster than they could be taken."""
+    """Of the dropped lines, those that came faster than they could be processed."""
 
     def with_overrun(self, lines: int) -> LineCounts:
-        """With so many lines more that were left out."""
+        """The counts with so many more lines that were left out."""
         return replace(
             self, received=self.received + lines, dropped=self.dropped + lines, overrun=self.overrun + lines
         )
@@ -82,14 +82,14 @@ class LiveLines:
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         missing = (*options.missing, *_NO_SAMPLE)
         self._parser = LineParser(replace(options, decimal=options.decimal or ".", missing=missing))
-        self._raw = True  # bytes go to the parser as they come
-        self._held = bytearray()  # otherwise: the line that is coming
+        self._raw = True  # bytes go to the parser as they arrive
+        self._held = bytearray()  # otherwise: the line being received
         self._skip = self._whole = False
         self._opened = 0.0
         self._boot = False
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
-        self._void = 0  # rows in a row none of whose cells is a number
+        self._void = 0  # consecutive rows without a number
         self._names = ""
         self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
@@ -100,7 +100,7 @@ class LiveLines:
         return self._parser.layout
 
     def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
-        """The port was opened at the monotonic moment `at`, s; `starts` and `keeps` are those of `Opened`."""
+        """The port was opened at the monotonic time `at`, s; `starts` and `keeps` are those of `Opened`."""
         if keeps and not self.counts.received:
             self._parser = LineParser(self._options)  # a file may have a decimal comma
         inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
@@ -117,7 +117,7 @@ class LiveLines:
         self._held.clear()
 
     def overrun(self, count: int) -> None:
-        """So many lines were left out, the one that is coming among them; the next bytes begin a line."""
+        """So many lines were left out, including the one being received; the next bytes begin a line."""
         self._parser.restart()
         self._held.clear()
         self._skip = self._whole = False
@@ -125,7 +125,7 @@ class LiveLines:
         self.unreported_drops += count
 
     def prime(self, data: bytes) -> None:
-        """Take the variables of Teleplot in the first bytes, which `feed` brings next."""
+        """Take the variables of Teleplot in the first bytes, which `feed` gets next."""
         self._parser.prime(data.decode("utf-8", "replace").splitlines())
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
@@ -197,7 +197,7 @@ class LiveLines:
         """The line as read after a program change, if a header, or many lines that do not fit, show one.
 
         Names above lines that fit the old ones as well count only after an opening, or where there are none yet:
-        `ERR,OK` is no header. Where each line names its values, no line above them is one: `a94*2B`.
+        `ERR,OK` is not a header. Where each line names its values, no line above them is one: `a94*2B`.
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
         if is_damaged(text):
@@ -206,7 +206,7 @@ class LiveLines:
             return None
         if not fits and _are_names(text):
             self._names = text
-            return LineEvent(event.number, "text", event.text)  # and no row of missing samples
+            return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
         self._void = self._void + 1 if self._is_void(event) else 0
         if fits and not (names and self._may_be_renamed):
@@ -257,7 +257,7 @@ class LiveLines:
 
 
 def _are_numbers(text: str) -> bool:
-    """True for a line of nothing but marks of numbers."""
+    """True for a line of nothing but the characters of numbers."""
     return any(c.isdigit() for c in text) and not text.strip(_NUMBER_MARKS)
 
 

@@ -19,7 +19,7 @@ from kalscope.sources.port.clock import Clock
 from kalscope.sources.port.port_spec import PortSpec
 
 MAX_NUMBERS = 1 << 25
-"""Numbers of one board that are kept at least, 256 MiB: of more than 32 channels fewer samples each."""
+"""Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each."""
 _PERIOD_EVERY = 0.25
 _PERIOD_MOVES = 0.005
 
@@ -31,15 +31,15 @@ class Snapshot:
     recording: Recording
     """Time from the first sample, in s, and values; its arrays are views that cannot be written."""
     first: int
-    """Number of its first sample, counted from the first one of this generation; those before left memory."""
+    """Number of its first sample, counted from the first one of this generation; earlier ones left memory."""
     generation: int
-    """Another number where the channels are others: their names, units or count."""
+    """Changes when the channels change: their names, units or count."""
     version: int
-    """Another number, larger, where samples were added."""
+    """Increases when samples are added."""
 
 
 def gathered(rows: Sequence[ArrivedRow]) -> Iterator[ArrivedRow]:
-    """Rows of one variable each, of one read and one moment of the board, as rows of all that came together."""
+    """Merge rows of one variable each, from one read and one stamp of the board, into rows of all variables."""
     row: ArrivedRow | None = None
     for new in rows:
         if row is None:
@@ -64,14 +64,14 @@ class LiveSamples:
 
         Args:
             spec: The port, named in the Recording.
-            keep: The least number of samples kept a channel.
+            keep: The least number of samples kept per channel.
             clock: Where the time comes from.
             rate: Rows a second of a file without times; None = 1.
         """
         self._spec, self._keep, self._clock = spec, keep, clock
         self._file_period = 1.0 / (rate or 1.0)
         self.kept = False
-        """Whether the lines come from a file: the moment of their arrival says nothing."""
+        """Whether the lines come from a file: their time of arrival then means nothing."""
         self._layout: Layout | None = None
         self.time: LiveTime = LiveTime(None)
         """When the samples were taken."""
@@ -94,7 +94,7 @@ class LiveSamples:
         return (0 if self._store is None else self._store.end), self._generation
 
     def snapshot(self, counts: LineCounts) -> Snapshot | None:
-        """All that is kept, with the account of the lines so far; the same object while nothing was added."""
+        """All that is kept, with the line counts so far; the same object while nothing was added."""
         store, known = self._store, self._snapshot
         if store is None or not len(store):
             return None
@@ -116,7 +116,7 @@ class LiveSamples:
         return self._snapshot
 
     def keep(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout) -> None:
-        """Take the rows among lines of one layout, each with the monotonic moment at which it arrived, s."""
+        """Take the rows among lines of one layout, each with the monotonic time of its arrival, s."""
         if layout is not self._layout:
             self._adopt(layout)
         at, channels = (layout.time.index if layout.time else -1), layout.channels

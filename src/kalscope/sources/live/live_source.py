@@ -4,7 +4,7 @@
         ...
         snapshot = live.snapshot()
 
-One thread reads the port, a second one parses the lines, hands them to the recorder and then stores the samples.
+One thread reads the port, a second one parses the lines, passes them to the recorder and then stores the samples.
 Neither waits for the caller.
 """
 
@@ -41,10 +41,10 @@ from kalscope.sources.recorder.recorder import Recorder
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
 MAX_CLOSE_S = 0.5
-"""Seconds from the call of `close` in which lines that wait are taken; the rest is left out, and counted."""
+"""Seconds from the call of `close` in which waiting lines are processed; the rest is dropped, and counted."""
 _SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
-"""Seconds before a read at most in which its first line may have begun to come."""
+"""Most seconds before a read in which its first line may have begun to arrive."""
 
 
 class LiveSource:
@@ -66,7 +66,7 @@ class LiveSource:
             spec: The port, or what `port_of` reads.
             options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
-            keep: Samples per channel that are kept at least, fewer of very many channels.
+            keep: Samples per channel that are kept at least, fewer if there are very many channels.
             clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
 
@@ -90,7 +90,7 @@ class LiveSource:
         self._end_by = math.inf
         self._asleep = clock.asleep()
         self._disconnected_at: float | None = None
-        self._line_at = -math.inf  # when the last whole line had come: a read may bring only part of one
+        self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
         self._slot = RecorderSlot()
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
@@ -100,7 +100,7 @@ class LiveSource:
 
         Args:
             require: Open the port before returning. Otherwise it waits for a missing board.
-            is_ended: True once nobody waits for that any more; it is then given up as if there were no board.
+            is_ended: True once the caller no longer waits for this; it is then given up as if there were no board.
 
         Raises:
             BadDevice: the port cannot be opened, where that is required.
@@ -123,7 +123,7 @@ class LiveSource:
         self._reader.open()
 
     def close(self, timeout: float = 3.0) -> None:
-        """Free the port, process the bytes it had sent, end the recording. May be called twice.
+        """Release the port, process the bytes that had arrived, end the recording. May be called twice.
 
         Args:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
@@ -180,7 +180,7 @@ class LiveSource:
 
         Raises:
             BadSetting: a recording is active already.
-            BadFile: the file cannot be written, or exists already; to resume: it is no recording.
+            BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
         """
         started, wall = self._clock.monotonic(), self._clock.wall()
         return self._slot.begin(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
@@ -267,9 +267,9 @@ class LiveSource:
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
         runs = [list(run) for _, run in groupby(stamped, key=lambda line: id(line[2]))]
-        self._hand_on([([(at, event) for at, event, _ in run], run[0][2]) for run in runs])
+        self._pass_on([([(at, event) for at, event, _ in run], run[0][2]) for run in runs])
 
-    def _hand_on(self, runs: list[tuple[list[tuple[float, LineEvent]], Layout | None]]) -> None:
+    def _pass_on(self, runs: list[tuple[list[tuple[float, LineEvent]], Layout | None]]) -> None:
         """Write the lines of each layout, then show their samples and count them in one step."""
         for stamped, layout in runs:
             self._slot.write(stamped, layout)

@@ -15,11 +15,11 @@ from kalscope.sources.recorder.counts import RecorderCounts
 from kalscope.sources.recorder.recorder import Recorder
 
 _RATE_OVER = 2.0
-"""Seconds of which the lines a second are the mean."""
+"""Seconds over which the lines per second are averaged."""
 _RATE_EVERY = 0.1
-"""Seconds between two counts that are kept for it."""
+"""Seconds between two counts that are kept for this."""
 _SILENT_AFTER = 5.0
-"""Seconds after which a source that should bring something is said to be silent, and their step."""
+"""Seconds after which a source that should send is reported as silent, and the step of that time."""
 _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
 
@@ -31,11 +31,11 @@ class RecordingStatus:
     name: str
     """Name of the file that is written now, without its folder."""
     counts: RecorderCounts
-    """Its account: received = written + rejected + dropped, always."""
+    """Its counts: received = written + rejected + dropped, always."""
     error: str
     """What keeps lines from reaching the disk; "" where nothing does."""
     warning: str
-    """That the disk will soon be full; "" where it will not."""
+    """A warning that the disk will soon be full; "" where it will not."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class LiveStatus:
     hint: str
     """A sentence for the user: what is wrong and what to do; "" if nothing is."""
     port: str
-    """What is open, or was last."""
+    """What is open, or was open last."""
     since: float
     """Monotonic time of the change to this state, s."""
     received: int
@@ -67,7 +67,7 @@ class LiveStatus:
     dropped: int
     """Other lines: comments, headers, boot text, the first line after each opening, torn ones, `overrun`."""
     overrun: int
-    """Of the dropped lines, those that came faster than they could be taken."""
+    """Of the dropped lines, those that came faster than they could be processed."""
     reconnects: int
     """How many times the port was opened again."""
     left_memory: int
@@ -93,7 +93,7 @@ def status_of(
         counts: Its lines.
         samples: Its samples.
         rate: Lines a second.
-        noise: Whether the bytes are no text.
+        noise: Whether the bytes are not text.
         recorder: The active one.
     """
     state, time = reader.state, samples.time
@@ -126,8 +126,8 @@ def hint_of(state: PortState, spec: PortSpec, counts: LineCounts, *, noise: bool
         state: The state of the port.
         spec: What was to be opened.
         counts: The lines that arrived.
-        noise: Whether the bytes are no text.
-        endless: Whether they have no ends of lines.
+        noise: Whether the bytes are not text.
+        endless: Whether they have no line ends.
     """
     if state.reason:
         return state.reason
@@ -144,15 +144,15 @@ def hint_of(state: PortState, spec: PortSpec, counts: LineCounts, *, noise: bool
 
 
 def silence_text(seconds: float, check: str) -> str:
-    """That nothing has come for so many seconds, and what to check; "" where that is no long time, or usual."""
+    """A sentence that nothing has arrived for so long, and what to check; "" where that is short, or usual."""
     if not check or seconds < _SILENT_AFTER:
         return ""
-    minutes, steps = int(seconds // 60), int(seconds // _SILENT_AFTER)  # in steps: a number that runs is restless
+    minutes, steps = int(seconds // 60), int(seconds // _SILENT_AFTER)  # in steps: a running number distracts
     return f"nothing has arrived for {f'{minutes} min' if minutes else f'{steps * _SILENT_AFTER:g} s'}: {check}"
 
 
 def overrun_text(lines: int) -> str:
-    """That so many lines came faster than they could be taken; "" for none."""
+    """A sentence that so many lines came faster than they could be processed; "" for none."""
     return f"the port sends faster than it can be read: {count(lines)} lines dropped" if lines else ""
 
 
@@ -162,7 +162,7 @@ def recording_status(recorder: Recorder) -> RecordingStatus:
 
 
 class LineRate:
-    """Lines a second over the last seconds. One thread notes, any may ask."""
+    """Lines a second over the last seconds. One thread writes, any may read."""
 
     def __init__(self) -> None:
         self._noted: deque[tuple[float, int]] = deque()
@@ -170,7 +170,7 @@ class LineRate:
         """Lines a second."""
 
     def note(self, at: float, received: int) -> None:
-        """Note how many lines had arrived at the monotonic moment `at`, s."""
+        """Note how many lines had arrived at the monotonic time `at`, s."""
         noted = self._noted
         if not noted or at - noted[-1][0] >= _RATE_EVERY:
             noted.append((at, received))

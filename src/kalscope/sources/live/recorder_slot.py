@@ -29,7 +29,7 @@ class RecorderSlot:
 
         Raises:
             BadSetting: a recording is active already.
-            BadFile: as the recorder says.
+            BadFile: as `Recorder` raises it.
         """
         from kalscope.sources.recorder.recorder import Recorder
 
@@ -47,7 +47,7 @@ class RecorderSlot:
                 recorder.close()
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Write lines of one layout, each with its monotonic moment in s."""
+        """Write lines of one layout, each with its monotonic time in s."""
         with self._lock:
             if self._recorder is not None:
                 self._recorder.write(stamped, layout)

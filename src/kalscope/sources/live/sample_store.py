@@ -16,7 +16,7 @@ _ROOM = 4
 class SampleStore:
     """Time and values of the last samples, at least `keep` of them once that many have arrived.
 
-    Rows are only ever written behind the last one. When the room is used up, or old ones leave, the rows go
+    Rows are only ever written after the last one. When the arrays are full, or old rows leave, the rows go
     to new arrays: views of the old ones stay as they are. One writer at a time.
     """
 
@@ -44,7 +44,7 @@ class SampleStore:
 
         Args:
             time: Times, shape (n,).
-            values: One row of values a time, shape (n, channels).
+            values: One row of values per time, shape (n, channels).
         """
         done = 0
         while done < len(time):

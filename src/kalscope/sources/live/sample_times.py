@@ -18,7 +18,7 @@ from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.times.seconds import unit_by_magnitude
 
 _LOOK = 0.2
-"""Seconds of the host by which the unit of a stamp is judged, if the board does not name it."""
+"""Seconds of host time after which the unit of a stamp is judged, if the board does not name it."""
 _SOON = 64
 """Rows after which it is judged anyway: a replay may come much faster than it was sampled."""
 _TICK = 1e-6
@@ -27,7 +27,7 @@ _COUNTERS = (2.0**16, 2.0**32)
 _STEPS = 4096
 """Steps from which period and jitter are judged."""
 _PAUSE = 0.5
-"""Seconds without a line that are no step but a pause, unless the lines come that slowly."""
+"""Seconds without a line that are a pause and not a step, unless the lines come that slowly."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class LiveTime:
     """Time of each row, from 0 at the first one."""
 
     def __init__(self, column: TimeColumn | None) -> None:
-        """Begin with the first row; `column` is what the board's stamps are, None where it sends none."""
+        """Begin with the first row; `column` describes the board's stamps, None where it sends none."""
         self._column = column
         self._scale = _scale_of(column)
         self._decided = column is None or self._scale is not None
         self._pending: list[ArrivedRow] = []
         self._time: float | None = None  # of the last row
         self._host = 0.0
-        self._stamp = math.nan  # in s, of the last row whose stamp was believed
+        self._stamp = math.nan  # in s, of the last row whose stamp was accepted
         self._offset = 0.0  # time of a row is its stamp plus this
         self._doubted = False
         self._broken = 0.0
@@ -72,7 +72,7 @@ class LiveTime:
     def place(self, rows: Sequence[ArrivedRow]) -> tuple[list[float], list[tuple[float, ...]]]:
         """Times and values of the rows, with one row of NaN for each interruption.
 
-        The first rows are held back until the unit of their stamps is known.
+        The first rows are kept until the unit of their stamps is known.
         """
         times: list[float] = []
         values: list[tuple[float, ...]] = []
@@ -100,7 +100,7 @@ class LiveTime:
         """Median step of the last 4096 in s; None before there is one that is not 0.
 
         Where the stamps are so coarse that the steps are only 0, 1 and 2 of their unit, and where lines are stamped
-        as they arrive, in bursts, the mean step, pauses left out.
+        as they arrive, in bursts, it is the mean step without pauses.
         """
         steps = self._steps[: min(self._count, _STEPS)]
         if not steps.size or not steps.any():
@@ -123,7 +123,7 @@ class LiveTime:
         return round(float(high - low) / 2, 9)  # less is only the rounding of the stamps
 
     def _decide(self) -> bool:
-        """Find the unit of the stamps by the clock of the host, or that they are no time at all."""
+        """Find the unit of the stamps by the clock of the host, or find that they are not a time."""
         first, last = self._pending[0], self._pending[-1]
         host, stamp = last.host - first.host, last.stamp - first.stamp
         if len(self._pending) < 2 or (host < _LOOK and len(self._pending) < _SOON):
@@ -134,7 +134,7 @@ class LiveTime:
         return True
 
     def _scale_by(self, host: float, stamps: Array) -> float | None:
-        """Seconds in one unit of stamps that came within `host` s; None if they are no time."""
+        """Seconds in one unit of stamps that came within `host` s; None if they are not a time."""
         units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
         stamp = stamps[-1] - stamps[0]
         return min(units, key=lambda scale: abs(math.log(stamp * scale / host))) if host > 0 else None
@@ -158,7 +158,7 @@ class LiveTime:
         return self._time
 
     def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
-        """Time by the stamp where it can be believed, else by the host's time since the last row."""
+        """Time by the stamp where it can be trusted, else by the host's time since the last row."""
         last = self._time or 0.0
         if not math.isfinite(row.stamp):
             return last + waited
@@ -179,13 +179,13 @@ class LiveTime:
         return stamp + self._offset
 
     def _clock_turn(self, step: float) -> float:
-        """Seconds of a day, or whatever the clock of the stamps turns by, where it began again."""
+        """Seconds of a day, or of whatever period the clock of the stamps has, where it wrapped; else 0."""
         column = self._column
         is_clock = column is not None and column.kind == "clock" and step < -column.turn_s / 2
         return column.turn_s if column is not None and is_clock else 0.0
 
     def _turn(self, raw: float, step: float, waited: float) -> float:
-        """Seconds of a full turn of the counter, where a step back is one; else 0."""
+        """Seconds of a full turn of the counter, where a step back is a wrap; else 0."""
         if not step < 0:
             return 0.0
         scale = self._scale or 1.0
