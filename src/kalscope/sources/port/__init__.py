@@ -1,1 +1,1 @@
-"""Serial ports and pyserial URLs: names, opening, reading."""
+"""Live ports of every kind of address: names, opening, reading."""

@@ -1,4 +1,4 @@
-"""The clocks of a live source. Only the monotonic one measures; a wall clock that is set changes nothing."""
+"""The clocks of a live source. Only the monotonic one measures; setting the wall clock changes nothing."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 
 def _asleep() -> float:
-    """Seconds that the machine has slept since it started, as far as the system tells.
+    """Seconds that the machine has slept since it started, as far as the system reports it.
 
     Linux and macOS stop `time.monotonic` while the machine sleeps and have a second clock that continues; Windows
-    does not stop it. To compare with the wall clock would take every correction of that clock for a sleep.
+    does not stop it. Comparing with the wall clock would take every correction of that clock for a sleep.
     """
     boot = getattr(time, "CLOCK_BOOTTIME", None)  # Linux
     if boot is None and hasattr(time, "CLOCK_UPTIME_RAW"):  # macOS, whose CLOCK_MONOTONIC continues

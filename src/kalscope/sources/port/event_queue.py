@@ -1,4 +1,4 @@
-"""The events between the reader thread of a port and its consumer, with an account of what waits."""
+"""The events between the reader thread of a port and its consumer, with a count of what waits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kalscope.sources.port.overload import LineCounter
 
 
 class EventQueue(SimpleQueue[Item]):
-    """The events in order. What is taken waits until the consumer releases it."""
+    """The events in order. What is taken counts as waiting until the consumer releases it."""
 
     def __init__(self) -> None:
         """An empty queue."""
@@ -31,7 +31,7 @@ class EventQueue(SimpleQueue[Item]):
         self._account(item, -1)
 
     def leave_out(self, received: BytesReceived) -> LinesDropped:
-        """These bytes and all that wait behind them, as lines that are left out: there is no time for them."""
+        """These bytes and all that wait after them, as lines that are left out: there is no time for them."""
         lines, dropped, end = LineCounter(), 0, received.end
         item: Item = received
         with suppress(Empty):

@@ -8,7 +8,7 @@ from typing import Literal
 Word = Literal["closed", "connecting", "connected", "disconnected, waiting"]
 Start = Literal["inside a line", "at a line", "where it stopped"]
 """Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
-beginning of a line, as that of a message or a file; or right behind the last whole line of the opening before."""
+beginning of a line, as that of a message or a file; or right after the last whole line of the opening before."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Opened:
     starts: Start = "inside a line"
     """Where the next bytes begin."""
     keeps: bool = False
-    """True where the other side keeps its lines, as a file does: the times in them are then to be believed."""
+    """True where the other side keeps its lines, as a file does: the times in them can then be trusted."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class LinesDropped:
     """Lines were left out, because too many bytes waited; the next bytes begin a line."""
 
     count: int
-    """How many, with the one whose beginning was handed over."""
+    """How many, including the one whose beginning was passed on."""
     begin: float
     """Monotonic time of the first of their bytes, s."""
     end: float

@@ -12,7 +12,7 @@ from kalscope.sources.port.events import BytesReceived, LinesDropped
 MAX_WAITING_BYTES = 4 << 20
 """Bytes that may wait for the consumer at first: 14 s of a port at 3 Mbaud. Beyond that lines are left out."""
 MIN_WAITING_BYTES = 1 << 16
-"""Bytes that may wait for a consumer however slow: 5 s of 1,000 lines/s, which a disk may take for one write."""
+"""Bytes that may wait for even the slowest consumer: 5 s of 1,000 lines/s, which a disk may take for one write."""
 MAX_AGE_S = 1.0
 """Once lines were left out, no more may wait than the consumer takes in this time, s: it shows what is new."""
 HOLD_S = 60.0
@@ -22,7 +22,7 @@ _LINE_END = re.compile(rb"\r\n?|\n")
 
 
 class LineCounter:
-    r"""Counts the lines of a stream that comes in pieces, which end with \n, \r\n or \r."""
+    r"""Counts the lines of a stream that arrives in pieces, which end with \n, \r\n or \r."""
 
     def __init__(self) -> None:
         self._after_cr = False
@@ -38,7 +38,7 @@ class LineCounter:
 
 
 class Pace:
-    """How fast the consumer takes bytes; while none wait for it, it might be faster than what comes."""
+    """How fast the consumer takes bytes; while none wait for it, it may be faster than the port."""
 
     def __init__(self) -> None:
         self.rate = 0.0
@@ -46,7 +46,7 @@ class Pace:
         self._since, self._taken, self._is_idle = -math.inf, 0, True
 
     def note(self, at: float, taken: int, *, is_idle: bool) -> None:
-        """So many bytes it has taken by `at`, a monotonic moment in s; idle: and none wait."""
+        """Note that it has taken `taken` bytes by the monotonic time `at`, s; `is_idle`: none wait."""
         self._is_idle |= is_idle
         seconds = at - self._since
         if seconds >= 1.0:
@@ -56,7 +56,7 @@ class Pace:
 
 
 class Overload:
-    """Decides which lines of a port are handed over while more bytes wait than may."""
+    """Decides which lines of a port are passed on while more bytes wait than allowed."""
 
     def __init__(self) -> None:
         self._lines = LineCounter()
@@ -73,12 +73,12 @@ class Overload:
 
     @property
     def is_endless(self) -> bool:
-        """Whether more bytes have come than may wait, and no end of a line among them."""
+        """Whether more bytes have come than may wait, without a line end among them."""
         gap = self._gap
         return gap is not None and gap.count == 0
 
     def take(self, received: BytesReceived, waiting: int) -> Iterator[LinesDropped | BytesReceived]:
-        """What is handed over of the next bytes: all, nothing, or the gap that ends here and the lines after it.
+        """What is passed on of the next bytes: all, nothing, or the gap that ends here and the lines after it.
 
         Args:
             received: what was read.
@@ -110,7 +110,7 @@ class Overload:
                 yield replace(received, data=data[cut:])
 
     def _most_waiting(self, at: float) -> int:
-        """Bytes that may wait now, at a monotonic moment in s."""
+        """Bytes that may wait at the monotonic time `at`, s."""
         if at >= self._full_from:
             return MAX_WAITING_BYTES
         return min(max(round(MAX_AGE_S * self._pace.rate), MIN_WAITING_BYTES), MAX_WAITING_BYTES)
@@ -123,7 +123,7 @@ class Overload:
         return data[cut:]
 
     def end(self) -> Iterator[LinesDropped]:
-        """The gap that is not over, if there is one: nothing follows."""
+        """The gap that is still open, if there is one: nothing follows."""
         gap, self._gap = self._gap, None
         if gap is not None:
             yield gap

@@ -13,13 +13,13 @@ class PortInfo:
     device: str
     """What opens it: /dev/ttyACM0, COM3."""
     description: str
-    """What the system calls it; "" where it has no words for it."""
+    """What the system calls it; "" where it gives no description."""
     serial_number: str
     """USB serial number, by which a board is found again under another name; "" where there is none."""
     manufacturer: str = ""
     """Maker of the USB chip or board; "" where unknown."""
     usb: tuple[int, int] | None = None
-    """USB numbers of maker and product; None where it is no USB port."""
+    """USB numbers of maker and product; None where it is not a USB port."""
 
 
 def list_ports() -> tuple[PortInfo, ...]:

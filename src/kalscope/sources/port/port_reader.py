@@ -60,7 +60,7 @@ class PortReader:
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
         self._usual_gap, self._gaps = 0.0, 0
-        self._heard_at = 0.0
+        self._received_at = 0.0
         self._overload = Overload()
         self.max_read_latency = 0.0
         """Upper bound of the longest time between two reads while bytes were waiting, s."""
@@ -77,7 +77,7 @@ class PortReader:
 
     @property
     def is_endless(self) -> bool:
-        """Whether more bytes come than may wait, and no end of a line among them."""
+        """Whether more bytes come than may wait, without a line end among them."""
         return self._overload.is_endless
 
     @property
@@ -85,7 +85,7 @@ class PortReader:
         """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
         if self._state.word != "connected":
             return 0.0, ""
-        return self._clock.monotonic() - max(self._heard_at, self._state.since), self._endpoint.when_silent
+        return self._clock.monotonic() - max(self._received_at, self._state.since), self._endpoint.when_silent
 
     @property
     def reconnect(self) -> bool:
@@ -143,7 +143,7 @@ class PortReader:
         self._thread.start()
 
     def close(self, timeout: float = 3.0) -> None:
-        """Free the port: when this returns another program can open it. May be called twice.
+        """Release the port: when this returns, another program can open it. May be called twice.
 
         A read ends within 0.1 s; an attempt to connect over the network may take up to `timeout`, and is
         then closed as soon as it ends.
@@ -161,7 +161,7 @@ class PortReader:
         """Send bytes to the board.
 
         Raises:
-            BadDevice: the port is not open, or the board went while they were sent.
+            BadDevice: the port is not open, or the board was lost while they were sent.
         """
         with self._write_lock:
             port = self._port
@@ -193,7 +193,7 @@ class PortReader:
             delay = min(2 * delay, MAX_RETRY_DELAY)
 
     def _opened(self, stop: threading.Event, is_ended: Callable[[], bool] = bool) -> OpenPort:
-        """The port, open."""
+        """Open the port and queue the event."""
         port = self._endpoint.open(lambda: stop.is_set() or is_ended())
         device = self._endpoint.device
         if stop.is_set():  # closed, or started again, in the meantime
@@ -222,10 +222,10 @@ class PortReader:
                 if lost := port.take_lost():
                     self.items.put(LinesDropped(lost, before, now))
                 if not data:
-                    # Not `now - before`: a machine that stalls in a read hears nothing either.
+                    # Not `now - before`: a machine that stalls in a read receives nothing either.
                     waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
                     continue
-                self._heard_at = now
+                self._received_at = now
                 for item in overload.take(BytesReceived(data, before, now, silence), self.items.waiting):
                     self.items.put(item)
                 left = port.waiting()

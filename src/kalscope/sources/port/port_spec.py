@@ -13,7 +13,7 @@ from kalscope.sources.port.transports.words import quoted
 
 DEFAULT_BAUD = 115_200
 MAX_BAUD = 20_000_000
-"""No USB chip goes beyond 12 million baud; a larger number is a slip of the keyboard."""
+"""No USB chip goes beyond 12 million baud; a larger number is a typing error."""
 
 _BAUD = re.compile(r"(.*)@([^@/\\]*)", re.DOTALL)
 
@@ -25,10 +25,10 @@ class PortSpec:
     url: str
     """Path of a serial port (/dev/ttyACM0, COM3), or an address such as tcp://host:port."""
     baud: int = DEFAULT_BAUD
-    """Bits a second, 1 … 20,000,000; a pseudo-terminal and a network connection do not care."""
+    """Bits a second, 1 … 20,000,000; a pseudo-terminal and a network connection ignore it."""
     reset: bool = True
     """True lets DTR rise, as every terminal does: most Arduinos then restart. False keeps DTR and RTS low,
-    as far as the driver obeys; boards with USB of their own (Leonardo, RP2040, ESP32-S3) then send nothing."""
+    as far as the driver allows; boards with native USB (Leonardo, RP2040, ESP32-S3) then send nothing."""
 
     def __post_init__(self) -> None:
         if not self.url.strip() or "\x00" in self.url:

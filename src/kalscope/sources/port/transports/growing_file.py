@@ -1,4 +1,4 @@
-"""A file that grows, line by line, from any place in it.
+"""A file that grows, line by line, from any position in it.
 
 This module runs on other machines, too, where `far_side.py` follows a file: it imports nothing of Kalscope and
 keeps to Python 3.7.
@@ -14,7 +14,7 @@ PIECE = 8_192
 MAX_PIECE = 65_536
 """Bytes of a line beyond which it comes in pieces."""
 MAX_BEFORE = 64
-"""Bytes before a place in a file by which the place is known again."""
+"""Bytes before a position in a file by which the position is recognised."""
 
 
 class Unusable(Exception):
@@ -28,7 +28,7 @@ class Replaced(Exception):
 class GrowingFile:
     """Reads whole lines. What follows the last line end is left for later: it may be half a line.
 
-    Where another file takes the name, or this one is cut short, it is handed on as a line to be rejected: whatever
+    Where another file takes the name, or this one is cut short, it is passed on as a line to be rejected: whatever
     writes the file may not have finished it.
     """
 
@@ -38,11 +38,11 @@ class GrowingFile:
         Args:
             path: The file.
             position: Where to begin.
-            before: The bytes that stood before that place, MAX_BEFORE at most: where others stand there now, it
+            before: The bytes before that position, MAX_BEFORE at most: where others are there now, it
                 begins at 0.
 
         Raises:
-            Unusable: there is no such file, it must not be read, or it is no regular file.
+            Unusable: there is no such file, it may not be read, or it is not a regular file.
         """
         self._path = path
         self._open_file = -1
@@ -50,7 +50,7 @@ class GrowingFile:
             if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened: a FIFO would wait for a writer
                 raise Unusable("irregular")
             self._open_file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-            self.position = position if self._stood(before, position) else 0
+            self.position = position if self._matches(before, position) else 0
         except FileNotFoundError:
             raise Unusable("missing") from None
         except PermissionError:
@@ -62,7 +62,7 @@ class GrowingFile:
         self._rest = b""
         self._is_over = False
 
-    def _stood(self, before: bytes, position: int) -> bool:
+    def _matches(self, before: bytes, position: int) -> bool:
         """Whether these bytes end at `position`."""
         start = position - len(before)
         if not before or start < 0:
@@ -74,8 +74,8 @@ class GrowingFile:
         """The next whole lines, PIECE bytes at most, or one longer line; b"" where there are none yet.
 
         Raises:
-            Replaced: the rest is of another file.
-            OSError: the disk does not give it.
+            Replaced: what follows is in another file.
+            OSError: it cannot be read from the disk.
         """
         if self._is_over:
             raise Replaced
@@ -103,24 +103,24 @@ class GrowingFile:
             return True
         try:
             there = os.stat(self._path)
-        except OSError:  # renamed: it may be written on until the next one is there
+        except OSError:  # renamed: it may still be written until the next one exists
             return False
         return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
 
     def _last_line(self, data: bytes) -> bytes:
-        """What followed the last line end of a file that is gone, once; `data` is what of it can still be read.
+        """What followed the last line end of a file that is gone, once; `data` is what can still be read of it.
 
         Raises:
-            Replaced: nothing followed, or it stands in the other file, too.
+            Replaced: nothing followed, or the other file contains it, too.
         """
         self._is_over, torn = True, data or self._rest
-        if not torn or self._goes_on(data):
+        if not torn or self._continues(data):
             raise Replaced
-        self.before = b""  # no place in the other file
+        self.before = b""  # not a position in the other file
         return b"\0" + torn + b"\n"
 
-    def _goes_on(self, data: bytes) -> bool:
-        """Whether the file that has the name now goes on behind this: a copy of one that is written elsewhere."""
+    def _continues(self, data: bytes) -> bool:
+        """Whether the file that has the name now continues after this: a copy of one that is written elsewhere."""
         end = self.position + len(data)
         try:
             other = GrowingFile(self._path, end, self.before + data)

@@ -56,7 +56,7 @@ class SocketEndpoint(Endpoint):
 
     def open(self, is_ended: Callable[[], bool]) -> OpenPort:
         """Connect; see Endpoint."""
-        del is_ended  # the system's connect cannot be asked meanwhile
+        del is_ended  # the system's connect cannot be interrupted
         try:
             connection = socket.create_connection((self._host, self._port), CONNECT_TIMEOUT)
         except (OSError, UnicodeError) as error:

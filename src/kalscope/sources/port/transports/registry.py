@@ -33,7 +33,7 @@ def transport_of(text: str, *, in_dashboard: bool = False) -> Transport:
         in_dashboard: Whether it was typed in the dashboard.
 
     Raises:
-        BadSetting: it begins with the scheme of none.
+        BadSetting: its scheme is unknown, or not allowed in the dashboard.
     """
     found = named_transport(text)
     if found is None and _SCHEME.match(text) is None:

@@ -1,4 +1,4 @@
-"""Serial ports, and the URLs that pyserial reads. Wraps pyserial and its traps."""
+"""Serial ports, and the URLs that pyserial reads. Wraps pyserial and works around its pitfalls."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class SerialEndpoint(Endpoint):
         """A closed port of pyserial, which locks it."""
         import serial
 
-        # A lock that other careful programs heed. Windows locks without being asked.
+        # A lock that other careful programs respect. Windows locks without being asked.
         port = serial.Serial(exclusive=None if sys.platform == "win32" else True, **settings)
         port.port = self.device
         return port
@@ -126,7 +126,7 @@ class SerialPort(OpenPort):
     """A port of pyserial, open."""
 
     def __init__(self, endpoint: SerialEndpoint) -> None:
-        """Open the present device of `endpoint`.
+        """Open the current device of `endpoint`.
 
         Raises:
             BadDevice: it cannot be opened; the message names the cause where it shows one.
@@ -149,7 +149,7 @@ class SerialPort(OpenPort):
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
         try:
-            # Never more than is there: a read that waits for the rest loses it all when the board goes meanwhile.
+            # Never more than is there: a read that waits for the rest loses it all if the board is lost.
             return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
         except LOST as error:
             raise BadDevice(self._endpoint.loss(error)) from error
@@ -169,12 +169,12 @@ class SerialPort(OpenPort):
             raise BadDevice(f"cannot write to port {self._endpoint.device} ({short(str(error))})") from error
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
         port, self._port = self._port, None
         if port is None:
             return
         connection = getattr(port, "_socket", None)
-        with suppress(*LOST):  # the board took the port with it
+        with suppress(*LOST):  # the port is gone with the board
             port.close()
         if connection is not None:
             connection.close()  # pyserial forgets to, where the other side was faster

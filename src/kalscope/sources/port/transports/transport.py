@@ -23,7 +23,7 @@ class OpenPort(ABC):
     def fetch(self) -> bytes:
         """Bytes that have arrived; after READ_TIMEOUT none.
 
-        MAX_READ_BYTES at most, and beyond them only the end of a line, or a message, that is handed on whole.
+        MAX_READ_BYTES at most, and beyond them only the end of a line, or a message, that is passed on whole.
         """
 
     @abstractmethod
@@ -41,7 +41,7 @@ class OpenPort(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Free the port; may be called twice, and after the connection was lost. Raises nothing."""
+        """Release the port; may be called twice, and after the connection was lost. Raises nothing."""
 
 
 class Endpoint(ABC):
@@ -58,7 +58,7 @@ class Endpoint(ABC):
         """Connect.
 
         Args:
-            is_ended: True once nobody needs the port any more; asked at least every READ_TIMEOUT s where that is
+            is_ended: True once the port is no longer needed; called at least every READ_TIMEOUT s where that is
                 possible.
 
         Raises:
@@ -71,11 +71,11 @@ class Transport:
     """One kind of address."""
 
     prefixes: tuple[str, ...]
-    """How its addresses begin, in small letters; the usual one first."""
+    """How its addresses begin, in lower case; the usual one first."""
     example: str
     """Such an address, for help texts."""
     check: Callable[[str], object]
-    """Raises BadSetting where an address is not written as it must be; its answer is not used. Opens nothing."""
+    """Raises BadSetting where an address is malformed; its return value is not used. Opens nothing."""
     endpoint: Callable[[str, int, bool], Endpoint]
     """The endpoint of an address, a baud rate, and whether the board may be reset; imports what it needs."""
     has_baud: bool = False
@@ -90,7 +90,7 @@ class Transport:
         return address.lower().startswith(self.prefixes)
 
     def refuse(self, address: str) -> None:
-        """Raises BadSetting where an address is not written as it must be, or holds a password."""
+        """Raise BadSetting where an address is malformed, or holds a password."""
         if self.prefixes[0].endswith("://"):
             refuse_password(address, self.password)
         self.check(address)

@@ -7,7 +7,7 @@ import re
 from kalscope.errors import BadSetting
 
 MAX_REASON_LENGTH = 200
-"""Letters of a reason that comes from outside."""
+"""Characters of a reason that comes from outside."""
 
 _PASSWORD = re.compile(r"([^:/]*://[^:]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
 
@@ -15,14 +15,14 @@ _PASSWORD = re.compile(r"([^:/]*://[^:]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not h
 def refuse_password(address: str, where: str = "") -> None:
     """Refuse what may hold a password: an address is shown, recorded and shared.
 
-    `scheme://user:123/456@host/name` reads as host, port and name, too. So an @ behind a colon is always refused.
+    `scheme://user:123/456@host/name` reads as host, port and name, too. So an @ after a colon is always refused.
 
     Args:
         address: The address, without a baud rate.
         where: Where a password is put instead.
 
     Raises:
-        BadSetting: there is an @ behind a colon.
+        BadSetting: there is an @ after a colon.
     """
     if _PASSWORD.match(address):
         instead = f": {where}" if where else ""
@@ -33,7 +33,7 @@ def refuse_password(address: str, where: str = "") -> None:
 
 
 def quoted(address: str) -> str:
-    """An address as messages repeat it: without the password that may stand before its last @, not too long."""
+    """An address as messages repeat it: without the password that may precede its last @, not too long."""
     match = _PASSWORD.match(address)
     shown = f"{match[1]}:…@{address[match.end() :]}" if match else address
     return f"{shown!r:.100}"

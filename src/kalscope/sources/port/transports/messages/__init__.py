@@ -1,1 +1,1 @@
-"""Transports that bring whole messages: datagrams, and the messages of a broker."""
+"""Transports of whole messages: datagrams, and the messages of a broker."""

@@ -19,9 +19,9 @@ def password_of(host: str, user: str) -> str | None:
     Raises:
         BadDevice: ~/.netrc cannot be read, or others can read it.
     """
-    told = os.environ.get(PASSWORD_VARIABLE)
-    if told is not None:
-        return told
+    given = os.environ.get(PASSWORD_VARIABLE)
+    if given is not None:
+        return given
     try:
         found = netrc.netrc().hosts.get(host)  # an entry `default` is for any host: never sent
     except FileNotFoundError:

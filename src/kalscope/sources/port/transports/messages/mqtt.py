@@ -1,7 +1,7 @@
 """mqtt://broker/topic and mqtts://: the messages that a broker passes on, by paho-mqtt.
 
 The reader thread of the port drives the client: it has no thread of its own, and it never reconnects by itself.
-Messages are asked for with quality of service 1: what a sensor publishes so is acknowledged here, and sent again
+The subscription has quality of service 1: what a sensor publishes so is acknowledged here, and sent again
 where it was lost. A session ends with its connection: what is published while there is none is never delivered.
 """
 
@@ -27,7 +27,7 @@ from kalscope.sources.port.transports.words import quoted, short
 PORT, TLS_PORT = 1883, 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
 KEEP_ALIVE = 15
-"""Seconds without a word after which the broker is asked whether it is there."""
+"""Seconds without a packet after which the broker is pinged."""
 MAX_MESSAGE = 8 << 20
 """Bytes of a message beyond which the connection is given up: it cannot be refused in any other way."""
 RECEIVE_BUFFER = 1 << 18
@@ -56,7 +56,7 @@ def _matched(address: str) -> re.Match[str]:
 
 
 def _topic(written: str) -> str:
-    """A topic as it is, from how an address writes it. Nothing else is decoded: a % is usual in no topic."""
+    """A topic, from how an address writes it: %40 is @. Nothing else is decoded: a % is rare in a topic."""
     return written.replace("%40", "@")
 
 
@@ -118,10 +118,10 @@ class MqttEndpoint(Endpoint):
         return "a broker over TLS" if self._tls else "a broker"
 
     def _wait_for(self, port: MqttPort, is_over: Callable[[], bool], step: str) -> None:
-        """Wait until the broker has agreed to a step.
+        """Wait until the broker has accepted a step.
 
         Raises:
-            BadDevice: it refuses, does not answer, or hangs up.
+            BadDevice: it refuses, does not answer, or closes the connection.
         """
         while step not in port.answers:
             if is_over():
@@ -129,7 +129,7 @@ class MqttEndpoint(Endpoint):
             try:
                 port.work(READ_TIMEOUT)
             except BadDevice:
-                if step not in port.answers:  # a broker that refuses hangs up at once
+                if step not in port.answers:  # a broker that refuses closes the connection at once
                     raise
         code = port.answers[step]
         if code < 128:
@@ -166,7 +166,7 @@ class MqttPort(OpenPort):
         self._name, self._client, self._topics = name, client, topics
         self._lines = bytearray()
         self.answers: dict[str, int] = {}
-        """What the broker said to "connected" and to "subscribed": a reason code of MQTT 5, 128 and more refuse."""
+        """The broker's answer to "connected" and "subscribed": a reason code of MQTT 5, 128 and more refuse."""
         client.on_connect, client.on_subscribe = self._on_connect, self._on_subscribe
         client.on_message = self._take
 
@@ -184,22 +184,22 @@ class MqttPort(OpenPort):
         self._lines += self._topics.lines(topic, message.payload, retained=bool(message.retain))
 
     def fetch(self) -> bytes:
-        """Lines of the messages that have arrived; see OpenPort. The last is whole, though it may go beyond."""
+        """Lines of the messages that have arrived; see OpenPort. The last line is whole, even beyond the limit."""
         wait = READ_TIMEOUT
         try:
-            for _ in range(MAX_READ_BYTES):  # an end, too, where nothing but empty ones comes
+            for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
                 if len(self._lines) >= MAX_READ_BYTES or not self.work(wait):
                     break
                 wait = 0.0
         except BadDevice:
-            if not self._lines:  # else the next call says so
+            if not self._lines:  # else the next call reports it
                 raise
         data = bytes(self._lines)
         self._lines.clear()
         return data
 
     def work(self, timeout: float) -> bool:
-        """Let the client read one packet, or wait for one; whether one was there.
+        """Let the client read one packet, or wait for one; return whether there was one.
 
         Raises:
             BadDevice: the connection was lost.
@@ -226,7 +226,7 @@ class MqttPort(OpenPort):
         return 0 if connection is None else len(select.select([connection], [], [], 0)[0])
 
     def close(self) -> None:
-        """Leave the broker."""
+        """Disconnect from the broker."""
         self._client.disconnect()
         connection = self._client.socket()
         if connection is not None:
@@ -241,7 +241,7 @@ def _trusting_system(is_over: Callable[[], bool]) -> ssl.SSLContext:
     """
 
     class Handshake(ssl.SSLSocket):
-        """A connection whose handshake ends in time, and which closes where it fails: paho forgets it then."""
+        """A connection whose handshake ends in time, and which closes where it fails: paho would leave it open."""
 
         def do_handshake(self, block: bool = False) -> None:
             del block
@@ -262,7 +262,7 @@ def _trusting_system(is_over: Callable[[], bool]) -> ssl.SSLContext:
 
 
 def _shake(step: Callable[[], None], connection: ssl.SSLSocket) -> bool:
-    """Go on with a handshake for READ_TIMEOUT at most; whether it is done."""
+    """Continue a handshake for READ_TIMEOUT at most; return whether it is done."""
     try:
         step()
     except ssl.SSLWantReadError:

@@ -1,6 +1,6 @@
 """What whole messages hold, as lines for the line parser: samples of Teleplot, or lines as they are. Opens nothing.
 
-A sender of datagrams leaves out the > with which a line of Teleplot begins on a serial port. Here it gets it back,
+A sender of datagrams leaves out the > with which a line of Teleplot begins on a serial port. Here it is put back,
 so that one parser reads both.
 """
 
@@ -12,7 +12,7 @@ from kalscope.sources.grammar.cells import MISSING, is_number
 from kalscope.sources.grammar.line_format import split_teleplot, teleplot_flags
 
 MAX_SHOWN = 200
-"""Bytes of a binary message that are handed on, as one line that is then rejected."""
+"""Bytes of a binary message that are passed on, as one line that is then rejected."""
 
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 _LINE_END = re.compile(r"[\r\n]+")

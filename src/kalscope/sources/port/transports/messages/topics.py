@@ -1,6 +1,6 @@
 """Messages of MQTT as lines: the topic names the channel, the payload holds its value. Opens nothing.
 
-One topic alone brings lines as any board does, and a bare number takes the name of its last level. Of several
+One topic alone sends lines as any board does, and a bare number takes the name of its last level. Of several
 topics each value becomes a line of Teleplot, `>barn/temperature:21.5`, so that topics may come and go.
 """
 
@@ -27,7 +27,7 @@ _WILD = ("+", "#")
 
 
 def check_topic(topic: str) -> None:
-    """Raises BadSetting where a topic cannot be subscribed to."""
+    """Raise BadSetting where a topic cannot be subscribed to."""
     levels = topic.split("/")
     wild = any(("+" in level and level != "+") or ("#" in level and level != "#") for level in levels)
     if not topic or wild or "#" in levels[:-1] or not topic.isprintable() or len(topic.encode()) > 65_535:
@@ -85,7 +85,7 @@ def _line(name: str, value: str) -> bytes:
 
 
 def _values(text: str) -> Iterable[tuple[str, str, str]]:
-    """(what of it, number, unit) of each value of a payload; nothing where it holds none."""
+    """(end of the name, number, unit) of each value of a payload; nothing where it holds none."""
     if is_number(text) or text.lower() in MISSING - {""}:
         return [("", text, "")]
     if measure := split_measure(text):

@@ -1,7 +1,7 @@
 """udp://:port: datagrams of lines, such as Teleplot's, from every sender that reaches the port.
 
-Nobody connects: the port is bound, and what comes is taken. Only this machine reaches it unless the address names
-an interface, because anyone who reaches it can send.
+There is no connection: the port is bound, and whatever arrives is read. Only this machine reaches it unless the
+address names an interface, because anyone who reaches it can send.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from kalscope.sources.port.transports.words import quoted, short
 LOOPBACK = "127.0.0.1"
 """What is bound where the address names no interface: this machine alone reaches it."""
 MAX_DATAGRAM = 65_535
-"""Bytes of one datagram: no longer one can be sent."""
+"""Bytes of one datagram: none can be longer."""
 RECEIVE_BUFFER = 4 << 20
-"""Bytes that the system is asked to hold for us; Linux gives 2 × net.core.rmem_max at most."""
+"""Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
 
 _ADDRESS = re.compile(r"udp://(?:(?:\[([0-9A-Fa-f:.%\w]+)\]|([^/:?@\[\]\s]*)):)?([0-9]{1,5})/?", re.IGNORECASE)
-_MEMORY, _DROPS = 55, 8  # Linux: SO_MEMINFO, of whose numbers the ninth counts the datagrams thrown away
+_MEMORY, _DROPS = 55, 8  # Linux: SO_MEMINFO, whose ninth number counts the dropped datagrams
 
 
 def interface_and_port(address: str) -> tuple[str, int]:
@@ -94,15 +94,15 @@ class UdpPort(OpenPort):
     def __init__(self, name: str, bound: socket.socket) -> None:
         """Args: the name in messages; the socket, which it closes."""
         self._name, self._socket = name, bound
-        self._reported = self._thrown_away()
+        self._reported = self._drop_count()
         bound.setblocking(False)
 
     def fetch(self) -> bytes:
-        """Lines of the datagrams that have arrived; see OpenPort. The last is whole, though it may go beyond."""
+        """Lines of the datagrams that have arrived; see OpenPort. The last line is whole, even beyond the limit."""
         lines = bytearray()
         try:
             if select.select([self._socket], [], [], READ_TIMEOUT)[0]:
-                for _ in range(MAX_READ_BYTES):  # an end, too, where nothing but empty ones comes
+                for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
                     if len(lines) >= MAX_READ_BYTES or (data := self._receive()) is None:
                         break
                     lines += lines_of(data)
@@ -111,34 +111,34 @@ class UdpPort(OpenPort):
         return bytes(lines)
 
     def _receive(self) -> bytes | None:
-        """The next datagram; None where none waits. Errors of what others sent before are left out."""
+        """The next datagram; None where none waits. Errors of earlier datagrams are ignored."""
         try:
             return self._socket.recv(MAX_DATAGRAM)
         except (BlockingIOError, InterruptedError, ConnectionError):
             return None
 
     def take_lost(self) -> int:
-        """Datagrams that the system threw away since the last call: they came faster than they were fetched."""
-        now, before = self._thrown_away(), self._reported
+        """Datagrams that the system dropped since the last call: they came faster than they were fetched."""
+        now, before = self._drop_count(), self._reported
         self._reported = now
         return (now - before) % (1 << 32)
 
-    def _thrown_away(self) -> int:
-        """How many datagrams the system threw away so far; 0 where it does not tell."""
+    def _drop_count(self) -> int:
+        """How many datagrams the system has dropped so far; 0 where it does not report it."""
         if sys.platform != "linux":
             return 0
         try:
-            told = self._socket.getsockopt(socket.SOL_SOCKET, _MEMORY, 64)
+            info = self._socket.getsockopt(socket.SOL_SOCKET, _MEMORY, 64)
         except OSError:
             return 0
-        return struct.unpack_from("=I", told, 4 * _DROPS)[0] if len(told) >= 4 * (_DROPS + 1) else 0
+        return struct.unpack_from("=I", info, 4 * _DROPS)[0] if len(info) >= 4 * (_DROPS + 1) else 0
 
     def waiting(self) -> int:
         """1 where a datagram waits."""
         return len(select.select([self._socket], [], [], 0)[0])
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
         self._socket.close()
 
 

@@ -1,14 +1,14 @@
 """What runs on the other machine of an ssh:// address: it opens a serial port or follows a file there.
 
 `ports.py` sends this text, and that of `growing_file.py` before it, to a Python that the machine has: it
-imports nothing else of Kalscope and keeps to Python 3.7. Standard input is lines: one of JSON that says what to
-open; then one for each piece to send to the board, in hexadecimal digits, and an empty one now and then, which says
-that the reader is there. Standard output is MARK, a line of JSON that says what was opened or why nothing was, and
-then the bytes as they come.
+imports nothing else of Kalscope and keeps to Python 3.7. Standard input is lines: one of JSON that names what to
+open; then one for each piece to send to the board, in hexadecimal digits, and an empty one now and then, to show
+that the reader is there. Standard output is MARK, a line of JSON that reports what was opened or why nothing was,
+and then the bytes as they arrive.
 
 Python rather than stty and cat: it sets 250000 baud, locks the port, knows its place in a file, and gives a port up
-when nothing was heard for MAX_SILENCE. A cat would hold it after the network has gone, and take half of the bytes
-from the next reader.
+when nothing was received for MAX_SILENCE. A cat would hold it after the network has gone, and take half of the
+bytes from the next reader.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 from kalscope.sources.port.transports.growing_file import GrowingFile, Replaced, Unusable
 
 MARK = b"\0kalscope "
-"""Stands before the first answer: what a login shell prints before it is passed over."""
+"""Precedes the first answer: what a login shell prints before it is skipped."""
 MAX_SILENCE = 15.0
 """Seconds without a line on standard input after which a port is given up."""
 _MAX_UNSENT = 4 << 20
@@ -40,13 +40,13 @@ class Pipes:
     def __init__(self) -> None:
         self.unsent = bytearray()
         self._rest = b""
-        self._heard = time.monotonic()
+        self._received_at = time.monotonic()
         os.set_blocking(1, False)
 
     @property
     def silence(self) -> float:
         """Seconds since a line came."""
-        return time.monotonic() - self._heard
+        return time.monotonic() - self._received_at
 
     def first_line(self) -> bytes:
         """The first line of standard input."""
@@ -81,12 +81,12 @@ class Pipes:
         data = os.read(0, 4096)
         if not data:
             raise EOFError
-        self._heard = time.monotonic()
+        self._received_at = time.monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")
         return [bytes.fromhex(line.decode("ascii")) for line in lines if line]
 
     def answer(self, **fields: Any) -> None:
-        """Say what was opened, or why nothing was."""
+        """Report what was opened, or why nothing was."""
         self.unsent += MARK + json.dumps(fields).encode("ascii") + b"\n"
 
     def finish(self) -> None:
@@ -138,7 +138,7 @@ def open_device(path: str, baud: int, reset: bool) -> int:
 
 
 def _set_odd_speed(device: int, baud: int) -> None:
-    """A baud rate without a name of its own, such as 250000, by Linux's termios2."""
+    """A baud rate without a constant of its own, such as 250000, by Linux's termios2."""
     import array
     import fcntl
 
@@ -177,7 +177,7 @@ def _send(device: int, piece: bytes) -> None:
 
 
 def serve_file(pipes: Pipes, request: dict[str, Any]) -> None:
-    """Send the lines of a file, and those that are added, until the reader is gone or the file is another one."""
+    """Send the lines of a file, and those that are added, until the reader is gone or the file was replaced."""
     position, before = request["position"], bytes.fromhex(request["before"])
     file = GrowingFile(request["path"], position, before)
     pipes.answer(kind="file", position=file.position)

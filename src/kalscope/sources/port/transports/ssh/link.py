@@ -20,7 +20,7 @@ _END_S = 0.5
 """Seconds that ssh has to end by itself."""
 
 COMMAND = """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
-"""What the login shell of the other machine runs: every shell reads it alike, and nothing is ever put into it."""
+"""What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
 OPTIONS = (
     "-T",
     *("-e", "none"),
@@ -43,7 +43,7 @@ class SshLink:
 
     def __init__(self, arguments: list[str], first: bytes) -> None:
         """Start it and give it its first bytes."""
-        # A group of its own: Ctrl+C is this program's to handle.
+        # A process group of its own: this program handles Ctrl+C.
         alone: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             alone = {"creationflags": subprocess.CREATE_NO_WINDOW | subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -63,7 +63,7 @@ class SshLink:
         self.send(first)
 
     def fetch(self) -> bytes | None:
-        """Bytes that have come; b"" after READ_TIMEOUT without any; None after the last."""
+        """Bytes that have arrived; b"" after READ_TIMEOUT without any; None after the last."""
         if self._unread:
             data, self._unread = self._unread[:MAX_READ_BYTES], self._unread[MAX_READ_BYTES:]
             return data
@@ -72,7 +72,7 @@ class SshLink:
         except Empty:
             return b""
         if not data:
-            self._pieces.put(b"")  # the end stays the end
+            self._pieces.put(b"")  # the end marker stays at the end
             return None
         return data
 
@@ -85,7 +85,7 @@ class SshLink:
         return len(self._unread) + self._pieces.qsize()
 
     def send(self, data: bytes) -> None:
-        """Give bytes to ssh; those that it no longer takes are lost with it."""
+        """Give bytes to ssh; those that it no longer accepts are lost."""
         with suppress(OSError, ValueError):
             self._input.write(data)
 

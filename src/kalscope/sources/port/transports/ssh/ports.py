@@ -1,9 +1,9 @@
 """ssh://host/path: what it names, and the port or the file that is open.
 
 Nothing is installed there and no port is opened: ssh runs a Python there, which is given `far_side.py` to read. The
-address is data all the way: ssh gets a host and a user of few letters behind `--`, the other machine's shell a
+address is data all the way: ssh gets a host and a user of few kinds of characters, the other machine's shell a
 command that is always the same, and the path goes through standard input. Keys, names and proxies are those of the
-user's own ssh settings; nothing can be asked for, and a host whose key is not known is refused.
+user's own ssh settings; there are no prompts, and a host whose key is not known is refused.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from kalscope.sources.port.transports.words import quoted
 CONNECT_TIMEOUT = 20.0
 """Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one."""
 _ALIVE_EVERY = 3.0
-"""Seconds between two signs of life; far_side.MAX_SILENCE is five times as long."""
+"""Seconds between two keep-alive lines; far_side.MAX_SILENCE is five times as long."""
 _MAX_GREETING = 1 << 16
 """Bytes that a login shell may print before the first answer."""
 _ADDRESS = re.compile(
@@ -40,7 +40,7 @@ _ADDRESS = re.compile(
 
 
 def _matched(address: str) -> re.Match[str]:
-    """The parts of an address: user, host, port and path; raises BadSetting where it has not its form."""
+    """The parts of an address: user, host, port and path; raises BadSetting where it is malformed."""
     match = _ADDRESS.fullmatch(address)
     if match is None:
         raise BadSetting(
@@ -72,7 +72,7 @@ class SshEndpoint(Endpoint):
 
     @property
     def login(self) -> str:
-        """The other machine as one types it behind ssh."""
+        """The other machine as it is typed after ssh."""
         port = f"-p {self.port} " if self.port else ""
         return f"{port}{self.user}@{self.host}" if self.user else f"{port}{self.host}"
 
@@ -191,7 +191,7 @@ class SshFile(SshDevice):
         self._rest = b""
 
     def fetch(self) -> bytes:
-        """Whole lines that have arrived: half of one would come twice after a cut."""
+        """Whole lines that have arrived: half of one would arrive twice after a disconnect."""
         data = self._rest + super().fetch()
         end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
         if not end and len(data) > growing_file.MAX_PIECE:

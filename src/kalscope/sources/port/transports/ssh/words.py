@@ -1,4 +1,4 @@
-"""What ssh and the other machine say, in one sentence that says what to do."""
+"""Errors of ssh and of the other machine, each as one sentence that says what to do."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Address(Protocol):
 
     @property
     def login(self) -> str:
-        """What is typed behind ssh."""
+        """What is typed after ssh."""
         ...
 
 
@@ -28,7 +28,7 @@ def failure_words(address: Address, status: int, said: str) -> str:
     """Why ssh ended.
 
     Args:
-        address: Where it was to lead.
+        address: The address that was to be opened.
         status: Its exit status.
         said: What it wrote to standard error.
     """
