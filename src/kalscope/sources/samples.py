@@ -37,7 +37,7 @@ def sample_data_dir() -> Path:
 
 
 def list_samples() -> list[Sample]:
-    """All samples by name, the one for a first look first."""
+    """All samples by name, the demo first."""
     samples = [_describe(path) for path in sorted(sample_data_dir().glob("*.csv"))]
     return sorted(samples, key=lambda sample: sample.name != DEMO)
 

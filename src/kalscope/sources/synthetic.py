@@ -1,4 +1,4 @@
-"""Made-up sensors: a known signal, a known noise and the usual faults, for learning and for tests."""
+"""Synthetic sensors: a known signal, a known noise and the usual faults, for learning and for tests."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 
 SHAPES = ("constant", "step", "ramp", "sine", "triangle", "random_walk", "chirp")
-"""Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine that grows ten times faster."""
+"""Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine whose frequency rises tenfold."""
 NOISES = ("gaussian", "uniform", "triangular", "none")
 """Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper."""
 MAX_CHANNELS = 16
 MAX_SAMPLES = 50_000_000
-"""Samples over all channels: 400 MB a copy."""
+"""Samples over all channels: 400 MB per copy."""
 
 
 @dataclass(frozen=True)
 class SignalSettings:
-    """All that makes a synthetic recording; equal settings make equal recordings, bit for bit."""
+    """All settings of a synthetic recording; equal settings make equal recordings, bit for bit."""
 
     shape: str = "sine"
     """Noise-free signal, one of SHAPES."""
@@ -63,7 +63,7 @@ class SignalSettings:
     offsets: tuple[float, ...] | None = None
     """With `sigmas`: how much too high each sensor reads, in u; None = not at all."""
     every: tuple[float, ...] | None = None
-    """With `sigmas`: each sensor has a reading in every so many rows, whole numbers; None = in all of them."""
+    """With `sigmas`: each sensor has a reading once in so many rows, whole numbers; None = in all of them."""
 
     def __post_init__(self) -> None:
         _check_choice("shape", self.shape, SHAPES)
@@ -105,7 +105,7 @@ class SignalSettings:
 
 
 def _text(value: Any) -> Any:
-    """A setting as it stands in a source: several numbers with commas between them."""
+    """A setting as it is written in a source: several numbers separated by commas."""
     return ",".join(map(repr, cast("tuple[float, ...]", value))) if isinstance(value, tuple) else value
 
 
@@ -132,7 +132,7 @@ _OF_EACH_SENSOR = (
 
 
 def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
-    """Make a recording whose truth is known.
+    """Make a recording whose true signal is known.
 
     The order is that of a real sensor: signal, noise, spikes, converter (limits, then steps), lost samples.
     Channel j of a periodic shape lags channel 0 by j/channels of a period; of the others it is
@@ -221,7 +221,7 @@ _PERIODIC: dict[str, Callable[[Array, float], Array]] = {
 
 
 def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -> Array:
-    """What the sensor says of the truth, shape (n, channels)."""
+    """What the sensor measures of the truth, shape (n, channels)."""
     sigma = settings.sigma if settings.sigmas is None else np.array(settings.sigmas)
     values = truth + sigma * _unit_noise(settings.noise, truth.shape, rng)
     if settings.offsets is not None:
@@ -232,7 +232,7 @@ def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -
     if settings.limits is not None:
         values = np.clip(values, *settings.limits)
     if settings.quantum:
-        # A quotient may overflow where the step is minute: such a step changes nothing.
+        # A quotient may overflow where the step is tiny: such a step changes nothing.
         with np.errstate(over="ignore"):
             steps = np.round(values / settings.quantum)
         values = np.where(np.isfinite(steps), steps * settings.quantum, values)

@@ -57,7 +57,7 @@ def warnings(recording: Recording) -> tuple[str, ...]:
 
 
 def as_plain(recording: Recording) -> dict[str, Any]:
-    """The whole account as JSON can say it; numbers may be infinite."""
+    """The whole account as JSON can hold it; numbers may be infinite."""
     said = {"summary": summary(recording), "warnings": list(warnings(recording))}
     return {**said, **asdict(recording.report), "overrule_with": list(OPTIONS)}
 
@@ -74,7 +74,7 @@ def _rate(recording: Recording) -> str:
 
 
 def _short_reason(recording: Recording) -> str:
-    """Why most of the rejected lines were, ": …"; "" where no word says it shortly."""
+    """Why most of the rejected lines were, ": …"; "" where there is no short form."""
     reasons = Counter(issue.reason for issue in recording.report.issues if issue.column is None)
     if not reasons:
         return ""
@@ -92,7 +92,7 @@ def _issue(issue: LineIssue, length: int = 200) -> str:
 
 
 def account(recording: Recording) -> str:
-    """The account of a recording as plain text, one fact a line, nothing unprintable.
+    """The account of a recording as plain text, one fact per line, nothing unprintable.
 
     Every line of the file is in exactly one of the counts.
     """
@@ -110,7 +110,7 @@ def account(recording: Recording) -> str:
         (report.headers, "header"),
     ]
     counts = " + ".join(f"{number} {what}" for number, what in parts if number)
-    if report.lines:  # a made-up signal has none
+    if report.lines:  # a synthetic signal has none
         lines.append(f"  {report.lines} lines = {counts}")
     for number, what in (
         (report.bad_cells, "cells are not numbers: missing samples"),

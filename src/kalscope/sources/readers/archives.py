@@ -1,4 +1,4 @@
-"""What a packed file holds: gzip and Zstandard, bounded, with progress, and never taken when cut short."""
+"""What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CHUNKS = {"gzip": 1 << 12, "Zstandard": 1 << 10}
 
 
 def is_packed(magic: bytes) -> bool:
-    """True where a file that begins so is an archive that `unpacked` reads."""
+    """True where a file with these first bytes is an archive that `unpacked` reads."""
     return magic.startswith((GZIP, ZSTANDARD))
 
 
@@ -45,7 +45,7 @@ def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
 
 
 def _unpacked(file: BinaryIO, name: str, kind: str) -> Iterator[bytes]:
-    """The content of all archives that are joined in a file, of nothing among them."""
+    """The content of all archives that are joined in a file; zeros between them are skipped."""
     unpacker, error = _library(name, kind)
     stream = unpacker()
     try:
@@ -61,7 +61,7 @@ def _unpacked(file: BinaryIO, name: str, kind: str) -> Iterator[bytes]:
 
 
 def _library(name: str, kind: str) -> tuple[Callable[[], Any], type[Exception]]:
-    """What makes the unpacker of one archive, and what that raises where the archive is damaged."""
+    """The function that makes the decompressor of one archive, and the error of a damaged archive."""
     if kind == "gzip":
         return partial(zlib.decompressobj, 16 + zlib.MAX_WBITS), zlib.error
     try:

@@ -19,7 +19,7 @@ from kalscope.sources.times.gaps import fill_gaps
 from kalscope.sources.times.time_axis import GivenPeriod, TimeAxis, counted_time, read_time
 
 _MIN_FALLING = 8
-"""Steps back that show a log which begins with its newest row, where no step goes forward."""
+"""Fewest steps back that show a log that begins with its newest row, where no step goes forward."""
 
 _HEAD_ROWS = 1000
 """Rows that nearly always show that stamps rise, before all of them are looked at."""
@@ -33,7 +33,7 @@ class Reading:
     """What a reader found in a file."""
 
     columns: Columns
-    """The channels and the time, NaN where missing, before numbers of `ReadOptions.missing` are taken away;
+    """The channels and the time, NaN where missing, before numbers of `ReadOptions.missing` are removed;
     `assemble` empties it."""
     tally: Tally
     """The account of all lines."""
@@ -44,7 +44,7 @@ class Reading:
 
 
 def check_chosen_period(options: ReadOptions, sample_period: float | None) -> None:
-    """BadSetting where the user chose a sample period, s, or a rate that no file can have, or two that differ."""
+    """Raise BadSetting if the user chose a sample period, s, or a rate that is out of range, or two that differ."""
     if sample_period is not None:
         check_sample_period(sample_period)
     if options.rate is None:
@@ -108,9 +108,9 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
 
 
 def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
-    """Turn the rows of a log that begins with its newest one, as services export it, and say so.
+    """Reverse the rows of a log that begins with its newest one, as services export it, and return a note.
 
-    Only where the stamps do nothing but fall: a device that restarts, or a few rows out of order, keep theirs.
+    Only where the stamps always fall: where a device restarts, or a few rows are out of order, the order is kept.
     """
     time = layout.time
     if time is None or time.kind == "clock":  # which falls at midnight
@@ -133,7 +133,7 @@ def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ..
 
 
 def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:
-    """Samples, shape (n, channels), without the values that the user calls missing; and how many those were."""
+    """Samples, shape (n, channels), without the values that the user declared missing; and how many those were."""
     # Column by column in memory: each channel is filtered, drawn and judged by itself.
     values = np.empty((len(columns[channels[0]]), len(channels)), order="F")
     for j, i in enumerate(channels):

@@ -1,4 +1,4 @@
-"""The lines of a log into rows of numbers, every line in exactly one count."""
+"""Turn the lines of a log into rows of numbers, every line in exactly one count."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ BLOCK_NUMBERS = 1 << 16
 """Numbers that are gathered row by row before they are put into their columns."""
 
 ROOM_EVERY = 1 << 26
-"""Bytes of a file after which the free memory is looked at, each time."""
+"""Bytes of a file between two checks of the free memory."""
 
 MEMORY_FACTOR = 2.2
-"""Memory that a reading takes, beside the bytes of its numbers, until the Recording is made and handed on."""
+"""Memory that a reading takes, beside the bytes of its numbers, until the Recording is made and passed on."""
 
 MAX_SLOW = 64
-"""Lines read one by one before plain rows are looked for again, where there are none."""
+"""Most lines read one by one before plain rows are looked for again, where there are none."""
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Tally:
     lines: Counter[Kind] = field(default_factory=Counter["Kind"])
     """Lines of each kind."""
     bad_cells: int = 0
-    """Cells of rows that are no number."""
+    """Cells of rows that are not numbers."""
     issues: list[LineIssue] = field(default_factory=list["LineIssue"])
     """The first MAX_ISSUES."""
     missing: Counter[str] = field(default_factory=Counter[str])
@@ -82,7 +82,7 @@ class Tally:
         return [*said, *([self.ending] if self.ending else [])]
 
     def take_last(self, event: LineEvent) -> None:
-        """Count a last line that has no newline, and note what became of it."""
+        """Count a last line that has no newline, and note whether it was kept."""
         self.take(event)
         if event.kind == "rejected":
             self.ending = f"line {event.number}, the last, is torn: it has no newline and was left out"
@@ -96,7 +96,7 @@ class Tally:
 def read_rows(
     path: Path, encoding: str, layout: Layout, options: ReadOptions = DEFAULTS, progress: Progress | None = None
 ) -> tuple[list[Array], Tally]:
-    """All columns, each of shape (rows,), empty those that are not read; and the account.
+    """All columns, each of shape (rows,), empty where not read; and the account.
 
     Raises:
         NoMemory: there will not be enough memory for them, by what the first ones take.
@@ -150,7 +150,7 @@ class _TableReader:
         self._above = data
 
     def require_room(self, done: int, size: int, name: str) -> None:
-        """NoMemory where all `size` bytes of the file will not fit into memory, by what the first `done` take."""
+        """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
         if done < self._room_at:
             return
         self._room_at = done + ROOM_EVERY
@@ -207,7 +207,7 @@ class Rows:
         self._gap = [math.nan] * len(layout.columns) if layout.time is None else []
 
     def add(self, event: LineEvent, *, last: bool = False) -> None:
-        """Take what a line brings; a rejected last line has no neighbours whose places it could keep."""
+        """Take the rows of a line; a rejected last line has no neighbours whose places it could keep."""
         for row in event.rows:
             self.append(row)
         if event.kind == "rejected" and not last:
@@ -270,7 +270,7 @@ class GatheredRows(Rows):
         return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
 
     def finish(self) -> list[Array]:
-        """The columns, the row at hand in them."""
+        """The columns, including the row being gathered."""
         self.append(self._row)
         return super().finish()
 

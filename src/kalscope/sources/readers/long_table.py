@@ -1,4 +1,4 @@
-"""A long table, one named value a row, into channels: those that share their stamps are one part."""
+"""Turn a long table, one named value per row, into channels: those that share their stamps are one part."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _counted(codes: Array) -> Array:
 
 
 def _groups(stamps: dict[int, NDArray[np.float64]]) -> dict[tuple[int, ...], Array]:
-    """The names that share most of their stamps, with all stamps of theirs; those with most stamps first."""
+    """The names that share most of their stamps, with all their stamps; those with most stamps first."""
     groups: list[tuple[list[int], Array]] = []
     for code in sorted(stamps, key=lambda code: (-len(stamps[code]), code)):
         own = stamps[code]

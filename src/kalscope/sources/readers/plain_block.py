@@ -14,7 +14,7 @@ from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.row_kernels import AFTER_ITS_LIKE, ALWAYS, RowForm, read_plain_rows
 
 _MAX_NUMBERS = 1 << 18
-"""Numbers that are read at once: 2 MiB, which a processor keeps near."""
+"""Numbers that are read at once: 2 MiB, which fits a processor's cache."""
 _MAX_ROUNDED = 1024
 """Numbers of more digits than the loops hold that are read again at once."""
 
@@ -26,7 +26,7 @@ class PlainRows:
     values: Array
     """Numbers, shape (rows, columns), NaN where missing or not read; overwritten by the next call."""
     end: int
-    """The place behind them."""
+    """The place after them."""
     fields: int
     """Fields of the last of them; what was given as `before` where there is none."""
 
@@ -34,8 +34,8 @@ class PlainRows:
 class BlockParser:
     """Reads plain rows of one layout.
 
-    A line is plain where it holds one number or missing value (nan or nothing) a channel and means the same to the
-    line reader. Whatever is doubtful ends the rows: other bytes, quotes, blank lines, numbers near the ends of
+    A line is plain where it holds one number or missing value (nan or nothing) per channel and the line reader
+    reads it alike. Whatever is doubtful ends the rows: other bytes, quotes, blank lines, numbers near the ends of
     float64, stamps out of range.
     """
 
@@ -58,7 +58,7 @@ class BlockParser:
         r"""The plain rows from `at` on, none where the first line is not plain.
 
         Args:
-            data: Lines, UTF-8, each with "\n" behind it up to `end`.
+            data: Lines, UTF-8, each with "\n" at its end, up to `end`.
             at: Where the first begins.
             end: Where the last ends.
             before: Fields of the row before; −1 at the first row.

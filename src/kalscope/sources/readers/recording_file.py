@@ -1,9 +1,9 @@
-"""CSV logs of every common dialect into a Recording, with an account of every line.
+"""Read CSV logs of every common dialect into a Recording, with an account of every line.
 
-Rules. A line of the right shape keeps its place in time; a cell of it that is no number is a missing sample,
+Rules. A line of the right shape keeps its place in time; a cell of it that is not a number is a missing sample,
 reported with line, column and text. A line of the wrong shape is rejected and reported; where there is no
 time column it still leaves one missing sample, because the sensor did sample then. A last line without a
-newline is torn, its last number may have been cut: it is kept only where it shows that nothing was. A line
+newline is torn, its last number may have been cut: it is kept only where it shows that nothing was cut. A line
 whose stamp cannot be read is rejected: its samples have no place.
 
 Plain rows are read by compiled loops, all other lines by the line reader, with the same values and account.
@@ -69,9 +69,9 @@ def read_recording(
         path: The file.
         options: What is decided by the caller instead.
         sample_period: Nominal sample period in s, > 0; overrides that of the stamps, and gives a file
-            without a time column its time. `options.rate` says the same in Hz.
+            without a time column its time. `options.rate` gives the same in Hz.
         progress: Called from the first second on with the fraction done, 0…1, and what is being done.
-        cancelled: Asked as often whether to stop.
+        cancelled: Called as often; True stops the reading.
 
     Returns:
         A Recording: values (n, channels) with NaN for missing samples, time (n,) in s, `report` with the
@@ -143,7 +143,7 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
         refuse_markup(raw.name, lines)
         is_whole = raw.size <= size and len(lines) < HEAD_LINES
         if not is_whole and len(lines) > 1:
-            lines.pop()  # cut by us
+            lines.pop()  # cut by the limit
         samples = () if is_whole else sample_lines(raw, encoding)
         layout = sniff([line.rstrip("\n") for line in lines], options, samples)
         if layout is not None:

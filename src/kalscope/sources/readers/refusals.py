@@ -1,4 +1,4 @@
-"""Why a file cannot be read: the line, what must hold, what came, and what to try."""
+"""Why a file cannot be read: the line, what must hold, what was found, and what to try."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from kalscope.sources.grammar.read_options import DELIMITERS, ReadOptions, optio
 from kalscope.sources.layout.sniffer import MAX_COLUMNS
 
 MAX_TEXT = 60
-"""Letters of a line that are quoted."""
+"""Characters of a line that are quoted."""
 MAX_LINES = 2000
 """Lines that are looked at for the reason."""
 MAX_LINE = 16_384
-"""Letters of a line that are looked at."""
+"""Characters of a line that are looked at."""
 
 _PAGES = ("<!doctype html", "<html", "<head", "<body")
 _XML = ("<?xml", "<gpx", "<kml")
@@ -29,7 +29,7 @@ _TRIES = {
 
 
 def refuse_markup(name: str, lines: Sequence[str]) -> None:
-    """BadFile where a text begins as a web page or an XML document: its lines may hold numbers all the same."""
+    """Raise BadFile where a text begins as a web page or an XML document: its lines may still hold numbers."""
     number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
     start = line[:MAX_TEXT].lstrip("\ufeff").lower()
     if start.startswith(_PAGES):
@@ -75,7 +75,7 @@ def no_channel(name: str, lines: Sequence[str]) -> BadFile:
 
 
 def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:
-    """The refusal of a file that had the look of a table in its head, of which no line could be read."""
+    """The refusal of a file that looked like a table in its head, but of which no line could be read."""
     lines = [issue for issue in issues if issue.column is None]
     if not lines:
         return BadFile(f"{name} must hold a whole line of numbers (got {rejected} rejected lines: no data lines)")

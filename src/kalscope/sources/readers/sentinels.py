@@ -1,8 +1,8 @@
 """Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
 
-A code is a number that nothing measures by chance, far from all that is measured. Some numbers are codes wherever
-they stand so (−999, 32767). Others are readings as well (0, 400): they are codes where they come for a moment only,
-out of a signal that goes on afterwards where it was. A motor that stands still and a lamp that is off stay so.
+A code is a number that nothing measures by chance, far from all that is measured. Some numbers are always codes
+there (−999, 32767). Others are readings as well (0, 400): they are codes only where they appear for a moment, and
+the signal then continues where it was. A motor that has stopped and a lamp that is off stay so.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ Extremes = tuple[Array, Array]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
 MIN_SURE = 2
-"""Times that a number comes which is a code wherever it stands."""
+"""Least count of a number that is always a code."""
 MIN_UNSURE = 3
-"""Times that any other comes, and of a long recording one sample in 2000."""
+"""Least count of any other, and in a long recording one sample in 2000."""
 MAX_ZEROS = 0.1
-"""The part of the samples that 0 may be; more is a state."""
+"""Largest share of the samples that may be a code of 0; more is a state."""
 MAX_RUN = 3
-"""Samples that a code which may be a reading lasts, in the median."""
+"""Longest run in samples, in the median, of a code that may be a reading."""
 MIN_RETURNS = 0.75
-"""The part of its runs after which the signal goes on where it was."""
+"""Least share of its runs after which the signal continues where it was."""
 MAX_CODES = 4
-"""Different codes of one channel."""
+"""Most codes of one channel."""
 _MIN_DISTINCT = 3
-"""Fewer values beside it and there is nothing to be far from: a switch, an event marker."""
+"""With fewer values beside it there is nothing to be far from: a switch, an event marker."""
 _SAMPLE = 20_000
 
 _LIMITS = {32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0}
-"""Ends of the whole numbers of a processor."""
+"""Limits of a processor's integers."""
 _KNOWN = {-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0}
 """DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X: out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
-"""Nothing, an error of C, and ends of short whole numbers."""
+"""Zero, an error value of C, and limits of short integers."""
 HUGE = 1e20
 """Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
 
@@ -58,7 +58,7 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     found = dict.fromkeys(value for i, (low, high) in enumerate(pairs) for value in _codes(values[:, i], low, high))
     questions: list[str] = []
     for value in found:
-        # One channel betrays the value; those that merely begin or end with it hold it as well.
+        # One channel shows that it is a code; those that only have it as smallest or largest sample count as well.
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
         channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
         count = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
@@ -109,7 +109,7 @@ def _is_round(value: float) -> bool:
 
 
 def _stands_out(samples: Array, value: float, sure: set[float]) -> bool:
-    """Whether a code comes often enough, far from the rest, and, unless it is sure, for moments only."""
+    """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
     times = int(np.count_nonzero(samples == value))
     if times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
         return False

@@ -19,7 +19,7 @@ from kalscope.sources.readers.assemble import Reading
 from kalscope.sources.readers.csv_rows import Tally
 
 _HEAD_ROWS = 1000
-"""Rows by which a column is known as the time."""
+"""Rows by which a column is recognised as the time."""
 
 
 def reading_of(table: Table, options: ReadOptions) -> Reading:
@@ -80,7 +80,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
 
 
 def _counts(column: Array) -> bool:
-    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they are numbers of samples."""
+    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they number the samples."""
     return column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))
 
 
@@ -89,7 +89,7 @@ def _cell(value: float) -> str:
 
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
-    """Rows without a stamp are rejected; infinite samples are missing ones, counted as cells that are no number."""
+    """Rows without a stamp are rejected; infinite samples are missing ones, counted as bad cells."""
     tally, rejected, n = Tally(bad_cells=table.bad_cells, issues=list(table.issues)), 0, table.shape[0]
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])

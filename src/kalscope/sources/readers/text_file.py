@@ -1,4 +1,4 @@
-"""A file as lines of text: where its bytes are, their encoding, and what is no text at all."""
+"""A file as lines of text: where its bytes are, their encoding, and what is not text at all."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _FORTRAN = re.compile(rb"[0-9]\.[0-9]{0,30}[dD][-+][0-9]{2,3}(?![0-9A-Za-z])")
 _FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z]))")
 """With a point in the head, and everywhere with a sign: 12D3 is a name."""
 _MAX_CONTROL = 0.1
-"""Share of control bytes in a text file whose wire was noisy."""
+"""Largest share of control bytes in a text file, as from a noisy wire."""
 
 
 MAX_LINE, CUT = 1 << 20, "\ufffd"
-"""Characters of a line that are read, and what its last cell ends with where it is longer: it is no number then."""
+"""Characters of a line that are read, and what ends the last cell of a longer line, so that it is not a number."""
 
 SAMPLE_BYTES = 16384
 """Bytes of each of the places further down where the form is checked."""
@@ -70,12 +70,12 @@ class RawFile:
     head: bytes
     """The first HEAD_BYTES."""
     digest: Future[str]
-    """SHA-256 of the file as it lies on the disk, computed beside the reading."""
+    """SHA-256 of the file as it is on the disk, computed while it is read."""
 
 
 @contextmanager
 def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
-    """Open a file; what an archive holds lies in a temporary file while the context lasts.
+    """Open a file; what an archive holds is in a temporary file as long as the context lasts.
 
     Raises:
         BadFile: there is no such file, it cannot be read, now or later, it is a folder or a damaged archive.
@@ -125,7 +125,7 @@ def _sha256(path: Path, left: Event) -> str:
     with path.open("rb") as file:
         while piece := file.read(_CHUNK):
             if left.is_set():
-                raise Cancelled("the file was left before it was hashed")
+                raise Cancelled("the file was closed before it was hashed")
             digest.update(piece)
     return digest.hexdigest()
 
@@ -139,8 +139,8 @@ def text_as_file(
     Args:
         lines: The lines.
         origin: The file that holds them.
-        progress: Told every 4,096 lines.
-        newline: What is put behind each line; "" where they end in their own.
+        progress: Called every 4,096 lines.
+        newline: What is written after each line; "" where the lines hold their own.
     """
     with temporary_folder() as folder:
         target = folder / "text"
@@ -155,7 +155,7 @@ def text_as_file(
 
 
 def find_encoding(raw: RawFile, progress: Progress) -> str:
-    """Encoding of the text; BadFile where it is empty or no text."""
+    """Encoding of the text; BadFile where it is empty or not text."""
     head, name = raw.head, raw.name
     if not head:
         raise BadFile(f"{name} must hold lines of numbers (got an empty file)")
@@ -172,7 +172,7 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
 
 
 def _require_text(head: bytes, name: str) -> None:
-    """BadFile where the head is no text; long runs of NULs between text are left to the reader of lines."""
+    """Raise BadFile where the head is not text; long runs of NULs between text are left to the reader of lines."""
     text = _NUL_RUN.sub(b"", head).replace(ESCAPE.encode(), b"")
     control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
     if text and sum(control) <= _MAX_CONTROL * len(text):
@@ -200,7 +200,7 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
 
 
 def unusual_marks(raw: RawFile) -> tuple[str, ...]:
-    """Sentences about what `plain_lines` has to mend, which is asked of the head; usually none."""
+    """Sentences about what `plain_lines` has to repair, judged by the head; usually none."""
     said: list[str] = []
     if ESCAPE.encode() in raw.head:
         said.append("control sequences of a terminal were left out")
@@ -210,7 +210,7 @@ def unusual_marks(raw: RawFile) -> tuple[str, ...]:
 
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
-    """The lines without the control sequences of a terminal, with Fortran's exponents as others write them."""
+    """The lines without the control sequences of a terminal, with Fortran's exponents written with e."""
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in iter(lambda: read_line(lines), ""):
             yield _FORTRAN_EXPONENT.sub("e", without_escapes(line))

@@ -1,6 +1,6 @@
 """A file that only grows, by whole entries, whatever the disk does.
 
-An entry is the text of one line from the board (or a comment). All entries at hand go out in one `os.write`: a
+An entry is the text of one line from the board (or a comment). All waiting entries go out in one `os.write`: a
 program that is killed between two writes leaves whole lines. A full disk cuts a write short, inside a number; the
 file is then cut back to its last whole entry at once, and the entries wait in memory until there is room.
 """
@@ -34,7 +34,7 @@ _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
 def write_some(fd: int, data: memoryview) -> int:
-    """Write as much as the disk takes, at least a byte; a disk that takes nothing is full."""
+    """Write as much as the disk takes, at least a byte; a disk that accepts nothing is full."""
     count = os.write(fd, data)
     if count == 0:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -48,7 +48,7 @@ class _Entry:
     data: bytes
     """Its bytes, which end in a newline."""
     at: float
-    """Monotonic moment of the line, s."""
+    """Monotonic time of the line, s."""
     lines: int
     """1 for a line of the board, 0 for a comment."""
 
@@ -115,10 +115,10 @@ class AppendFile:
         return True
 
     def flush(self, now: float, *, at_once: bool = False) -> int:
-        """Write what waits; never raises for the disk.
+        """Write what waits; never raises disk errors.
 
         Args:
-            now: Monotonic moment, s: a disk that refused is tried again after RETRY_S.
+            now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
 
         Returns:
@@ -164,7 +164,7 @@ class AppendFile:
                 self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
 
     def close(self) -> None:
-        """Free the file once the disk has it; safe to call twice."""
+        """Close the file once the disk has it; safe to call twice."""
         self.sync()
         with self._fd_lock:
             if self._fd is not None:
@@ -193,7 +193,7 @@ class AppendFile:
                 done += write_some(fd, data[done:])
         except OSError as failure:
             error = failure
-        except BadFile as failure:  # another program records it by now
+        except BadFile as failure:  # another program is recording it by now
             error = OSError(errno.EBUSY, str(failure))
         lines, whole = 0, 0
         while self._waiting and whole + len(self._waiting[0].data) <= done:
@@ -211,7 +211,7 @@ class AppendFile:
         return lines, error
 
     def _cut_back(self) -> None:
-        """Cut what a refused write left behind the last whole entry."""
+        """Cut off what a refused write left after the last whole entry."""
         if self._torn and self._fd is not None:
             os.ftruncate(self._fd, self._size)
             self._torn = False
@@ -248,7 +248,7 @@ class SyncThread:
         self._files = files
 
     def close(self) -> None:
-        """End the thread, after a last round."""
+        """End the thread, then sync once more."""
         self._stop.set()
         self._thread.join()
         for file in self._files:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 @dataclass
 class RecorderCounts:
-    """The account of a recording: received = written + rejected + dropped, always. Recorders hand out copies."""
+    """The account of a recording: received = written + rejected + dropped, always. Recorders return copies."""
 
     received: int = 0
-    """Lines with data, or that tried to be, that were written, rejected or dropped."""
+    """Lines with data, or that should have been data, that were written, rejected or dropped."""
     written: int = 0
     """Lines whose rows are in NAME.csv."""
     rejected: int = 0
-    """Lines that are in NAME.rejects because they are no row."""
+    """Lines that are in NAME.rejects because they are not rows."""
     dropped: int = 0
     """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
     unwritable: int = 0

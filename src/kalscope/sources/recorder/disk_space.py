@@ -22,7 +22,7 @@ class DiskSpaceMonitor:
         self._warning = ""
 
     def check(self, now: float, size: int) -> str:
-        """The warning at the monotonic moment `now`, s, with `size` bytes written; "" if there is room."""
+        """The warning at the monotonic time `now`, s, with `size` bytes written; "" if there is enough space."""
         if self._sizes and now - self._sizes[-1][0] < _CHECK_S:
             return self._warning
         self._sizes.append((now, size))
@@ -37,7 +37,7 @@ class DiskSpaceMonitor:
             return ""
         try:
             free = shutil.disk_usage(self._folder).free
-        except OSError:  # a folder that was moved away: the next write will say what is wrong
+        except OSError:  # a folder that was moved away: the next write will report what is wrong
             return ""
         left = free * (now - first) / (size - before)
         if left >= MIN_SECONDS_LEFT:

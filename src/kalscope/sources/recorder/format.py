@@ -35,7 +35,7 @@ _MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
 _MAX_UNIT_LENGTH = 30
 
 RowEncoder = Callable[[float, Sequence[float]], str]
-"""From host time in s and the values of a row, one a column of the layout, to its line."""
+"""Turns host time in s and the values of a row, one per column of the layout, into its line."""
 
 
 def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
@@ -93,7 +93,7 @@ def header_line(layout: Layout) -> str:
 def row_encoder(layout: Layout) -> RowEncoder:
     """The function that writes the rows of a layout.
 
-    A number is written with the fewest digits that bring back the same double, a missing value as an empty
+    A number is written with the fewest digits that give the same double, a missing value as an empty
     cell. A device time that is a calendar stamp or a clock is written in s since 1970 (UTC) or midnight.
     """
     time, channels = layout.time, layout.channels
@@ -156,7 +156,7 @@ def _cell(name: str, unit: str) -> str:
 
 
 def _harmless(name: str) -> str:
-    """A name on one line that no spreadsheet runs."""
+    """A name on one line that no spreadsheet takes for a formula."""
     name = one_line(name)[: _MAX_CELL_LENGTH - 40].rstrip()
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
 

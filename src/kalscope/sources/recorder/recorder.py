@@ -2,11 +2,11 @@
 
     NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
     NAME-2.csv    the same again, where the board began to send other columns
-    NAME.rejects  the lines that are no data, with their numbers and reasons
-    NAME.torn     what a crash left behind the last whole line, moved there when the recording is resumed
+    NAME.rejects  the lines that are not data, with their numbers and reasons
+    NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
 
-Each call writes with one `os.write`: a program that is killed loses only lines that it was not yet given.
-All clocks are given: host time is the difference of two monotonic moments, so that no step of the wall clock
+Each call writes with one `os.write`: a program that is killed loses only lines that had not been passed yet.
+All clocks are passed in: host time is the difference of two monotonic times, so that no step of the wall clock
 changes a row.
 """
 
@@ -52,7 +52,7 @@ class Recorder:
     error: str
     """What keeps lines from reaching the disk, in words; "" if nothing."""
     warning: str
-    """That the disk will soon be full; "" if it will not."""
+    """A warning that the disk will soon be full; "" if it will not."""
     counts: RecorderCounts
     """The account up to the last call."""
 
@@ -76,10 +76,10 @@ class Recorder:
         Args:
             path: NAME.csv; its folder exists, and the caller has checked that it may be written to.
             source: What is recorded, as the command line names it.
-            started: Monotonic moment of host time 0, s.
-            wall: Unix time at that moment, s.
+            started: Monotonic time at host time 0, s.
+            wall: Unix time at host time 0, s.
             resume: Continue the recording at `path`.
-            clock: Monotonic clock, s; a full disk is tried again by it.
+            clock: Monotonic clock, s; it times the retries on a full disk.
             sync_every: Pause between two requests that the disk keep what it has, s.
 
         Raises:
@@ -97,7 +97,7 @@ class Recorder:
         self._offset = 0.0
         self._csv = AppendFile(parts[-1])
         self._rejects = RejectsFile(path, source)
-        self._older: list[AppendFile] = []  # parts that wait for room
+        self._older: list[AppendFile] = []  # parts that wait for disk space
         self._older_paths: list[Path] = []
         self._part = len(parts)
         self._header = ""
@@ -137,7 +137,7 @@ class Recorder:
             raise unwritable(path, error) from None
 
     def _resume_times(self, ends: RecordingEnds) -> None:
-        """Continue the host time and the columns of a part that ends so."""
+        """Continue the host time and the columns of a part with these ends."""
         if ends.wall is None:  # a crash in the first moment left no header
             self._csv.put_note(preamble(self._source, self._wall), self._started)
             return
@@ -148,15 +148,15 @@ class Recorder:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The parts written so far in this session, the present one last."""
+        """The parts written so far in this session, the current one last."""
         return (*self._older_paths, self._csv.path)
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Write lines; called often, also without lines, and never raises for the disk.
+        """Write lines; called often, also without lines, and never raises disk errors.
 
         Args:
-            stamped: (monotonic moment in s, line), in order of time.
-            layout: Of all these rows: lines before and after a new layout are two hand-overs. None as long as
+            stamped: (monotonic time in s, line), in order of time.
+            layout: Of all these rows: lines before and after a new layout are two calls. None as long as
                 no layout is known; then no line is a row.
         """
         with self._lock:
@@ -176,7 +176,7 @@ class Recorder:
                 self._flush()
 
     def drop(self, count: int) -> None:
-        """Count lines that were lost before they could be handed over."""
+        """Count lines that were lost before they could be passed on."""
         with self._lock:
             if not self._closed:
                 self._tally.received += count
@@ -184,7 +184,7 @@ class Recorder:
                 self._publish()
 
     def close(self) -> RecorderCounts:
-        """Write the account as a last comment and free the files; safe to call twice, never raises for the disk."""
+        """Write the account as a last comment and close the files; safe to call twice, never raises disk errors."""
         with self._lock:
             if self._closed:
                 return self.counts

@@ -1,4 +1,4 @@
-"""NAME.rejects, the file of the lines of a recording that are no data; it exists once there is one."""
+"""NAME.rejects, the file of the lines of a recording that are not data; it exists once there is one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kalscope.sources.recorder.repair import repair
 
 
 class RejectsFile:
-    """Takes lines with the reasons why they are no data."""
+    """Takes lines with the reasons why they are not data."""
 
     def __init__(self, recording: Path, source: str) -> None:
         """Args: NAME.csv; what is recorded, as the command line names it."""
@@ -39,10 +39,10 @@ class RejectsFile:
 
         Args:
             host: Host time, s.
-            at: Monotonic moment, s.
+            at: Monotonic time, s.
             wall: Unix time at host time 0, s.
             event: The line.
-            issues: Why it is no data, or which of its cells are none.
+            issues: Why it is not data, or which of its cells are not.
             lines: 1 where it counts as rejected, else 0.
         """
         if not self._begun:

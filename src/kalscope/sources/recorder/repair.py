@@ -1,7 +1,7 @@
 """A recording whose last line was cut short: whole lines stay, the rest is moved aside.
 
-A program that is killed may leave half a line; a power cut may leave zeros behind it, or zeros with old bytes of
-the disk behind them. So the file ends with the last newline before the first zero byte. What follows is appended
+A program that is killed may leave half a line; a power cut may leave zeros after it, or zeros with old bytes of
+the disk after them. So the file ends with the last newline before the first zero byte. What follows is appended
 to NAME.torn and is on the disk before the file is cut.
 """
 
@@ -29,7 +29,7 @@ class RepairReport:
     kept: int
     """Bytes of whole lines that stay in the file."""
     torn: int
-    """Bytes behind them, moved aside; 0 where the file was whole."""
+    """Bytes after them, moved aside; 0 where the file was whole."""
     torn_path: Path | None
     """Where they went; None where the file was whole."""
 
@@ -39,9 +39,9 @@ class RecordingEnds:
     """The times and the header in the first and last lines of a recording."""
 
     wall: float | None
-    """Unix time at host time 0, s; None where the file ends above that line."""
+    """Unix time at host time 0, s; None where the file ends before that line."""
     header: str
-    """The CSV header with its newline; "" where the file ends above it."""
+    """The CSV header with its newline; "" where the file ends before it."""
     host: float
     """Host time of the last row, s; 0 where there is none."""
 
@@ -56,8 +56,8 @@ def repair(path: Path) -> RepairReport:
         What was kept and what was moved to NAME.torn (NAME.rejects.torn for the rejected lines).
 
     Raises:
-        BadFile: The file is no Kalscope recording, or there is no room to move the torn tail to; the recording
-            is then as it was.
+        BadFile: The file is not a Kalscope recording, or there is no space to move the torn tail to; the recording
+            is then unchanged.
     """
     path = Path(path)
     try:
@@ -77,7 +77,7 @@ def repair(path: Path) -> RepairReport:
 
 
 def read_ends(path: Path) -> RecordingEnds:
-    """What a repaired recording says at its ends.
+    """The times and the header of a repaired recording.
 
     Raises:
         BadFile: Its comments or its last row cannot be understood.
@@ -109,7 +109,7 @@ def _check_ours(file: BinaryIO, path: Path) -> None:
 
 
 def _end_of_whole_lines(file: BinaryIO) -> int:
-    """Offset behind the last newline before the first zero byte."""
+    """Offset after the last newline before the first zero byte."""
     file.seek(0)
     end, offset = 0, 0
     while block := file.read(_BLOCK):
@@ -123,7 +123,7 @@ def _end_of_whole_lines(file: BinaryIO) -> int:
 
 
 def _move_aside(file: BinaryIO, start: int, torn: Path) -> None:
-    """Append what follows `start` to `torn`, and see it on the disk."""
+    """Append what follows `start` to `torn`, and sync it to the disk."""
     with torn.open("ab") as out:
         before = out.tell()
         try:

@@ -10,7 +10,7 @@ from kalscope.sources.times.step_pattern import GAP_PERIODS
 from kalscope.sources.times.stretches import Stretches
 
 _BLOCK = 8
-"""A block, whose samples are placed around their mean stamp, holds so many usual deliveries."""
+"""Usual deliveries in one block, whose samples are placed around their mean stamp."""
 _BURST_SHARE = 2 / 3
 _MANY_REPEATS = 0.15
 
@@ -19,7 +19,7 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
     """Time of each sample, shape (n,): on the line through the stamps of its stretch.
 
     Where the true rate drifts, so that one line would miss the stamps by more than half a usual delivery, the
-    line bends: it goes through the mean stamp of each block of samples. Stretches with a step a sample keep theirs.
+    line bends: it goes through the mean stamp of each block of samples. Those with a step per sample keep theirs.
     """
     stretches, n = rate.stretches, len(time)
     local = np.arange(n) - stretches.spread(stretches.starts)
@@ -37,7 +37,7 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
         chosen = stretches.spread(kept)
         placed[chosen] = time[chosen]
     if rate.stamps == "coarse":
-        # A clock shows its last step: the samples of a second lie behind it.
+        # A clock shows its last step: the samples of a second lie after it.
         placed += max(0.0, rate.longest - rate.period) / 2
     # Stretches end a little before the next begins, whatever their lines say.
     return np.maximum.accumulate(placed) if rate.steps.forward is rate.steps.all else placed
@@ -49,7 +49,7 @@ def _means(values: Array, stretches: Stretches) -> Array:
 
 
 def _slopes(time: Array, stretches: Stretches, rate: SampleRate) -> Array:
-    """Slope of the line through each stretch, s a sample; a short one takes that of all."""
+    """Slope of the line through each stretch, s per sample; a short one takes that of all."""
     sizes = stretches.sizes.astype(np.float64)
     x = np.arange(len(time)) - stretches.spread(stretches.starts + (sizes - 1) / 2)
     t = time - stretches.spread(time[stretches.starts])
@@ -81,13 +81,13 @@ def _bent(residual: Array, stretches: Stretches, rows: int, longest: float) -> M
 
 
 def _followed(residual: Array, stretches: Stretches, bent: Mask, rows: int) -> Array:
-    """What the stamps are later than the line, between the middles of the blocks, shape (n,)."""
+    """How much later the stamps are than the line, between the middles of the blocks, shape (n,)."""
     first, run = _blocks(stretches, rows)
     # The last block of a stretch goes up to its end, so that no sample lies far from a middle.
     ends = (stretches.starts + stretches.sizes - rows)[bent & (stretches.sizes >= rows)]
     first = np.union1d(first[bent[run]], ends)
     middle, late = first + (rows - 1) / 2, _block_means(residual, first, rows)
-    # Before the first middle and behind the last one the line goes on as it does between the nearest two.
+    # Before the first middle and after the last one the line continues as between the nearest two.
     starts, stops = stretches.starts[bent], (stretches.starts + stretches.sizes - 1)[bent]
     lowest, highest = np.searchsorted(middle, starts), np.searchsorted(middle, stops) - 1
     edges = np.concatenate((starts, stops))
@@ -102,7 +102,7 @@ def _followed(residual: Array, stretches: Stretches, bent: Mask, rows: int) -> A
 
 
 def _crowded(rate: SampleRate) -> Mask:
-    """True for each stretch with several samples a step: stamps that repeat, or most time in long steps."""
+    """True for each stretch with several samples per step: stamps that repeat, or most time in long steps."""
     stretches, steps = rate.stretches, rate.steps.all
     inside = np.append(steps, 0.0)
     inside[stretches.starts[1:] - 1] = 0.0

@@ -21,7 +21,7 @@ def missing_rows(time: Array, pauses: Indices, period: float) -> Array:
     """
     if not pauses.size:
         return np.zeros(0)
-    # From the latest stamp so far: going forward again after a step back is no gap.
+    # From the latest stamp so far: going forward again after a step back is not a gap.
     latest = np.maximum.accumulate(time)
     return np.maximum(np.rint((time[pauses + 1] - latest[pauses]) / period) - 1, 0.0)
 

@@ -14,8 +14,8 @@ MIN_JITTER = 0.005
 def jitter_of(recording: Recording) -> float:
     """Standard deviation of the steps as a share of the sample period, pauses left out; 0 where they are even.
 
-    It reads every stamp, so call it once a recording. Only uneven stamps have a jitter: bursts and coarse clocks
-    were placed evenly, and a rate that the user chose is taken as it is.
+    It reads every stamp, so call it once per recording. Only uneven stamps have a jitter: bursts and coarse clocks
+    were placed evenly, and a rate that the user chose has none.
     """
     period, timing = recording.sample_period, recording.report.timing
     if period is None or timing is None or timing.stamps != "uneven" or timing.source == "option":

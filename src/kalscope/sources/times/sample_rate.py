@@ -29,9 +29,9 @@ _SANE = (1e-100, 1e100)
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _MIN_BLOCKS = 8
 _MIN_CHANGES = 3
-"""Changes of a coarse clock, from which on its rate is known."""
+"""Fewest changes of a coarse clock that show its rate."""
 _STEADY = 0.1
-"""Half of the spacings of blocks of rows lie this close, as a share of the middle one, where rows come steadily."""
+"""Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily."""
 _BURST_SHARE = 2 / 3
 """Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
 
@@ -41,7 +41,7 @@ class SampleRate:
     """What the stamps say about the sampling."""
 
     stamps: Stamps
-    """How they lie."""
+    """Their pattern."""
     period: float
     """Sample period in s."""
     error: float
@@ -86,7 +86,7 @@ def find_rate(time: Array) -> SampleRate | None:
 
 
 def _unsteady(time: Array, steps: Steps) -> SampleRate:
-    """There is no scale at which the rows come steadily: the usual step is all that can be said."""
+    """There is no scale at which the rows come steadily: the usual step is all that is known."""
     whole = split(len(time), _NO_PAUSES)
     return SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, whole, steps, steps.median)
 
@@ -127,7 +127,7 @@ def _guess(time: Array, steps: Steps, *, recur: bool) -> _Guess | None:
 
 
 def _steady_scale(time: Array) -> tuple[float, int] | None:
-    """(period, rows): the fewest rows, a power of 2, whose mean stamps come steadily, and their spacing a row.
+    """(period, rows): the fewest rows, a power of 2, whose mean stamps come steadily, and their spacing per row.
 
     Where none do, those that come most steadily, if they do so at all.
     """
@@ -152,7 +152,7 @@ def _steady_scale(time: Array) -> tuple[float, int] | None:
 
 
 def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
-    """The guess made sure: its pauses are found, then a line goes through the stamps of each stretch."""
+    """Refine the guess: find its pauses, then fit a line to the stamps of each stretch."""
     rows = max(4, math.ceil(2 * guess.usual / guess.period))
     candidates = np.flatnonzero(steps.forward > guess.shortest_pause)
     pauses = lasting_steps(time, steps.all, candidates, guess.period, rows)
@@ -167,7 +167,7 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     if slope is None or slope <= 0:
         slope = guess.period
     if guess.stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
-        slope = steps.median  # the usual step says the same
+        slope = steps.median  # the usual step agrees
     stamps = guess.stamps
     if stamps == "bursts" and not _in_bursts(steps, pauses, slope):
         stamps = "uneven"
@@ -180,7 +180,7 @@ def _stretches(steps: Steps, pauses: Indices, usual: float) -> Stretches:
 
 
 def _slope_of_changes(time: Array, steps: Steps, stretches: Stretches) -> tuple[float, float] | None:
-    """Seconds a sample and their standard error by the first rows of each new stamp; None where there are few.
+    """Seconds per sample and their standard error by the first rows of each new stamp; None where there are few.
 
     The row at which a coarse clock moves on is exact to a sample.
     """

@@ -18,7 +18,7 @@ _DAY_NUMBERS = (
 )
 """Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
 _WHOLE_SECOND = 0.02
-"""Days with seven decimals and more lie as close, in s, to the whole seconds they mean."""
+"""Days with seven or more decimals are this close, in s, to the whole seconds they mean."""
 
 
 def unit_by_magnitude(stamps: Array) -> str:
@@ -27,7 +27,7 @@ def unit_by_magnitude(stamps: Array) -> str:
     The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
     steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two millions on nanoseconds.
     Steps of whole minutes that divide an hour, and of hours, are seconds, as of a logger (60, 300, 3600; not 5,
-    which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, but
+    which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, or
     days where they are numbers of days that lie whole seconds apart (45123.506944444).
     """
     low, high = float(stamps.min()), float(stamps.max())
@@ -50,7 +50,7 @@ def unit_by_magnitude(stamps: Array) -> str:
 
 
 def _day_of_1970(stamps: Array) -> float | None:
-    """What 1970-01-01 is, where all stamps are numbers of days in one of the usual counts."""
+    """The number of 1970-01-01, where all stamps are numbers of days in one of the usual counts."""
     low, high = float(stamps.min()), float(stamps.max())
     return next((day for first, last, day in _DAY_NUMBERS if first <= low and high <= last), None)
 
@@ -79,7 +79,7 @@ def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) ->
         first = date_text(float(stamps[0]) * 1e-6)
         return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {first}"
     if column.kind == "clock":
-        # A clock that jumps back by more than half a turn has begun its next one.
+        # A clock that jumps back by more than half a turn has wrapped.
         turn = column.turn_s
         turns = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn) if turn else np.zeros(len(stamps))
         seconds = (stamps - stamps[0]) / 1e6 + turn * turns
@@ -119,7 +119,7 @@ def date_text(seconds: float) -> str:
     """The date and clock, UTC, of seconds since 1970."""
     try:
         return (_EPOCH + timedelta(seconds=seconds)).isoformat()
-    except OverflowError:  # a zone can push a stamp of year 1 or 9999 over the calendar's edge
+    except OverflowError:  # a zone can push a stamp of year 1 or 9999 beyond the calendar
         return f"{seconds:g} s from 1970"
 
 

@@ -12,33 +12,33 @@ GAP_PERIODS = 1.5 * (1 + 1e-6)
 """A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
 
 _SOME_STEPS = 200_000
-"""Spread and resolution are judged on at most as many steps, evenly chosen."""
+"""Spread and resolution are judged on at most this many steps, evenly chosen."""
 _EVEN = 0.01
 """Steps this close to each other, as a share of the median step, are even."""
 _MIN_RECURRENCES = 5
-"""As many long steps show whether they come regularly."""
+"""Fewest long steps that show whether they come regularly."""
 _REGULAR = 0.35
-"""Eight of ten distances between long steps lie this close, as a share of their median, where they are regular."""
+"""Eight of ten distances between long steps are this close, as a share of their median, where they are regular."""
 _MAX_BURST_ROWS = 64
-"""More rows than this, evenly stamped between two long steps, are no burst but a logger that pauses."""
+"""More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
 _MAX_BURST_STEP = 0.1
 """Rows that come slower than this, s, do not come in a burst."""
 _GRID_TICKS = 10
-"""A step of at least as many steps of the clock shows whether longer ones are its multiples."""
+"""A step of at least this many clock ticks shows whether longer ones are its multiples."""
 _MIN_REPEATS = 0.15
-"""Share of stamps that repeat the one before, from which on the clock is coarse even if they come irregularly."""
+"""Share of stamps that repeat the one before, above which the clock is coarse even if they come irregularly."""
 _FEW_REPEATS = 0.03
 """Fewer than this are samples that were written twice."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps between stamps, in s, and what is often asked about them."""
+    """The steps between stamps, in s, and their most used statistics."""
 
     all: Array
     """Each step, shape (n - 1,)."""
     forward: Array
-    """Each step from the latest stamp so far: going forward again after a step back is no gap."""
+    """Each step from the latest stamp so far: going forward again after a step back is not a gap."""
     median: float
     """Median positive step, to 9 digits."""
     low: float
@@ -67,7 +67,7 @@ def steps_of(time: Array) -> Steps | None:
 
 
 def median_step(steps: Array) -> float | None:
-    """Median positive step in s; None where none is positive. `steps` come back in another order."""
+    """Median positive step in s; None where none is positive. Reorders `steps`."""
     positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
     if positive.size == 0:
         return None

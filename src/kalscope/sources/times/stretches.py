@@ -17,7 +17,7 @@ _MAX_LATE_ROWS = 1024
 """A delivery that is later than this many samples is a pause."""
 _MIN_BLOCKS = 8
 _BLOCKS = 32
-"""The error of a rate is judged by how much it differs between as many parts of the recording."""
+"""The error of a rate is judged by how much it differs between this many parts of the recording."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Stretches:
     """Samples in each run, shape (runs,)."""
 
     def spread(self, values: NDArray[_Value]) -> NDArray[_Value]:
-        """One value a run to one a sample, shape (n,)."""
+        """One value per run to one per sample, shape (n,)."""
         return np.repeat(values, self.sizes)
 
 
@@ -50,7 +50,7 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
         steps: Length of each step in s, shape (n - 1,).
         candidates: Steps to be judged, from 0 and in rising order, shape (k,).
         period: Sample period in s.
-        rows: How many rows hold a usual delivery; behind a longer step as many as are due are looked at.
+        rows: How many rows hold a usual delivery; after a longer step as many as are due are looked at.
     """
     if not candidates.size:
         return candidates
@@ -81,7 +81,7 @@ def _least(time: Array, rows: Indices, period: float) -> Array:
 
 
 def pooled_slope(time: Array, index: Indices, stretches: Stretches, usual_rows: float) -> float | None:
-    """Seconds a sample: the slopes of the lines through the stamps of each stretch, weighed by length.
+    """Seconds per sample: the slopes of the lines through the stamps of each stretch, weighed by length.
 
     Stretches shorter than a few times `usual_rows`, the rows of one delivery, weigh less still: their slope
     depends on where they begin. `index` is the number of each sample, shape (n,).

@@ -20,7 +20,7 @@ from kalscope.sources.times.timing_text import with_words
 
 _COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
 _ALIKE = 0.02
-"""A period that the file states is believed where that of the stamps is as near, as a share of it."""
+"""A period that the file states is accepted where that of the stamps is this near, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -145,15 +145,15 @@ def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) 
 
 
 def _chosen(rate: SampleRate, given: GivenPeriod) -> tuple[float, RateSource]:
-    """The period that is taken, and whose it is."""
+    """The period that is used, and its source."""
     if given.option is not None:
         return given.option, "option"
-    if given.file is not None and _bear_out(rate, given.file):
+    if given.file is not None and _supports(rate, given.file):
         return given.file, "file"
     return rate.period, "stamps"
 
 
-def _bear_out(rate: SampleRate, stated: float) -> bool:
+def _supports(rate: SampleRate, stated: float) -> bool:
     """True where the stamps leave the period open, and the one that the file states, in s, may be it.
 
     Where there is no rate at which they come steadily, the period lies between the median and the mean step: late

@@ -14,7 +14,7 @@ _STAMPS = {
     "coarse": " from stamps of a coarse clock",
 }
 _SURE = 1e-4
-"""A standard error below this share of the rate is not worth a word."""
+"""A standard error below this share of the rate is not reported."""
 _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
