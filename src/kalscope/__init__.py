@@ -208,7 +208,7 @@ _NAMES = {
 _HOMES = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
 
 
-if not TYPE_CHECKING:  # with it, a type checker would take every mistyped name for a good one
+if not TYPE_CHECKING:  # with it, a type checker would accept every mistyped name
 
     def __getattr__(name: str) -> object:
         """A name of `__all__`, imported at its first use (PEP 562)."""

@@ -65,7 +65,7 @@ def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value:
 
 
 class TypedNumber:
-    """A number typed as text, so that 1e-9 works. `text_boxes.js` sends a text when it counts, not each key."""
+    """A number typed as text, so that 1e-9 works. `text_boxes.js` sends a finished text, not each key."""
 
     def __init__(
         self,

@@ -32,7 +32,7 @@ MEMORY_SHARE = 0.8
 NO_MEMORY = 12
 """Exit status of this process where a task does not fit into the memory."""
 MAX_CPU_S = 1800
-"""Processor time of a task, s: also one that cannot be interrupted ends when the dashboard was killed."""
+"""Processor time of a task, s: ends even one that cannot be interrupted after the dashboard was killed."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def main(folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to every process of the program
     tempfile.tempdir = folder
     answers = io.FileIO(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what a library prints is no answer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what a library prints is not an answer
     tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks, folder), daemon=True).start()
     importlib.import_module("kalscope.catalogue")  # with every reader of text
@@ -65,7 +65,7 @@ def main(folder: str) -> None:
 
 
 def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
-    """Pass the tasks on; when the dashboard is gone so is this process, whatever it does."""
+    """Pass the tasks on; end this process, whatever it does, when the dashboard ends."""
     status = 1
     try:
         with io.FileIO(0, "r", closefd=False) as stream:
@@ -73,10 +73,10 @@ def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
                 tasks.put(receive(stream))
     except (EOFError, OSError):
         status = 0
-    except MemoryError:  # what else comes is the rest of the task
+    except MemoryError:  # the rest of the input belongs to that task
         status = NO_MEMORY
     finally:
-        shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed does not
+        shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed cannot
         if status == 0 and os.name == "posix" and os.getpgrp() == os.getpid():
             os.killpg(0, signal.SIGKILL)  # and what it has started
         os._exit(status)
@@ -116,7 +116,7 @@ def _answer(task: Task, answers: io.RawIOBase) -> Done | Failed:
 
 
 def _sendable(error: Exception) -> Exception:
-    """The error, or what it says where it cannot be sent."""
+    """The error, or one with its text if it cannot be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

@@ -1,4 +1,4 @@
-"""Messages between two processes, over pipes: pickles whose arrays are sent as they lie in memory."""
+"""Messages between two processes, over pipes: pickles whose arrays are sent as they are in memory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kalscope.common.memory import free_memory
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a task is."""
+    """The progress of a task."""
 
     fraction: float
     """0 … 1."""
@@ -42,7 +42,7 @@ class Failed:
 
 class _Pickler(pickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
-        """Arrays whose samples do not lie side by side, which would otherwise be copied into the pickle."""
+        """Arrays that are not contiguous, which would otherwise be copied into the pickle."""
         if isinstance(obj, np.ndarray) and not obj.flags.forc:
             return np.ascontiguousarray(cast("Array", obj)).__reduce_ex__(5)
         return NotImplemented
@@ -52,7 +52,7 @@ def send(stream: io.RawIOBase, message: Any) -> None:
     """Write a message.
 
     Raises:
-        OSError: nobody reads it any more.
+        OSError: the other process no longer reads.
     """
     body, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
     _Pickler(body, 5, buffer_callback=buffers.append).dump(message)
@@ -68,7 +68,7 @@ def _write(stream: io.RawIOBase, data: memoryview) -> None:
 
 
 def receive(stream: io.RawIOBase) -> Any:
-    """Read a message; the interpreter is free while its arrays come.
+    """Read a message; other threads can run while its arrays arrive.
 
     Raises:
         EOFError: the other process has ended.

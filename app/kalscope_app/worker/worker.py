@@ -33,7 +33,7 @@ T = TypeVar("T")
 MAX_SILENCE_S = 120.0
 """Seconds in which a task must report some progress."""
 _LOOK_S = 0.05
-"""Seconds between two looks at whether a task is cancelled."""
+"""Seconds between two checks whether a task is cancelled."""
 _CODE = "import sys; sys.path[:] = {path!r}; from kalscope_app.worker.child import main; main({folder!r})"
 
 
@@ -53,11 +53,11 @@ class Process:
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             process_group=0 if os.name == "posix" else None,  # which ends with it, see `_kill`
         )
-        self.pid, self._is_heard = self._process.pid, True
+        self.pid, self._is_readable = self._process.pid, True
         self._at_stop = ExitStack()
         self._at_stop.enter_context(done_at_stop(self.end))
         self.news: queue.SimpleQueue[Progress | Done | Failed | None] = queue.SimpleQueue()
-        """What it says; None once it has ended."""
+        """What it reports; None once it has ended."""
         threading.Thread(target=self._listen, name="kalscope-worker", daemon=True).start()
 
     def _listen(self) -> None:
@@ -67,18 +67,18 @@ class Process:
                     self.news.put(receive(stream))
         except (EOFError, OSError, ValueError):  # ValueError: closed by `end`
             pass
-        except Exception as error:  # an answer that the memory cannot hold; what else comes is the rest of it
-            self._is_heard = False
+        except Exception as error:  # an answer that does not fit into the memory; its rest is still in the pipe
+            self._is_readable = False
             self.news.put(Failed(error))
         self.news.put(None)
 
     @property
     def is_alive(self) -> bool:
         """Whether it takes tasks."""
-        return self._is_heard and self._process.poll() is None
+        return self._is_readable and self._process.poll() is None
 
     def send(self, task: Task) -> None:
-        """Give it a task; one that has ended meanwhile takes none, and says so by its end."""
+        """Give it a task; if it has ended meanwhile, `news` brings None."""
         with suppress(OSError):
             send(cast("io.FileIO", self._process.stdin), task)
 
@@ -87,7 +87,7 @@ class Process:
         with suppress(OSError):
             cast("io.FileIO", self._process.stdin).close()
         self._kill()
-        with suppress(subprocess.TimeoutExpired):  # it reads from a network that has gone: the system ends it later
+        with suppress(subprocess.TimeoutExpired):  # it is blocked on a lost network: the system ends it later
             self._process.wait(1.0)
         shutil.rmtree(self._folder, ignore_errors=True)
         self._at_stop.close()
@@ -101,7 +101,7 @@ class Process:
                 os.killpg(self.pid, signal.SIGKILL)
 
     def why_ended(self, what: str) -> BadFile | NoMemory:
-        """Why it is gone, to which the reading of `what` was given."""
+        """Why the process ended while it read `what`."""
         with suppress(subprocess.TimeoutExpired):  # its output ends a moment before it does
             self._process.wait(1.0)
         status = self._process.poll()
@@ -152,11 +152,11 @@ class Worker:
         Args:
             work: The task; it and its answer can be pickled, and arrays are sent as they are.
             what: What is read, for messages.
-            progress: Told how far it is, and that time passes; `work` then takes a `progress` by name.
+            progress: Called with the progress, again and again; `work` then takes a `progress` by name.
             cancelled: Whether to stop: the process is then ended at once.
 
         Raises:
-            BadFile: the task crashed the process, said nothing for MAX_SILENCE_S, or took too long.
+            BadFile: the task crashed the process, reported nothing for MAX_SILENCE_S, or took too long.
             Cancelled: `cancelled()` was true, or the worker was closed.
             NoMemory: the task or its answer does not fit into the memory.
             Exception: what the task raised.
@@ -184,7 +184,7 @@ class Worker:
         self, process: Process, what: str, progress: OnProgress | None, cancelled: Callable[[], bool] | None
     ) -> Done | Failed:
         """The answer to the task that the process does."""
-        last, heard_at = Progress(0.0, ""), time.monotonic()
+        last, reported_at = Progress(0.0, ""), time.monotonic()
         while True:
             with suppress(queue.Empty):
                 news = process.news.get(timeout=_LOOK_S)
@@ -193,12 +193,12 @@ class Worker:
                 if news is None:
                     ended = process.why_ended(what)
                     raise Cancelled("the program is ending") if self._is_closed else ended
-                last, heard_at = news, time.monotonic()
+                last, reported_at = news, time.monotonic()
             if cancelled is not None and cancelled():
                 raise Cancelled("the task was cancelled before it was finished")
             if progress is not None:
                 progress(last.fraction, last.text)
-            if time.monotonic() - heard_at > MAX_SILENCE_S:
+            if time.monotonic() - reported_at > MAX_SILENCE_S:
                 raise BadFile(f"{what} must show progress every {MAX_SILENCE_S:g} s while it is read (got none)")
 
     def _replace(self, *, restart: bool) -> None:
@@ -206,5 +206,5 @@ class Worker:
         if process is not None:
             process.end()
         if restart:
-            with suppress(OSError):  # the next task tries again, and says why it cannot be
+            with suppress(OSError):  # the next task tries again, and reports why it fails
                 self._process = Process()

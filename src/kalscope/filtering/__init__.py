@@ -1,1 +1,1 @@
-"""The filter: parameters, batch, streaming, smoothing, and what it settles to."""
+"""The filter: parameters, batch, streaming, smoothing, and its steady state."""

@@ -41,7 +41,7 @@ def one_channel(z: ArrayLike, params: FilterParams) -> Array:
 
 
 def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """The samples z as contiguous rows, one a channel (a view where possible), and z's own shape."""
+    """The samples z as contiguous rows, one per channel (a view where possible), and z's own shape."""
     array = samples_of(z)
     if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
         raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")

@@ -21,7 +21,7 @@ Rows = Sequence["Array"]
 """Arrays of one length to write into."""
 
 Sums = tuple[float, int, int]
-"""Log-likelihood over the m scored innovations, m, and the samples that the gate refused."""
+"""Log-likelihood over the m scored innovations, m, and the samples that the gate rejected."""
 
 
 class FiveLines:

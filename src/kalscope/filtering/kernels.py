@@ -1,7 +1,7 @@
 """The compiled loops of the scalar filter and its smoother: one channel, contiguous float64, no checks.
 
 Every loop releases the GIL (a reader thread must not starve) and is cached on disk. None is parallel.
-`step` is the only place where the filter's five lines stand; every driver below calls it.
+`step` is the only place where the filter's five lines are written; every driver below calls it.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from kalscope.common.compiled import compiled
 Array = NDArray[np.float64]
 
 MISSING, START, REJECTED, UPDATED = 0, 1, 2, 3
-"""What `step` did with a sample: predicted only; set the start; refused it at the gate; updated."""
+"""What `step` did with a sample: predicted only; set the start; rejected it at the gate; updated."""
 
 GATE_LIMIT = 5
-"""Samples in a row that the outlier gate may refuse; the next one is taken, so a gate cannot lock out."""
+"""Samples in a row that the outlier gate may reject; the next one is used, so the filter cannot get stuck."""
 
 CHUNK = 256
 """Samples, a multiple of eight, that the settled filter advances before it looks for a missing one."""
@@ -197,7 +197,7 @@ def smooth_channel(
 ) -> None:
     """Smooth one channel into `out_x`, `out_p`, which hold the filtered values in between.
 
-    `dt` empty means regular sampling. No other memory is used: the way back replaces each filtered value once
+    `dt` empty means regular sampling. No other memory is used: the backward pass replaces each filtered value once
     it has been read.
     """
     n = z.shape[0]
@@ -211,13 +211,13 @@ def smooth_channel(
 
 @compiled()
 def smooth_backwards(dt: Array, q: float, start: float, out_x: Array, out_p: Array) -> None:
-    """The way back over filtered `out_x`, `out_p`; `start` stands for x before it is known."""
+    """The backward pass over filtered `out_x`, `out_p`; `start` is used for x before it is known."""
     last, regular = out_x.shape[0] - 1, dt.shape[0] == 0
     x, p = float(out_x[last]), float(out_p[last])
     for i in range(last - 1, -1, -1):
         grown = q if regular else q * dt[i + 1]
         p_i = out_p[i]
-        if math.isinf(p_i):  # before a diffuse start nothing but what comes later is known
+        if math.isinf(p_i):  # before a diffuse start only what comes later is known
             p = p + grown
         else:
             p_pred = p_i + grown

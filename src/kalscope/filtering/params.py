@@ -1,6 +1,6 @@
 """The model's parameters as one frozen, checked value.
 
-The model is the local level: x moves as a random walk of variance q a sample, z = x + noise of variance r. With
+The model is the local level: x is a random walk of variance q per sample, z = x + noise of variance r. With
 momentum τ the walk keeps its direction for about τ samples; τ = 0 is the plain one.
 """
 
@@ -18,11 +18,11 @@ from kalscope.errors import BadSetting
 MAX_MOMENTUM = 1e5
 """Longest momentum accepted, in sample periods: beyond it the velocity is as good as constant."""
 MIN_MOMENTUM = 1e-12
-"""Shorter ones, in sample periods, are none: they change no digit of the filter."""
+"""Shorter ones, in sample periods, count as none: they change no digit of the filter."""
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 NO_GATE = 1e300
-"""A gate that refuses nothing: for channels without one beside others with one."""
+"""A gate that rejects nothing: for channels without one beside others with one."""
 
 Parameter = float | Array
 """One number for every channel, or an array of shape (channels,)."""

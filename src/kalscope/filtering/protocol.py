@@ -18,7 +18,7 @@ from kalscope.filtering.streaming import KalmanFilter
 
 
 class StreamingFilter(Protocol):
-    """One `update` a sample; `x`, `p` and `k` are the state after it, floats or arrays of shape (channels,)."""
+    """One `update` per sample; `x`, `p` and `k` are the state after it, floats or arrays of shape (channels,)."""
 
     @property
     def x(self) -> float | Array: ...  # noqa: D102
@@ -39,7 +39,7 @@ class Filter(Protocol):
 
     @property
     def is_standard(self) -> bool:
-        """Whether it is the Kalman filter of q and r: only that can be exported, searched for and mapped."""
+        """Whether it is the Kalman filter of q and r alone: only that can be searched for, judged and mapped."""
         ...
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:

@@ -58,7 +58,7 @@ class SteadyState:
     time_constant_s: Value | None
     """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
     overshoot: Value = 0.0
-    """How far the answer to a step goes beyond it, share of the step; 0 without momentum."""
+    """Overshoot of the step response, as a share of the step; 0 without momentum."""
     velocity_gain: Value = 0.0
     """Share of each innovation that is added to the velocity, per sample; 0 without momentum."""
 

@@ -1,4 +1,4 @@
-"""The streaming filter: one update a sample."""
+"""The streaming filter: one update per sample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kalscope.filtering.params import FilterParams
 
 
 class KalmanFilter:
-    """The streaming filter: one `update` a sample, equal to `kalman_filter` bit for bit.
+    """The streaming filter: one `update` per sample, equal to `kalman_filter` bit for bit.
 
     `x`, `p` and `k` are the state after the last update: floats, or arrays of shape (channels,) once the
     samples are arrays. Before the first finite sample of a diffuse start x is NaN, p inf and k 0.

@@ -1,4 +1,4 @@
-"""The three source documents: what opens as an experiment, and the filters they bring along.
+"""The three source documents: what opens as an experiment, and the filters that come with it.
 
 `kalscope reproduce` draws all their figures and tables (`reproduction`); the dashboard offers each as
 "experiment:NAME".
@@ -16,7 +16,7 @@ from kalscope.papers.parts import Experiment
 from kalscope.recording import Recording
 
 PREFIX = "experiment:"
-"""What stands before a name where sources are named."""
+"""Prefix of an experiment's name in a source."""
 
 
 def list_experiments() -> list[Experiment]:

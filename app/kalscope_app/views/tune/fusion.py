@@ -88,7 +88,7 @@ class FusionView:
             put(self._said, content=HOW)
 
     def show_judged(self, judged: Judged | None) -> None:
-        """Say what the fused value is worth, and which sensor disagrees."""
+        """Show what the fused value is worth, and which sensor disagrees."""
         if judged is not None:
             headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
             put(self._said, content="\n\n".join([f"**{headline}**", *faults]))

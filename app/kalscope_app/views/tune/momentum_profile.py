@@ -56,7 +56,7 @@ class MomentumProfileView:
         self._jobs.run_with_state(self._session, work)
 
     def show(self, frame: Frame) -> None:
-        """Draw the profile and mark the present momentum; that of another channel is taken off the screen."""
+        """Draw the profile and mark the present momentum; hide the profile of another channel."""
         state, profile = frame.state, self._profile
         for part in self._of_one_channel:
             put(part, visible=state.fusion is None)

@@ -15,7 +15,7 @@ from kalscope_app.views.tune.goal.answer import account_text
 
 
 class NumbersView:
-    """A table of derived numbers below the sliders, and below it the account of the estimate that holds."""
+    """A table of derived numbers below the sliders, and below it what the current estimate found."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Resulting filter", expand_by_default=False):
@@ -50,7 +50,7 @@ def table(frame: Frame) -> str:
     if frame.state.uses_parameters:
         rows.append(("q / r", f"**{number(float(params.ratio))}**"))
     chain = frame.state.tuning.chain
-    if chain is None or not isinstance(chain.then, OneEuro):  # which settles the faster the larger a step is
+    if chain is None or not isinstance(chain.then, OneEuro):  # it settles faster, the larger a step is
         rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))
     if params.gate is not None and frame.state.uses_parameters:
         rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))

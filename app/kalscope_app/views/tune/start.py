@@ -21,7 +21,7 @@ GATE_HINT = "Samples further from their prediction are not used. 4 σ is gate = 
 
 
 class StartView:
-    """What acts at the start, on outliers, or not before it is asked for."""
+    """What acts at the start, on outliers, or only on request."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         with gui.add_folder("Start and outliers", expand_by_default=False):

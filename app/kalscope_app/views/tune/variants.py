@@ -19,7 +19,7 @@ from kalscope_app.views.markdown import capitalised, escape_markdown
 NOTHING = "–"
 
 MAX_UNBROKEN = 20
-"""Letters from which a cell of the table may break: the words of a chain."""
+"""Characters from which a cell of the table may break: the words of a chain."""
 
 EMPTY = (
     "Nothing is pinned on this channel yet. **Pin**, in the Tune tab, keeps the current filter "

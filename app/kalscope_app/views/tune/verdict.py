@@ -34,7 +34,7 @@ class VerdictView:
         on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
 
     def build_reasons(self, gui: viser.GuiApi) -> None:
-        """What the word hides: apart from it, so that another button may stand beside the word."""
+        """What the word hides: built separately, so that another button can be placed beside the word."""
         with gui.add_folder(None, visible=False) as self._why:
             self._headline = gui.add_markdown("")
             self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
@@ -67,7 +67,7 @@ class VerdictView:
 
 
 def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
-    """What stands on the button, and its colour."""
+    """The label of the button, and its colour."""
     if judgement is None:
         return "not judged", COLOURS["note"]
     return judgement.word, COLOURS[judgement.tone]
@@ -82,7 +82,7 @@ class AdviceRow:
         self._shown: tuple[Action, State] | None = None
 
     def connect(self, session: Session, goal: GoalView) -> None:
-        """Let the button act on what it stands for at the moment of the click."""
+        """Let the button act on the advice that is shown at the moment of the click."""
 
         def click() -> None:
             if self._shown is not None:

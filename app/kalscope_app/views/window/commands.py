@@ -1,4 +1,4 @@
-"""The command palette, Ctrl+K: every button, checkbox and button of a row, by the name that stands on it."""
+"""The command palette, Ctrl+K: every button, checkbox and button of a row, by its label."""
 
 from __future__ import annotations
 

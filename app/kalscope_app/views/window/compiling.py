@@ -14,7 +14,7 @@ STAYS_S = 1.5
 
 
 class CompilingNote:
-    """Shows how far the compiler is; gone when it has finished."""
+    """Shows the progress of the compiler; removed when it has finished."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server

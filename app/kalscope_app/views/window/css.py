@@ -1,4 +1,4 @@
-"""A few rules of style that viser leaves to the browser: tables that can be read, and air between paragraphs.
+"""A few rules of style that viser leaves to the browser: legible tables, and space between paragraphs.
 
 `page_script.py` applies them, so that the first picture already has them.
 """
@@ -11,13 +11,13 @@ HEADING = '<span class="kalscope-heading"></span>'
 """Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
 
 HEADER = '<span class="kalscope-header"></span>'
-"""Stands before the header, which stays in sight while the tab below it scrolls."""
+"""Precedes the header, which stays visible while the tab below it scrolls."""
 
 VERDICT = '<span class="kalscope-verdict"></span>'
-"""Stands before the button that shows the verdict."""
+"""Precedes the button that shows the verdict."""
 
 ONE_BUTTON = '<span class="kalscope-one-button"></span>'
-"""Stands before a row of one button, which is then as wide as its name."""
+"""Precedes a row of one button, which is then as wide as its label."""
 
 COMMAND = '<span class="kalscope-command"></span>'
 """Starts a markdown paragraph whose pieces of code are the words of one command."""
@@ -88,9 +88,9 @@ div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; paddin
 Its markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and lets a long
 path run out of its panel. Beside a slider it repeats the position as a number, where the box above has the value,
 its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On a phone a wide
-table would make all of its panel move sideways.
+table would make its whole panel scroll sideways.
 
 A chart does not know its width when it is made: it is hidden until it does, and as high as it will be.
 
-The last rules hold the header in sight: every box around it, and around the tab below it, is as high as its panel
+The last rules keep the header visible: every box around it, and around the tab below it, is as high as its panel
 allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""

@@ -16,7 +16,7 @@ from kalscope_app.views.markdown import capitalised, escape_markdown
 from kalscope_app.views.window.css import HEADER
 
 WORTH_SAYING = 0.05
-"""Share of a lag by which nine of ten must differ to be shown: fewer digits hide the rest."""
+"""Share of a lag by which nine of ten must differ to be shown: less is lost in the digits shown."""
 
 
 class HeaderView:

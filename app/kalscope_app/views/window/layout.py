@@ -14,7 +14,7 @@ RIGHT_WIDTH_WITHOUT_MAP = 965
 """The same without the map, px: viser keeps a strip of its canvas, which the page covers."""
 
 WINDOW_HEIGHT = 900
-"""Height of the window that all heights below hold for, px."""
+"""Height of the window for which all heights below are given, px."""
 
 CHROME_HEIGHT = 166
 """Height of everything above and below the charts of the Signal tab: tab bar, range, heading; px. Firefox draws the
@@ -25,7 +25,7 @@ FRAME_HEIGHT = 26
 
 
 def height_of(share: float, charts: int = 3) -> int:
-    """Height of one of so many charts that takes this share of what a window has for them, px."""
+    """Height of one of `charts` charts that takes this share of the space that a window has for them, px."""
     return round(share * (WINDOW_HEIGHT - CHROME_HEIGHT - charts * FRAME_HEIGHT))
 
 

@@ -29,7 +29,7 @@ class Notifications:
 
         Args:
             message: the sentence, or an uncaught exception, which is logged.
-            good: whether it is no refusal.
+            good: whether it reports a success, not an error.
             failed: the heading of a refusal.
         """
         if not isinstance(message, Exception):
@@ -41,11 +41,11 @@ class Notifications:
             self.show_failure(message)
 
     def show_failure(self, error: Exception) -> None:
-        """Say what to do after an uncaught exception."""
+        """Show what to do after an uncaught exception."""
         self._show("Something went wrong", sentence_for(error, self._log_file))
 
     def forget(self, client: viser.ClientHandle) -> None:
-        """The browser has left."""
+        """The browser has disconnected."""
         self._shown.pop(client, None)
 
     def _show(self, title: str, message: str, *, good: bool = False) -> None:
@@ -53,7 +53,7 @@ class Notifications:
         (log.info if good else log.warning)("%s", message)
         for client in self._server.get_clients().values():
             before = self._shown.get(client)
-            if before is not None:  # one at a time: a pile of them would cover the charts
+            if before is not None:  # one at a time: a stack of them would cover the charts
                 before.remove()
             self._shown[client] = client.add_notification(
                 title=title,

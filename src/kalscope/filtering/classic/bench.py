@@ -64,7 +64,7 @@ class Bench:
         """
         left, known = run(self._rest)[self.settle :], self._known
         if np.array_equal(left, self._rest[self.settle :]):
-            return 1.0  # measured it would be 1 but for that random error
+            return 1.0  # measured, it would be 1 apart from that random error
         gain = 1.0 / (1.0 + self.present_lag)
         return float(np.mean(left**2)) / known * gain / (2.0 - gain)
 
@@ -93,7 +93,7 @@ class Bench:
 
 
 def step_overshoot(run: Run, size: int) -> float:
-    """How far the answer of a linear filter goes beyond a step, share of it; it peaks within `size` samples."""
+    """Overshoot of a linear filter's step response, as a share of the step; it peaks within `size` samples."""
     size = min(size, MAX_RAMP)
     step = np.repeat([0.0, 1.0], (size, 2 * size))
     return max(0.0, float(np.nanmax(run(step))) - 1.0)
@@ -110,7 +110,7 @@ def bench_of(z: Array, curve: Array, lag: float) -> Bench:
     noise = rough[:: max(1, len(rough) // MAX_NOISE)]
     noise = noise - noise.mean() if len(noise) else noise
     if len(noise) < 8 or not noise.any():
-        noise = np.random.default_rng(2).normal(size=1000)  # no noise: any unit will do
+        noise = np.random.default_rng(2).normal(size=1000)  # no noise: any scale will do
     steps = np.diff(curve)
     steps = steps[np.isfinite(steps)]
     speed = float(np.sqrt(np.mean(steps**2))) if len(steps) else 0.0

@@ -15,8 +15,8 @@ class Chain:
     """A median, then a classic filter or the channel's own Kalman filter.
 
     Raises:
-        BadSetting: The median is no odd number of samples; or there is neither a median nor a classic filter: then
-            there is no chain, and the Kalman filter stands alone.
+        BadSetting: The median is not an odd number of samples; or there is neither a median nor a classic filter:
+            then there is no chain, and the Kalman filter runs alone.
     """
 
     median: int = 1

@@ -40,16 +40,16 @@ class ChainFilter:
 
     @property
     def is_standard(self) -> bool:
-        """False: q and r alone do not say it."""
+        """False: q and r alone do not describe it."""
         return False
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """Filter a record; arguments and errors as `kalman_filter`.
 
         Returns:
-            `x` is the output, held where z is missing; `innovation` is z minus the output before, or minus what the
-            Kalman filter predicted. p, k and s are those of the Kalman filter, NaN where another one is last.
-            `loglik` is NaN and `m` 0: the samples behind a median are no independent measurements.
+            `x` is the output, held where z is missing; `innovation` is z minus the previous output, or minus what
+            the Kalman filter predicted. p, k and s are those of the Kalman filter, NaN where another one is last.
+            `loglik` is NaN and `m` 0: the samples behind a median are not independent measurements.
         """
         staged = self._staged(z, dt)
         if self.chain.then is None:
@@ -82,9 +82,9 @@ class ChainFilter:
         """Lag, noise reduction and settling once the start is forgotten.
 
         By formula for a linear filter alone. Lag and noise of a chain with a median or a one-euro filter are
-        measured with the noise of this run, and with the speed of what the Kalman filter of `params` makes of it,
+        measured with the noise of this run, and with the speed of the output of the Kalman filter of `params`,
         whatever the chain; a one-euro filter settles as it does at speed 0. The gain and the overshoot are those of
-        the last filter; NaN stands for what a filter has not: a gain, a cut-off, a variance.
+        the last filter; NaN marks what a filter does not have: a gain, a cut-off, a variance.
 
         Args:
             result: a run of this chain over one channel.
@@ -98,7 +98,7 @@ class ChainFilter:
         return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)
 
     def _predicted(self, result: FilterResult) -> Array:
-        """What the innovations of a run are counted from, shape (n,); NaN at its first sample."""
+        """The predictions behind the innovations of a run, shape (n,); NaN at its first sample."""
         before = np.full(result.x.shape, np.nan)
         before[1:] = result.x[:-1]
         if self.chain.then is None and result.velocity is not None:
@@ -107,7 +107,7 @@ class ChainFilter:
         return before
 
     def _staged(self, z: ArrayLike, dt: ArrayLike | None) -> Array:
-        """Behind the classic filters, shape of z; NaN where z is missing if the Kalman filter follows."""
+        """The output of the classic filters, shape of z; NaN where z is missing if the Kalman filter follows."""
         columns, shape = columns_of(z)
         steps = steps_of(dt, columns.shape[1])
         refuse_infinite(columns)
@@ -120,7 +120,7 @@ class ChainFilter:
 
 
 class ChainStream:
-    """The streaming chain: one `update` a sample, equal to `ChainFilter.run` bit for bit.
+    """The streaming chain: one `update` per sample, equal to `ChainFilter.run` bit for bit.
 
     `x`, `p` and `k` are as `run` gives them: floats, or arrays of shape (channels,) once the samples are arrays.
     """

@@ -2,14 +2,14 @@
 
 Every loop takes the samples `z` (NaN where missing: it holds its output), the steps `dt` in sample periods (empty =
 1 each; only the one-euro filter uses them), the constants `k` and the state `s`, both of the type of z, counters
-`at`, and fills `out`. It goes on where `s` and `at` stand, so a stream is a record of one sample at a time. s[0] is
-the last output, NaN before the first finite sample.
+`at`, and fills `out`. It continues from `s` and `at`, so a stream is a record of one sample at a time. s[0] is the
+last output, NaN before the first finite sample.
 
-float32 arrays give what a board computes, one rounding an operation. Therefore no number is written into a
+float32 arrays give what a board computes, one rounding per operation. Therefore no number is written into a
 formula: it would be a double.
 
 `s[1]` of a filter that feeds back is what rounding left out of its output. Without it a float32 at a level of 1e5
-stands still as soon as its corrections are below 0.004; with it nothing is lost (Kahan 1965, CACM 8, 40).
+no longer moves once its corrections are below 0.004; with it nothing is lost (Kahan 1965, CACM 8, 40).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def moving_average(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, ou
 
     s holds the output, a level, the sum of the window around it, the next level, the sum around that of the samples
     since the last full turn, the number of samples in the window, and the window. A running sum drifts; here it is
-    replaced once a turn by one that was summed from nothing, so no rounding outlives 2N samples.
+    replaced once per turn by one that was summed from zero, so no rounding error lasts longer than 2N samples.
     """
     one, window = k[0], s[6:]
     n, place = window.shape[0], at[0]
@@ -112,7 +112,7 @@ def one_euro(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Flo
 
     The speed is smoothed likewise, with a cut-off of its own; it is taken from the last output. k = (2π f at
     speed 0, its growth with the speed, 2π f of the speed, 1, 1e30), s = (x, its rest, speed, time). Of two samples
-    at one moment the second only moves the speed.
+    at the same time the second changes only the speed.
 
     Casiez, Roussel & Vogel (2012), CHI '12, 2527, section "1€ filter".
     """
@@ -140,8 +140,8 @@ def one_euro(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Flo
 def butterworth(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Floats) -> None:
     """Second-order low-pass, settled at the first sample, as a state-variable filter of two integrators.
 
-    Its constants stay exact where the cut-off is low: the direct form has 1 + a₁ + a₂ ≈ (2πf)², which no digit of a
-    float32 is left of. s = (output, rest of the level, level, slope); k from `Butterworth.constants`. Zavalishin
+    Its constants stay exact where the cut-off is low: the direct form has 1 + a₁ + a₂ ≈ (2πf)², of which float32
+    keeps no digit. s = (output, rest of the level, level, slope); k from `Butterworth.constants`. Zavalishin
     (2020), "The Art of VA Filter Design", section 4.4.
     """
     to_slope, decay, to_level, half = k

@@ -58,5 +58,5 @@ def _odd(window: int, ratio: float) -> int:
 
 
 def _share(alpha: float, ratio: float) -> float:
-    """The α that leaves as much of a start after as many seconds; 1 stays 1."""
+    """The α with the same time constant in seconds; 1 stays 1."""
     return 1.0 if alpha >= 1.0 else -math.expm1(ratio * math.log1p(-alpha))

@@ -1,4 +1,4 @@
-"""What a chain does once its start is forgotten: lag, noise reduction, settling; by formula where there is one."""
+"""A chain in steady state: lag, noise reduction, settling; by formula where there is one."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ MAX_SAMPLES = 200_000
 """Samples of a record, its last ones, that lag and noise are measured on at most."""
 
 MIN_SLOW, WINDOWS_OF_SLOW = 100.0, 10.0
-"""A lag of so many samples, and of so many windows of the median before it, is slow: a median does the same to the
-noise that any of them passes."""
+"""A lag above this many samples, and above this many windows of the median before it, is slow: a median changes the
+noise that a slow filter passes by the same factor, whichever filter it is."""
 
 BUTTERWORTH_SETTLED, BUTTERWORTH_TURN = 4.6573, 1.2396
-"""Where its answer to a step, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and where it passes 63 %, in lags."""
+"""When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and when it passes 63 %, in lags."""
 
 
 def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
-    """The last filter of a chain alone, in samples; NaN where only a measurement tells.
+    """The last filter of a chain alone, in samples; NaN where it must be measured.
 
     Args:
         then: The classic filter; None = the Kalman filter.
@@ -53,7 +53,7 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return _smoothing(then.alpha)
         case OneEuro():
             angle = 2.0 * math.pi * then.cutoff
-            still = _smoothing(angle / (1.0 + angle))  # while the signal stands; faster once it moves
+            still = _smoothing(angle / (1.0 + angle))  # while the signal does not change; faster once it does
             return replace(still, lag_samples=math.nan, noise_reduction_db=math.nan, cutoff_hz=math.nan)
         case MovingAverage():
             n = then.window
@@ -76,8 +76,8 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
     Args:
         chain: The filters.
         params: Parameters of the Kalman filter, scalars.
-        record: (z, x): the samples, whose noise the bench has, and a filtered curve of them, whose speed it has,
-            shape (n,) each.
+        record: (z, x): the samples, which give the bench its noise, and a filtered curve of them, which gives its
+            speed, shape (n,) each.
     """
     then, late = chain.then, 0.5 * (chain.median - 1)
     last = last_response(then, params)
@@ -154,7 +154,7 @@ def _state(
 
 
 def _average_cutoff(window: int) -> float:
-    """−3 dB frequency of a moving average, cycles a sample: sin(π f N) = √½ N sin(π f); NaN for a window of 1."""
+    """−3 dB frequency of a moving average, cycles per sample: sin(π f N) = √½ N sin(π f); NaN for a window of 1."""
     if window == 1:
         return math.nan
     low, high = 0.0, 1.0 / window

@@ -42,7 +42,7 @@ _LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, kernels.Coun
 
 
 class RunningStage:
-    """One classic filter over one channel, from its start on; pieces give the numbers of the whole, bit for bit."""
+    """One classic filter over one channel, from its start on; bit for bit the same in pieces and in one go."""
 
     def __init__(self, stage: Stage, kind: type[np.float64 | np.float32] = np.float64) -> None:
         """Args: the filter, and the type to compute in: float32 as a board does."""
@@ -111,7 +111,7 @@ class RunningStages:
 
 
 class RunningChain:
-    """A chain over one channel, from its start on; pieces give the numbers of the whole, bit for bit."""
+    """A chain over one channel, from its start on; bit for bit the same in pieces and in one go."""
 
     def __init__(self, stages: tuple[Stage, ...], kalman: FilterParams | None) -> None:
         """Args: the classic filters; the parameters of the Kalman filter behind them, scalars, or None."""

@@ -13,13 +13,13 @@ from typing import ClassVar
 from kalscope.filtering.classic.checks import MAX_WINDOW, number, odd_window, whole
 
 MAX_SHIFT = 30
-"""Largest shift accepted: 2^-30 is a time constant of a thousand million samples."""
+"""Largest shift accepted: 2^-30 is a time constant of a billion samples."""
 MIN_ALPHA = 2.0**-MAX_SHIFT
 """Smallest share of each step accepted."""
 MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
-"""Cut-offs of the Butterworth filter, cycles a sample."""
+"""Cut-offs of the Butterworth filter, cycles per sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
-"""Cut-offs of the one-euro filter, cycles a sample; it may let pass whatever comes."""
+"""Cut-offs of the one-euro filter, cycles per sample; it may pass everything."""
 PER_SAMPLE = " cycles per sample"
 MAX_BETA = 1e300
 """Largest growth of a cut-off accepted: the unit of the signal may be anything."""
@@ -177,7 +177,7 @@ class Butterworth:
     """Second-order low-pass, settled at the first sample."""
 
     cutoff: float
-    """−3 dB frequency in cycles a sample, 1e-6 … 0.499."""
+    """−3 dB frequency in cycles per sample, 1e-6 … 0.499."""
     name: ClassVar[str] = "2nd-order Butterworth"
 
     def __post_init__(self) -> None:
@@ -197,8 +197,8 @@ class Butterworth:
     def constants(self) -> tuple[float, ...]:
         """What its loop needs to know, shares per sample.
 
-        Of the distance in the slope and of the slope in the level; of the slope that is lost; of the distance in
-        the level; and 1/2.
+        The share of the distance that is added to the slope, and of the slope to the level; the share of the slope
+        that is lost; the share of the distance that is added to the level; and 1/2.
         """
         g = self.slope
         whole = 1.0 + g * (g + math.sqrt(2.0))
@@ -231,11 +231,11 @@ class OneEuro:
     """Exponential smoothing whose cut-off grows with the speed: smooth when still, quick when moving."""
 
     cutoff: float
-    """Cut-off at speed 0, cycles a sample, 1e-12 … 1e9."""
+    """Cut-off at speed 0, cycles per sample, 1e-12 … 1e9."""
     beta: float
     """How much it grows for a speed of 1 unit a sample, cycles a unit, 0 … 1e300."""
     speed_cutoff: float
-    """Cut-off of the speed itself, cycles a sample, 1e-12 … 1e9."""
+    """Cut-off of the speed itself, cycles per sample, 1e-12 … 1e9."""
     name: ClassVar[str] = "One-euro"
     lag: ClassVar[None] = None
     noise_gain: ClassVar[None] = None

@@ -34,7 +34,7 @@ class FusionResult:
     rejected: NDArray[np.int64]
     """Readings of each sensor that the outlier gate rejected, shape (sensors,)."""
     information: Array
-    """What a reading of each sensor tells, gain²/r, 1/unit², shape (sensors,)."""
+    """Information in a reading of each sensor, gain²/r, 1/unit², shape (sensors,)."""
     velocity: Array | None = None
     """Velocity, unit per nominal sample period; None without momentum."""
     velocity_p: Array | None = None
@@ -56,7 +56,7 @@ def fuse(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> Fus
     readings of its row are updates. One sensor without offset and gain is `kalman_filter`, bit for bit.
 
     Args:
-        z: readings, shape (n, sensors); NaN where a sensor has none: gaps and different rates need nothing else.
+        z: readings, shape (n, sensors); NaN where a sensor has none: that covers gaps and different rates.
         params: the model.
         dt: nominal sample periods that elapse before each row, shape (n,), ≥ 0; None = 1 each. dt[0] = 0 puts the
             prior at the first row.

@@ -28,7 +28,7 @@ class FusedSignal:
     p: Array
     """Its posterior variance, unit²."""
     rejected: int
-    """Readings that the outlier gate refused, of all rows."""
+    """Readings that the outlier gate rejected, in all rows."""
     velocity: Array | None = None
     """Velocity, unit per nominal sample period; None without momentum."""
     velocity_p: Array | None = None

@@ -23,7 +23,7 @@ Counts = NDArray[np.int64]
 Sensors = tuple[Array, Array, Array]
 """Of each sensor, shape (sensors,): offset, gain, and noise variance on the scale of x."""
 Tally = tuple[Counts, Counts, Counts]
-"""Of each sensor, shape (sensors,): gate refusals in a row before the next reading; all; scored readings."""
+"""Of each sensor, shape (sensors,): gate refusals in a row before the next reading; all of them; scored readings."""
 Columns = tuple[Array, Array, Array]
 """k, innovation and s of each reading on the scale of x, shape (rows, sensors)."""
 
@@ -49,7 +49,7 @@ def fuse_rows(
 ) -> tuple[float, float, float]:
     """Fuse the rows of z into `out` = (x, p) and `columns`; `dt` empty means regular sampling.
 
-    `tally` goes on, `sums` of shape (sensors,) is overwritten. Returns x and p after the last row, and the
+    `tally` is continued, `sums` of shape (sensors,) is overwritten. Returns x and p after the last row, and the
     log-likelihood of the scored readings. Where the variance repeats itself to the last bit from row to row, the
     gains are kept: the same numbers.
     """
@@ -100,7 +100,7 @@ def advance_settled(
     columns: Columns,
     sums: Array,
 ) -> tuple[int, float]:
-    """Go on with the gains of row i − 1, up to a row with a missing reading or one for the gate.
+    """Continue with the gains of row i − 1, up to a row with a missing reading or one beyond the gate.
 
     Returns that row and x before it; `sums` are the sums of the squared innovations of each sensor.
     """

@@ -17,7 +17,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 MIN_GAIN, MAX_GAIN, MAX_OFFSET = 1e-100, 1e100, 1e200
-"""Sizes of a sensor's gain and offset that are accepted: squares and quotients of them are numbers still."""
+"""Sizes of a sensor's gain and offset that are accepted: their squares and quotients are still finite."""
 
 _NONE = cast("Array", None)
 
@@ -39,7 +39,7 @@ class FusionParams:
     offset: Array = _NONE
     """Reading of each sensor where the quantity is 0, shape (sensors,), read-only; None = 0 each."""
     gain: Array = _NONE
-    """By how much each reading rises with the quantity by 1, shape (sensors,), read-only, not 0; None = 1 each."""
+    """Rise of each reading when the quantity rises by 1, shape (sensors,), read-only, not 0; None = 1 each."""
     p0: float | None = None
     """Variance of the estimate before the first predict, unit², ≥ 0; None = exact diffuse start."""
     x0: float | None = None
@@ -96,7 +96,7 @@ class FusionParams:
 
     @property
     def information(self) -> Array:
-        """What a reading of each sensor tells about x, gain²/r, 1/unit², shape (sensors,); 1e300 where r is 0."""
+        """Information in a reading of each sensor, gain²/r, 1/unit², shape (sensors,); 1e300 where r is 0."""
         return 1.0 / np.maximum(self.scaled_r, 1.0 / MAX_VARIANCE)
 
     @property

@@ -1,4 +1,4 @@
-"""A fused filter with its state, which takes rows, one or many, and goes on. All drivers run this."""
+"""A fused filter with its state, which takes rows, one or many at a time. All drivers run this."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FusedRows:
 
     @classmethod
     def empty(cls, params: FusionParams, rows: int) -> FusedRows:
-        """Arrays for so many rows."""
+        """Arrays for this many rows."""
         shape = rows, params.sensors
         states = tuple(np.empty(rows) for _ in range(5 if params.momentum else 2))
         return cls(states, (np.empty(shape), np.empty(shape), np.empty(shape)))
@@ -91,14 +91,14 @@ def checked_readings(z: Array, params: FusionParams) -> Array:
     """The readings z of shape (rows, sensors), contiguous.
 
     Raises:
-        BadSetting: z has another shape, or holds what is infinite as a value of x, (z − offset)/gain.
+        BadSetting: z has another shape, or a reading that is infinite as a value of x, (z − offset)/gain.
     """
     if z.ndim != 2 or z.shape[1] != params.sensors:
         raise BadSetting(f"z must have a column for each of the {params.sensors} sensors (got shape {z.shape})")
     readings = np.ascontiguousarray(z)
     flat = readings.ravel()
     if max(np.fmax.reduce(flat, initial=0.0), -np.fmin.reduce(flat, initial=0.0)) <= MAX_OFFSET:
-        return readings  # the usual case, seen fast: no gain and no offset makes these infinite
+        return readings  # the usual case, quick to check: no gain or offset can make these infinite
     with np.errstate(over="ignore"):
         values = (readings - params.offset) / params.gain
     where = np.argwhere(np.isinf(values))

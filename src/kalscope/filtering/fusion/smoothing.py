@@ -19,7 +19,7 @@ from kalscope.filtering.momentum import smoothing_kernels as momentum_kernels
 def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = None) -> SmootherResult:
     """Smooth the fused readings of several sensors over the whole record, as `smooth` does for one sensor.
 
-    The way back needs the fused states only: it is that of one sensor. A reading that the gate rejects in the
+    The backward pass needs only the fused states: it is that of one sensor. A reading that the gate rejects in the
     forward pass counts as missing.
 
     Args:
@@ -47,7 +47,7 @@ def smooth_fusion(z: ArrayLike, params: FusionParams, dt: ArrayLike | None = Non
 
 
 def _start(readings: Array, params: FusionParams) -> float:
-    """What x is taken for before it is known: x0, or what the first reading says; NaN without any."""
+    """The value used for x before it is known: x0, or that of the first reading; NaN without any."""
     if params.x0 is not None:
         return params.x0
     known = np.argwhere(np.isfinite(readings))

@@ -1,4 +1,4 @@
-"""The streaming fused filter: one update a row."""
+"""The streaming fused filter: one update per row."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kalscope.filtering.fusion.running import FusedRows, RunningFusion, checked_
 
 
 class FusionFilter:
-    """The streaming fused filter: one `update` a row of readings, equal to `fuse` bit for bit.
+    """The streaming fused filter: one `update` per row of readings, equal to `fuse` bit for bit.
 
     Before the first finite reading of a diffuse start x is NaN, p inf and k 0.
     """

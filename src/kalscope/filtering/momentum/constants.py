@@ -1,4 +1,4 @@
-"""What a device has to know of a momentum: the constants of one sample period, which never change."""
+"""What a device must know about a momentum: the constants of one sample period, which never change."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from kalscope.filtering.momentum.kernels import transition
 
 FORGOTTEN = 1.2e-38
-"""Shares of a velocity below this are 0: float32 cannot hold them, and no later value would notice."""
+"""Shares of a velocity below this are 0: float32 cannot hold them, and they change no later value."""
 
 
 @dataclass(frozen=True)

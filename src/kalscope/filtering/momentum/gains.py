@@ -29,7 +29,7 @@ class Pole:
     """A pole of the settled filter."""
 
     z: complex
-    """Its place, inside the unit circle."""
+    """Its position, inside the unit circle."""
     d: complex
     """1 - z, without cancellation."""
 
@@ -56,7 +56,7 @@ class Pole:
 
 @dataclass(frozen=True)
 class Model:
-    """All settled filters of one momentum; `kept` is 1 - K, which K near 1 does not hold, `product` is P."""
+    """All settled filters of one momentum; `kept` is 1 - K, whose digits K near 1 would lose, `product` is P."""
 
     tau: float
     """τ in sample periods, above 0."""
@@ -65,7 +65,7 @@ class Model:
     forgotten: float
     """φ = 1 - e."""
     bend: float
-    """β, what the spectrum of the signal has less at high frequencies, over q."""
+    """β, what the spectrum of the signal lacks at high frequencies, over q."""
 
     @classmethod
     def of(cls, tau: float) -> Model:

@@ -1,7 +1,7 @@
 """The compiled loops of the filter with momentum, nothing else: one channel, contiguous float64, no checks.
 
 The model: z = x + noise of variance r, dx = v dt, and v is an Ornstein-Uhlenbeck process of time constant τ whose
-position moves by q a sample in the long run, so that v has the stationary variance q/(2τ). Then over a step Δ
+position gains the variance q per sample in the long run: v has the stationary variance q/(2τ). Over a step Δ
 
     F = [[1, f], [0, e]],  e = exp(-Δ/τ),  f = τ(1 - e),  Q = [[a, b], [b, c]]
 
@@ -9,7 +9,7 @@ position moves by q a sample in the long run, so that v has the stationary varia
 one derivative higher). The variances of x and v are p and w, their covariance is g. Time counts in nominal sample
 periods and velocity in units a period.
 
-`step` is the only place where the update stands; every driver below calls it.
+`step` is the only place where the update is written; every driver below calls it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from kalscope.filtering.kernels import GATE_LIMIT, MISSING, REJECTED, START, UPD
 Array = NDArray[np.float64]
 
 SERIES_BELOW = 0.1
-"""Steps below so many τ take the series of `transition`: the closed form loses digits like (τ/Δ)²."""
+"""Steps shorter than this many τ take the series of `transition`: the closed form loses digits like (τ/Δ)²."""
 
 BLOCK = 8
 """Samples that the settled filter advances at once."""
@@ -34,7 +34,7 @@ CHUNK = 256
 """Samples, a multiple of BLOCK, that the settled filter advances before it looks for a missing one."""
 
 SETTLED_WITHIN = 4e-16
-"""Relative change of the variances a sample below which the gains are taken as settled."""
+"""Relative change of the variances per sample below which the gains count as settled."""
 
 Transition = tuple[float, float, float, float, float]
 State = tuple[float, float, float, float, float]
@@ -76,7 +76,7 @@ def step(
     """One sample: predict, then update; `rejected` counts gate refusals in a row.
 
     Returns the state, k, the innovation, its variance s and what was done, as the `step` of the five lines does. An
-    infinite p is the exact diffuse start: the limit p → ∞, in which v keeps its stationary law.
+    infinite p is the exact diffuse start: the limit p → ∞, in which v keeps its stationary distribution.
     """
     x, v, p, g, w = predict(over, state)
     s = p + r
@@ -167,7 +167,7 @@ def denoise_channel(
 
 @compiled()
 def after_missing(z: Array, i: int) -> int:
-    """Where to try the next chunk after the one at `i` failed: behind its first sample that is not finite."""
+    """Where to try the next chunk after the one at `i` failed: after its first sample that is not finite."""
     for j in range(i, min(i + CHUNK, z.shape[0])):
         if not math.isfinite(z[j]):
             return j + 1
@@ -206,7 +206,7 @@ def advance_settled(
 
 @compiled()
 def block_response(gains: Gains, over: Transition, response: Array) -> None:
-    """What a block of the settled filter takes over: row j is sample j of BLOCK.
+    """How a block of the settled filter depends on the state before it: row j is sample j of BLOCK.
 
     Columns: the weights of x and v before the block in x_j, those in v_j, and the weight of z_j in the last v.
     """
@@ -232,7 +232,7 @@ def advance_chunk(
     """Constant gains over one chunk, eight samples at once; returns the last x and v.
 
     Within a block c is x from the state 0, c_j = t c_(j-1) - d c_(j-2) + k z_j + b z_(j-1), the state equations
-    with v eliminated; it waits for nothing. Then the faded state before the block is added.
+    with v eliminated; it does not wait for the block before. Then the faded state before the block is added.
     """
     k, ell = gains
     e, f = over[0], over[1]

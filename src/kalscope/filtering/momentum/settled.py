@@ -1,4 +1,4 @@
-"""What the filter with momentum settles to: its gains, and its answers to a step, a ramp and white noise."""
+"""The filter with momentum in steady state: its gains, and its responses to a step, a ramp and white noise."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from kalscope.common.array import Array
 from kalscope.filtering.momentum.gains import Model, Pole
 
 MIN_RATIO, MAX_RATIO = 1e-40, 1e40
-"""q/r beyond these is no filter: lags of 1e20 samples, or noise in the twentieth digit."""
+"""q/r beyond these is not a useful filter: lags of 1e20 samples, or noise in the twentieth digit."""
 
 _EXACT, _GRID = 2000, 6000
-"""The first samples of a step are all looked at; later ones on a grid that rises evenly in its logarithm."""
+"""The first samples of a step are all evaluated; later ones on a grid with even steps in its logarithm."""
 _LEFT = 1e-5
 """Share of a step that is left where the grid ends."""
 _FIRST = np.arange(200.0)
-"""The first samples, where an answer that swings fast is deepest; a slow one is where its slope is 0."""
+"""The first samples, where a fast oscillation has its minimum; that of a slow one is where its slope is 0."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Settled:
     cutoff: float
     """-3 dB frequency in cycles per sample; NaN where there is none below ½."""
     overshoot: float
-    """How far the answer to a step goes beyond it, share of the step."""
+    """Overshoot of the step response, as a share of the step."""
     settling: float
     """Time after which no more than the share `left` of a step is missing or too much."""
     time_constant: float
@@ -122,10 +122,10 @@ class StepError:
         return max(0.0, -float(seen.min()))
 
     def _valley(self) -> Array:
-        """The whole samples around the first valley of e(n) between complex poles.
+        """The whole samples around the first minimum of e(n) between complex poles.
 
         With z = exp(-s ± ia) the error is exp(-sn) (A sin an + B cos an), up to a factor: its slope is 0 where
-        tan an = (aA - sB)/(sA + aB). The first valley is the deepest one.
+        tan an = (aA - sB)/(sA + aB). The first minimum is the lowest one.
         """
         first, _ = self._poles
         s, angle = -first.log_radius, abs(cmath.phase(first.z))
@@ -141,7 +141,7 @@ class StepError:
         """Time until no more than `share` is missing, between samples as on an exponential."""
         at = self._first_whole(int(np.argmax(self._grid[1] <= share)), lambda error: error <= share)
         before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
-        if before <= after:  # a sample is nothing beside times of 1e16
+        if before <= after:  # one sample is negligible in times of 1e16
             return at
         return at - 1.0 + math.log(before / share) / math.log(before / after)
 

@@ -43,7 +43,7 @@ def smooth_channel(
         in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
         out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = state
         if math.isnan(start) and not math.isnan(state[0]):
-            start = state[0]  # what stands for x0 where none was given
+            start = state[0]  # used for x0 where none was given
     if n > 0 and not math.isnan(start):
         smooth_backwards(dt, q, tau, start, (out_x, out_v, out_p, out_g, out_w))
 
@@ -52,7 +52,7 @@ def smooth_channel(
 def smooth_backwards(
     dt: Array, q: float, tau: float, start: float, out: tuple[Array, Array, Array, Array, Array]
 ) -> None:
-    """The way back over filtered states, `out` = (x, v, p, g, w); `start` stands for x before it is known."""
+    """The backward pass over filtered states, `out` = (x, v, p, g, w); `start` is used for x before it is known."""
     out_x, out_v, out_p, out_g, out_w = out
     end, regular = out_x.shape[0] - 1, dt.shape[0] == 0
     last = 1.0
@@ -72,7 +72,7 @@ def smooth_backwards(
 
 @compiled(inline="always")
 def backwards(over: Transition, after: State) -> State:
-    """The state before a diffuse start: nothing but what comes later is known, and time may run backwards."""
+    """The state before a diffuse start: only what comes later is known, so the model is run back in time."""
     e, f, a, b, c = over
     return predict((e, -f, a, -b, c), after)
 
@@ -89,10 +89,10 @@ def corrected(over: Transition, state: State, after: State) -> State:
     if det > 1e-14 * p_next * w_next:
         c11, c12 = (e * e * own + to_x * c - e * g * b) / det, (e * (g * a - f * own) - to_x * b) / det
         c21, c22 = (to_v * c - e * w * b) / det, (e * (own + w * a) - to_v * b) / det
-    elif p_next > 0.0:  # x and v of the next sample say the same
+    elif p_next > 0.0:  # x and v of the next sample carry the same information
         c11, c21 = to_x / p_next, to_v / p_next
         c12 = c22 = 0.0
-    else:  # x is known exactly, so only v of the next sample can say more
+    else:  # x is known exactly, so only v of the next sample adds information
         c11, c22 = 1.0, e * w / w_next if w_next > 0.0 else 0.0
         c12 = c21 = 0.0
     dx, dv = after[0] - x_next, after[1] - v_next

@@ -14,12 +14,12 @@ from kalscope.filtering.params import MAX_MOMENTUM
 Target = Literal["gain", "lag", "noise", "cutoff"]
 
 MIN_MOMENTUM = 1.0 / 500.0
-"""The shortest that is sought for an overshoot: such a velocity is forgotten long before the next sample."""
+"""The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
 
 MAX_LOGIT = 700.0
-"""Gains are sought where |ln K/(1 - K)| is smaller: beyond, K or 1 - K vanishes in a double."""
+"""Gains are searched where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
 STEPS = 64
-"""Halvings of an interval: more than a double has digits."""
+"""Bisections of an interval: more than a double has bits."""
 
 
 def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
@@ -27,7 +27,7 @@ def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
 
     Args:
         target: what `value` is: the gain K, 0 < K < 1; the lag on a ramp in samples; the share of white noise that
-            is left, below 1; or 4 sin²(π f) of the -3 dB frequency f in cycles a sample, at most 4.
+            is left, below 1; or 4 sin²(π f) of the -3 dB frequency f in cycles per sample, at most 4.
         value: above 0.
         momentum: τ in sample periods, above 0.
     """
@@ -41,12 +41,12 @@ def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
 
 
 def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float]) -> float:
-    """The momentum at which the answer to a step goes beyond it by the share `overshoot`.
+    """The momentum at which the step response overshoots by the share `overshoot`.
 
     0 for no overshoot: momentum up to half of the lag has none either, but saves only 0.2 dB of noise.
 
     Along every curve of equal lag, noise, cut-off or gain the overshoot rises with the momentum; at lags below 0.2
-    samples not strictly, because a step is seen at whole samples only. The halving ends within the target in any
+    samples not strictly, because a step is seen at whole samples only. The bisection ends within the target in any
     case, and a larger target never ends at less momentum.
 
     Args:

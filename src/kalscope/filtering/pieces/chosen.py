@@ -1,7 +1,7 @@
-"""The filter over a whole record of which chosen samples are kept: those that a chart draws.
+"""The filter over a whole record, of which only chosen samples are kept: those that a chart draws.
 
-A run that keeps everything writes 40 bytes a sample, and for a million samples most of its time goes into memory
-that the processor has not seen before. Here the rows of one piece are written again and again.
+A run that keeps everything writes 40 bytes per sample, and for a million samples it spends most of its time on
+memory that is not in the processor's cache. Here the rows of one piece are overwritten again and again.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
 
 
 def picked(result: FilterResult, indices: Indices) -> FilterResult:
-    """The same of a run that kept everything."""
+    """The same from a result with all samples."""
     names = ("x", "p", "k", "innovation", "s", "velocity", "velocity_p")
     rows: dict[str, Array | None] = {name: getattr(result, name) for name in names}
     return replace(result, **{name: None if row is None else row[indices] for name, row in rows.items()})
 
 
 class _Run:
-    """A filter on its way through a record."""
+    """The run of a filter over a record."""
 
     def __init__(self, one: ChannelFilter, z: Array, steps: Array, at: Indices) -> None:
         self._one, self._z, self._steps, self._at = one, z, steps, at
@@ -66,7 +66,7 @@ class _Run:
         self.loglik, self.scored, self.refused = 0.0, 0, 0
 
     def filter_all(self) -> None:
-        """Until the record ends."""
+        """Filter the whole record."""
         one, retry = self._one, 0
         settling = one if isinstance(one, FiveLines) and not len(self._steps) and np.isinf(one.gate) else None
         while self._first < len(self._z):
@@ -91,7 +91,7 @@ class _Run:
         return rows
 
     def _filter_settled(self, one: FiveLines, cycle: Cycle) -> int:
-        """Stretches in lanes, up to one that holds a missing sample; returns where lanes may be tried again."""
+        """Filter stretches in lanes, up to one with a missing sample; returns where lanes may be tried again."""
         while True:
             first, begin = self._first, self._picked
             row = self.kept[:, begin:]

@@ -1,6 +1,6 @@
 """The settled filter on eight stretches of a record at once: compiled loops, nothing else.
 
-One recursion waits 12 processor cycles for each sample; eight that do not wait for each other need no longer.
+One recursion waits 12 processor cycles for each sample; eight independent ones take no longer.
 """
 
 from __future__ import annotations

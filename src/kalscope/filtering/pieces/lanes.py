@@ -1,7 +1,7 @@
 """The settled filter over a long stretch of a record, in lanes, equal to that sample by sample to the last bit.
 
-Without missing samples p and k repeat themselves to the last bit after a while, every one to three samples.
-From then on x forgets where it came from: two runs over the same samples come to the same bits.
+Without missing samples p and k repeat to the last bit after a while, every one to three samples. From then on x
+forgets its start: two runs over the same samples converge to the same bits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FORGOTTEN = 48.0
 """Time constants after which two runs are the same: 36 bring 2⁵² to 1, the others end the last bit's difference."""
 
 LONGEST = 16384
-"""Samples of a lane, or four times its warm-up: a missing one costs the rest of the stretch a second look."""
+"""Samples of a lane, or four times its warm-up: after a missing one the rest of the stretch is filtered twice."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Stretch:
-    """What became of a stretch that was filtered in lanes."""
+    """The result of filtering a stretch in lanes."""
 
     tried: int
-    """Samples looked at; 0 = too few are left."""
+    """Samples tried; 0 = too few are left."""
     done: int
     """Samples that are filtered, from the first on: all, or those before a missing one."""
     x: float
@@ -78,7 +78,7 @@ def cycle_of(p: Array, k: Array, s: Array) -> Cycle | None:
 def filter_stretch(
     z: Array, cycle: Cycle, x: float, indices: Indices, first: int, out: tuple[Array, Array]
 ) -> Stretch:
-    """Filter the first samples of z, as many as pay.
+    """Filter the first samples of z, as many as is worthwhile.
 
     Args:
         z: the samples that follow, shape (n,), with any strides.

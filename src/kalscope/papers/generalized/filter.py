@@ -3,10 +3,10 @@
 Both begin with K = σE/(σE + σM) and E ← E + K (M − E), equations (1) and (2). Then
 
     "printed"        σE ← (1 − K) E(t−1)    equation (3) as it stands: the estimate itself becomes the error
-    "without_slip"   σE ← (1 − K) σE        what was surely meant
+    "without_slip"   σE ← (1 − K) σE        what was evidently meant
 
 The first is a filter whose gain follows the level of the signal; the second is the five-line filter with q = 0,
-r = σM and p0 = σE, whose gain falls like 1/n until it no longer moves. Neither knows time.
+r = σM and p0 = σE, whose gain falls like 1/n until it no longer moves. Neither depends on time steps.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
     """Where equation (3) as printed settles on a signal of constant `level` E: gain from the level alone.
 
     σE = (1 − K) E with K = σE/(σE + σM) gives σE² + σM σE − σM E = 0, so
-    σE = (−σM + √(σM² + 4 E σM))/2. The map's slope there is −K, so it is reached with alternating sign, and
-    the closer K to 1 the more slowly.
+    σE = (−σM + √(σM² + 4 E σM))/2. The map's slope there is −K, so it is reached with alternating sign, and more
+    slowly the closer K is to 1.
 
     Args:
         level: the estimate E, unit, > 0.
@@ -134,7 +134,7 @@ def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
 
 
 def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | None = None) -> FilterResult:
-    """Filter a record with the generalized filter; the call and the answer of `kalman_filter`.
+    """Filter a record with the generalized filter; called like `kalman_filter`, with a result of the same kind.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample, in which
@@ -144,7 +144,7 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
 
     Returns:
         A FilterResult of z's shape: `x` is E, `p` is σE, `k` is K, `innovation` is M − E, `s` is σE + σM. In the
-        printed reading σE is no variance, so `loglik` is NaN and `m` is 0.
+        printed reading σE is not a variance, so `loglik` is NaN and `m` is 0.
 
     Raises:
         BadSetting: z holds inf or has another shape; dt does not fit z; in the printed reading an estimate
@@ -171,7 +171,7 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
 
 
 class GeneralizedFilter:
-    """The streaming generalized filter: one `update` a sample, equal to `generalized_filter` bit for bit.
+    """The streaming generalized filter: one `update` per sample, equal to `generalized_filter` bit for bit.
 
     `x`, `p` and `k` are E, σE and K after the last update: floats, or arrays of shape (channels,) once the
     samples are arrays.
@@ -235,7 +235,7 @@ class GeneralizedFilter:
 
 
 def _start(params: GeneralizedParams) -> tuple[float, float]:
-    """E and σE as the kernel starts with them: NaN and inf say "automatic"."""
+    """E and σE as the kernel starts with them: NaN and inf mean "automatic"."""
     e = math.nan if params.e0 is None else float(params.e0)
     return e, math.inf if params.sigma_e0 is None else float(params.sigma_e0)
 

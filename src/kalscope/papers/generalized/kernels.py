@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @compiled(inline="always")
 def step(m: float, sigma_m: float, e: float, sigma_e: float) -> tuple[float, float, float, float, float]:
-    """One sample: returns E, σE, K, M − E and σE + σM. NaN for e or inf for sigma_e say "not started".
+    """One sample: returns E, σE, K, M − E and σE + σM. NaN for e or inf for sigma_e means "not started".
 
     Khan et al., equations (1)-(3); (3) multiplies by the estimate before the update, as printed.
     """

@@ -146,7 +146,7 @@ def answer_fusion() -> FusionAnswer:
 
 
 def exponential(z: Array, gain: float, x0: float) -> Array:
-    """The much easier filter: x ← x + K (z − x) with one K for ever; z and the answer of shape (n,)."""
+    """The much easier filter: x ← x + K (z − x) with a constant K; z and the result have shape (n,)."""
     x, out = x0, np.empty(len(z))
     for i, value in enumerate(z.tolist()):
         x = x + gain * (value - x)

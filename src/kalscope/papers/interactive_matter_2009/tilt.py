@@ -1,7 +1,7 @@
 """The second question answered with what is found in the readings alone: an accelerometer and a tilt sensor.
 
 The angle of a board that swings is made by the generator, so its truth is known. The accelerometer gives it at
-100 Hz with much noise, the tilt sensor at 10 Hz with little, but 2.5° too high. The estimate knows nothing of that.
+100 Hz with much noise, the tilt sensor at 10 Hz with little, but 2.5° too high. The estimate is given none of that.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ NAMES = ("accelerometer", "tilt sensor")
 NOISE, OFFSET = (3.0, 0.8), 2.5
 """Standard deviations of both sensors, and what the tilt sensor reads too high, degrees."""
 SAMPLE_PERIOD, EVERY = 0.01, 10
-"""s; and the tilt sensor answers in every so many rows."""
+"""s; and how many rows apart the readings of the tilt sensor are."""
 AFTER = 100
-"""Rows left to the start."""
+"""Rows left out for the start-up."""
 
 
 @dataclass(frozen=True)
 class TiltAnswer:
-    """What is found of two sensors that nothing is known of; r in degrees², the rest in degrees."""
+    """What is found about two unknown sensors; r in degrees², the rest in degrees."""
 
     r_first: float
     """r of the accelerometer; true is 9."""
@@ -47,13 +47,13 @@ class TiltAnswer:
     first: float
     """RMSE of the accelerometer, filtered alone with what is estimated from it."""
     second: float
-    """The same of the tilt sensor; its offset, which it cannot know, is taken off."""
+    """The same of the tilt sensor; its offset, which it cannot know, is subtracted."""
     fused: float
     """RMSE of the fused value."""
     predicted: float
-    """What the fused filter says of its own error."""
+    """The error that the fused filter predicts for itself."""
     without_second: float
-    """What it says the error would be without the tilt sensor."""
+    """The error that it predicts without the tilt sensor."""
 
 
 def tilted_board() -> Recording:

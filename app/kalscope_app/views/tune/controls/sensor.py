@@ -20,7 +20,7 @@ from kalscope_app.views.binding import TypedNumber, on_user, put
 from kalscope_app.views.tune.controls.slider import SliderWithText
 
 MAX_NAME = 24
-"""Letters of a sensor's name."""
+"""Characters of a sensor's name."""
 
 R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."
 
@@ -62,7 +62,7 @@ class SensorControl(SliderWithText):
         self._offset.set_visible(visible)
 
     def offer(self, name: str | None) -> None:
-        """Stand for this channel, not ticked; None: for none."""
+        """Represent this channel, not ticked; None: no channel."""
         self.name = name
         put(self._tick, label=self._title, visible=name is not None)
         put(self._tick, value=False)
@@ -92,7 +92,7 @@ class SensorControl(SliderWithText):
         self._follow(frame, min(max(math.log10(r), low), high) if r > 0.0 else float(low), float(low), float(high))
 
     def _on_tick(self) -> None:
-        if self._fused and self.name is not None:  # else it only says what the button is to fuse
+        if self._fused and self.name is not None:  # else it only marks a channel for the button
             self._session.request(set_taking_part(self.name, self._tick.value))
 
     def _r_typed(self, _name: str, text: str) -> Change:

@@ -21,7 +21,7 @@ HINTS = {
 }
 
 AUTOMATIC = "automatic"
-"""What stands in the box of p0 for a start from the first sample."""
+"""The text in the box of p0 for a start from the first sample."""
 
 
 class VarianceControl(SliderWithText):

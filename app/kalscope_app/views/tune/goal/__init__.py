@@ -1,1 +1,1 @@
-"""The goal that q and r are chosen for: what can be asked, the search, and what came of it."""
+"""The goal that q and r are chosen for: what can be asked for, the search, and its result."""

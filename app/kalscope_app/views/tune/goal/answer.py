@@ -13,7 +13,7 @@ NBSP = "\u00a0"
 
 
 def answer_text(state: State) -> str:
-    """The last answer as markdown, "" for none; made of our own words and numbers."""
+    """The last answer as markdown, "" for none; fixed words and numbers, with nothing to escape."""
     outcome = state.answers.outcome
     if outcome is None:
         return ""
@@ -36,7 +36,7 @@ def answer_text(state: State) -> str:
 
 
 def account_text(state: State) -> str:
-    """What an estimate found out about the recording, "" for none: too long to stand above the sliders."""
+    """What an estimate found out about the recording, "" for none: too long for the space above the sliders."""
     outcome = state.answers.outcome
     return "" if outcome is None or outcome.after is None or outcome.estimate is None else outcome.message
 

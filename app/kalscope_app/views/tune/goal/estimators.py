@@ -25,7 +25,7 @@ from kalscope_app.views.slow_job import SlowJobProgress
 FIVE_METHODS = (
     "Five methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
 )
-"""Why the table may find no noise where the search finds some: stands above it too."""
+"""Why the table may find no noise where the search finds some: shown above the table, too."""
 
 
 class EstimatorsView:

@@ -1,4 +1,4 @@
-"""The goal: what the filter is for, one number, Apply, and below it what came of it."""
+"""The goal: what the filter is for, one number, Apply, and below it the result."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class GoalView:
         self.search(request)
 
     def search(self, request: Callable[[State], Request | None]) -> None:
-        """Look for what is asked for, and apply it as one undoable change; None asks for nothing any more."""
+        """Run the search that is asked for, and apply its result as one undoable change; None: no search."""
         self._start(lambda state, stop: self._search(state, request(state), stop))
 
     def offer_still(self, state: State, stretch: tuple[int, int] | None) -> None:
@@ -78,7 +78,7 @@ class GoalView:
                     box.value = new
 
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
-        """Queue a job on the state that every earlier request has led to; each job has a stop sign of its own."""
+        """Queue a job on the state with every earlier request applied; each job has its own stop event."""
         stop = self._stop = threading.Event()
         self._jobs.run_with_state(self._session, lambda state: work(state, stop), Failed.FIND)
 

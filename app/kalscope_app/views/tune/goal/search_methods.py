@@ -1,4 +1,4 @@
-"""The ways to find q and r that the dashboard offers: what each asks for, and the search that it makes of that."""
+"""The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _target(
 
 
 def _known_noise(state: State) -> Noise:
-    """What the last search was told about the noise, as long as its answer holds; a goal changes no sensor."""
+    """The noise that the last search was given, while its result holds: a new goal does not change the sensor."""
     found = state.answers.outcome
     return Noise() if found is None or found.request is None else found.request.noise
 
@@ -80,7 +80,7 @@ def _still(state: State, texts: list[str]) -> Request:
         for label, text, default in zip(("from", "to"), texts, shown, strict=False)
     )
     low, high = min(first, last), max(first, last)
-    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h typed is 360 s only nearly
+    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h is 360 s only up to rounding
     at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
     if len(at) == 0:
         raise BadSetting(
@@ -91,7 +91,7 @@ def _still(state: State, texts: list[str]) -> Request:
 
 
 def stretch_texts(state: State, first: int, last: int) -> tuple[str, str]:
-    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as mean them."""
+    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as suffice."""
     time, factor = state.recording.time, clock_of(state).factor
     ends = [float(time[at]) * factor for at in (first, last - 1)]
     for digits in range(3, 17):
@@ -153,7 +153,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
 """Ways by the words on screen, the most useful first."""
 
 GOALS = tuple(SEARCH_METHODS)[:4]
-"""The ways that the first menu offers; the others stand behind MORE."""
+"""The ways that the first menu offers; the others are behind MORE."""
 
 MORE_METHODS = tuple(SEARCH_METHODS)[4:]
 

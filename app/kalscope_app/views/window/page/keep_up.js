@@ -1,10 +1,10 @@
 // Keeps the page up with a live board, however slow the browser is; see page_script.py.
 //
 // viser applies every message of the server, in turn, and a board brings 22 charts a second. A page that draws fewer
-// would fall behind without end, and a click would wait for all that came before it. So what comes while the page
-// draws waits here, and of the messages that set the same properties of a widget only the last one is kept. viser's
-// server chooses by the same rule what a browser gets that connects late, or that reads slowly. After a picture that
-// took LONG to draw the page pauses, so that clicks and keys get their turn.
+// would fall further and further behind, and a click would wait for all earlier messages. So what arrives while the
+// page draws waits here, and of the messages that set the same properties of a widget only the last one is kept.
+// viser's server chooses by the same rule what it sends to a browser that connects late or reads slowly. After a
+// picture that took LONG to draw the page pauses, so that clicks and keys are handled.
 
 const waiting = new Map(); // what the message sets -> the message
 const drawn = new MessageChannel();
@@ -21,7 +21,7 @@ const whatItSets = ({ type, uuid, updates }) => {
 
 const keep = (message) => {
   const key = whatItSets(message);
-  waiting.delete(key); // the later one comes last, not where the former was
+  waiting.delete(key); // the later message goes to the end, not to the place of the earlier one
   waiting.set(key, message);
 };
 

@@ -1,5 +1,5 @@
 // Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
-// every control bears the name of its row and its hint, which viser shows under the mouse; see page_script.py.
+// every control has the name of its row and its hint, which viser shows under the mouse; see page_script.py.
 
 const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
 
@@ -27,7 +27,7 @@ const nameHeadings = () => {
   }
 };
 
-// Only some of viser's controls bear the id that their label is for.
+// Only some of viser's controls have the id that their label refers to.
 const nameControls = () => {
   for (const row of document.querySelectorAll("p > label[for]")) {
     const beside = row.closest("p").parentElement.nextElementSibling;
@@ -74,8 +74,8 @@ addEventListener("keydown", (event) => {
   }
 });
 
-// viser turns the camera of its scene by the arrow keys, also while a slider or a tab has the focus: a dozen frames for
-// each press. It listens on the document; React has had the key by then.
+// viser turns the camera of its scene with the arrow keys, even while a slider or a tab has the focus: a dozen frames
+// for each press. It listens on the document; React has handled the key by then.
 addEventListener("DOMContentLoaded", () =>
   document.body.addEventListener("keydown", (event) => {
     if (event.key.startsWith("Arrow") && event.target.matches("[role=slider], [role=tab]")) event.stopPropagation();

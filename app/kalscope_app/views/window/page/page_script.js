@@ -40,7 +40,7 @@ const ticks = (_chart, at, _axis, _space, step) =>
 
 const notInGaps = (chart, line, index) => (Number.isNaN(chart.data[line][index]) ? null : index);
 
-// A drag over a chart of the recording magnifies it at once, and then asks the server for that window.
+// A drag over a chart of the recording zooms in at once, and then asks the server for that window.
 const dragged = (chart, target, handle, onlyTarget = true) => {
   windows.add(chart.over);
   return (event) => {
@@ -111,7 +111,7 @@ window.Worker = class extends Worker {
 const leadToExport = ({ target }) => {
   if (target.closest("button")?.textContent !== sizes.exportButton) return;
   const tab = [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === sizes.exportTab);
-  tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // tabs know no click
+  tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // tabs do not listen for clicks
 };
 
 addEventListener("resize", fitAgain);

@@ -5,11 +5,11 @@ sizes in the server's messages as they arrive, so the first picture already fill
 resized it repeats those messages with new sizes. Without the script the layout fits a window of 1440 × 900 px.
 
 It also lets the charts write the numbers under the mouse to six digits, and their ticks as the texts write numbers;
-uPlot itself writes three decimals, and so 0 for whatever is below 0.0005, and marks a sample that is missing in the
+uPlot itself writes three decimals, so 0 for any value below 0.0005, and marks a sample that is missing in the
 corner of the chart.
 
-`keep_up.js` keeps a slow browser from falling behind a board, `text_boxes.js` decides when a typed text counts and
-what may be written over it, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL, and
+`keep_up.js` keeps a slow browser from falling behind a board, `text_boxes.js` decides when a typed text is sent and
+when it may be overwritten, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL, and
 `map.js` beside `views/map/view.py` shows the tuning map.
 """
 
@@ -31,7 +31,7 @@ APPLY_RULES = f"""{{ const style = new CSSStyleSheet();
 style.replaceSync({json.dumps(RULES)});
 document.adoptedStyleSheets.push(style); }}
 """
-"""Adopted rules count after those of viser's own style, wherever it puts them."""
+"""Adopted rules take precedence over those of viser's own style, wherever it puts them."""
 
 PHONE_CHECKBOX = "phone"
 """Label of the hidden checkbox with which a page reports whether it is on a phone."""
@@ -43,11 +43,11 @@ MAP_PICTURE, MAP_MARK = "map picture", "map mark"
 """Labels of the hidden images that the page shows as the tuning map."""
 
 MAP_PRESENT = "map present"
-"""Label of the hidden vector that says where the mark is, in shares of the picture; below 0: there is none."""
+"""Label of the hidden vector with the position of the mark, in shares of the picture; below 0: there is none."""
 
 MAP_POINTED = "map pointed"
-"""Label of the hidden vector with which a page says where the user points, in shares of the picture, and in which
-gesture: a number of its own, negative where it is a click and no drag."""
+"""Label of the hidden vector with which a page reports where the user points, in shares of the picture, and in
+which gesture: a number for each, negative for a click, positive for a drag."""
 
 EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
 """Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
@@ -71,7 +71,7 @@ SIZES = {
     "mapMark": MAP_MARK,
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
-    "mapGrip": 0.04,  # of the picture's width: so far from the mark a drag takes hold of it instead of calling it
+    "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
     "exportButton": EXPORT_BUTTON,
     "exportTab": EXPORT_TAB,
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter

@@ -1,15 +1,15 @@
-// Takes the place of viser's 3-D scene, so that no browser needs WebGL; see page_script.py, which defines `sizes` before
-// this text.
+// Replaces viser's 3-D scene, so that no browser needs WebGL; see page_script.py, which defines `sizes` before this
+// text.
 //
 // viser applies the server's messages in a part of its scene, and three.js builds no scene where `getContext` gives
 // null: such a browser would show no widget at all. Kalscope has nothing in the scene. So three.js gets a context here
-// that draws nothing, in every browser, and all show the same page; nobody waits for shaders or for a slow graphics
-// card. The scene is moved out of sight, where viser spends no frame on it. The one picture that the server sends to
-// it, the signal on a phone, is shown as a plain image.
+// that draws nothing, in every browser, and all show the same page; none waits for shaders or for a slow graphics card.
+// The scene is moved off the screen, where viser renders no frame of it. The one picture that the server sends to it,
+// the signal on a phone, is shown as a plain image.
 
 const ANSWERS = {
   getContextAttributes: () => ({}),
-  getExtension: (name) => (name === "EXT_color_buffer_float" ? {} : null), // without it three.js complains of an error
+  getExtension: (name) => (name === "EXT_color_buffer_float" ? {} : null), // without it three.js logs an error
   getParameter: (name) => ({ VERSION: "WebGL 2.0", VIEWPORT: [0, 0, 0, 0], SCISSOR_BOX: [0, 0, 0, 0] })[name] ?? 16,
   getShaderPrecisionFormat: () => ({ precision: 23 }),
   getProgramParameter: (_program, name) => (name === "LINK_STATUS" ? true : 0), // no uniforms, no attributes
@@ -17,7 +17,7 @@ const ANSWERS = {
   getShaderInfoLog: () => "",
 };
 
-// A constant is its own name, and a call without an answer gives a new thing: a buffer, a texture, a program.
+// A constant is its own name, and any other call returns a new object: a buffer, a texture, a program.
 const drawsNothing = new Proxy(ANSWERS, {
   get(answers, name) {
     if (typeof name === "symbol") return undefined;

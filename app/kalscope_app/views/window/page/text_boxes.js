@@ -1,14 +1,14 @@
-// What a text box shows when it is left alone is what the server has; see page_script.py, which defines `sizes` before
+// A text box that is not being edited shows the value of the server; see page_script.py, which defines `sizes` before
 // this text.
 //
 // viser sends every key, through one throttle that all widgets share and that keeps only the newest message, and it
-// writes every value of the server into the box, whatever is being typed there. Here a text is either being typed,
-// and then nothing is written over it and nothing is sent, or it has been sent, and then the box shows whatever the
-// server says. The server answers every text that is sent, so the last message about a box holds its value.
+// writes every value of the server into the box, even while the user is typing there. Here a text is either being
+// typed, and then it is not overwritten and nothing is sent, or it has been sent, and then the box shows the value of
+// the server. The server answers every text that is sent, so the last message about a box contains its value.
 
 const boxes = new Map(); // uuid -> what is known about a text box
 const number = /^\s*[-+−]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?\s*$/i;
-let show = () => {}; // hands messages to viser, as if the server had sent them
+let show = () => {}; // passes messages to viser, as if the server had sent them
 let send = () => {};
 
 const boxOf = (input) => {
@@ -24,11 +24,11 @@ const submit = (box, text) => {
   clearTimeout(box.timer);
   box.typed = null;
   box.sent = true;
-  box.served = text; // until the server answers: what is typed next may be the text of before
+  box.served = text; // until the server answers: the user may type the previous text again
   send({ type: "GuiUpdateMessage", uuid: box.uuid, updates: { value: text } });
 };
 
-// The text counts, unless it is as it was: then the box shows what the server has by now.
+// Sends the text, unless it is unchanged: then the box shows the present value of the server.
 const leave = (box) => {
   if (box.typed === null) return;
   const text = box.typed;
