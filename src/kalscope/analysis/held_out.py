@@ -23,7 +23,7 @@ BEYOND_CHANCE = 3.29
 
 
 def small_misfit(whole: Diagnostics, held_out: Diagnostics | None) -> str:
-    """The first test that fails beyond chance though no misfit is worth a change, as a clause; "" = none."""
+    """The first test that fails beyond chance though no misfit is worth correcting, as a clause; "" = none."""
     for what, one in (("squared errors are", whole), ("squared errors of the second half are", held_out)):
         if one is not None and abs(one.nis - 1.0) > BEYOND_CHANCE * math.sqrt(2.0 / max(one.n, 1)):
             return f"{what} {number(one.nis)} × what q and r predict"

@@ -50,7 +50,7 @@ def _reproduce() -> Function:
     return reproduce_command
 
 
-@offers("record", "Record a board, without the dashboard.")
+@offers("record", "Record what a board sends, without the dashboard.")
 def _record() -> Function:
     from kalscope.cli.board.record import record_command
 

@@ -29,13 +29,16 @@ def export_command(
         typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; default: the main file on stdout."),
     ] = None,
     channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the fusion if there is one, else all channels.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Export this channel only; default: the fusion if there is one, else all."
+        ),
     ] = None,
     vectors: Annotated[
         str | None, typer.Option(metavar="SOURCE", help="Add groundtruth.csv: this recording, filtered.")
     ] = None,
     sample_period: Annotated[
-        float | None, number_option("That of the device, s: q and momentum are rescaled.")
+        float | None, number_option("Sample period of the device, s; rescales q and momentum.")
     ] = None,
     fixed: Annotated[
         bool, typer.Option("--fixed-gains", help="Write only the settled filter, with constant gains (c, arduino).")

@@ -27,11 +27,13 @@ def report_command(
     ],
     channel: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Default: the fusion in --config, else its selected channel."),
+        typer.Option(
+            metavar="NAME", help="Channel to report; default: the fusion in --config, else its selected channel."
+        ),
     ] = None,
     momentum: Annotated[
         float | None,
-        number_option("In sample periods, instead of that in --config; q and r do not change.", number),
+        number_option("Momentum in sample periods, instead of that in --config; q and r do not change.", number),
     ] = None,
     overshoot: Annotated[
         float | None,

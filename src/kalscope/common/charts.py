@@ -32,7 +32,7 @@ WIDTH = 960
 TOP = 30
 """Height of the legend, px."""
 LEFT, LEFT_OF_MANY, RIGHT, ABOVE, BELOW = 84, 62, 19, 30, 46
-"""Room around the axes of a panel for its labels and title, px; less on the left where panels stand in columns."""
+"""Room around the axes of a panel for its labels and title, px; less on the left where panels are in columns."""
 
 COLOURS = {
     "ink": "#1b1f24",
@@ -100,7 +100,7 @@ class Line:
     y: ArrayLike
     """Ordinates, shape (n,); NaN interrupts the line."""
     label: str
-    """Name in the legend; equal names stand there once."""
+    """Name in the legend; equal names appear once."""
     style: str
     """A key of `STYLES`."""
 

@@ -19,7 +19,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_PLAIN = 20_000
-"""Samples that a loop takes as plain Python, in about 20 ms; a stream that goes on needs the compiled loop."""
+"""Samples that a loop takes as plain Python, in about 20 ms; a stream that continues needs the compiled loop."""
 
 _numba = threading.Event()
 """Set once numba is loaded: from then on every loop is compiled."""

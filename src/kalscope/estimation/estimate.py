@@ -96,5 +96,5 @@ def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | 
     if not 0.0 <= tau <= MAX_MOMENTUM:
         raise BadSetting(f'momentum must be "auto" or sample periods from 0 to 1e5 (got {momentum!r})')
     if tau > 0.0 and method != "ml":
-        raise BadSetting(f'momentum must be "auto" or 0 for the method {method!r}, which knows none (got {tau:g})')
+        raise BadSetting(f'momentum must be "auto" or 0 for the method {method!r}, which has none (got {tau:g})')
     return tau if tau >= MIN_MOMENTUM else 0.0

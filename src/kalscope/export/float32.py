@@ -80,7 +80,7 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
 
     Args:
         params: Scalars.
-        median: Window of the median that stands before the filter, samples; 1 = none.
+        median: Window of the median before the filter, samples; 1 = none.
 
     Raises:
         BadSetting: float32 cannot hold a value (the message names it); `params` holds several channels.
@@ -125,7 +125,7 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
 
     Args:
         z: Samples since the filter was (re)started, shape (n,), rounded to float32; NaN where missing.
-        params: The parameters of one channel, or those that a board said it uses.
+        params: The parameters of one channel, or those that a board reported.
 
     Returns:
         x, float32, shape (n,).

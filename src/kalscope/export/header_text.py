@@ -27,7 +27,7 @@ _SECTION = re.compile(r"^=== (\w+)\n", re.MULTILINE)
 def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> str:
     """A file of `targets/templates` in which each $name is replaced by its text.
 
-    A line after `@momentum` or another mark of `Origin.marks` stands only in an export with that mark.
+    A line after `@momentum` or another mark of `Origin.marks` appears only in an export with that mark.
     """
     text = (TEMPLATES / name).read_text(encoding="utf-8")
     chosen = _MARKED.sub(lambda found: found[2] if found[1] in marks else "", text)
@@ -35,7 +35,7 @@ def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
 
 
 def fill_sections(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> dict[str, str]:
-    """The pieces of such a file that stand in several places of an export, by what follows `===` above each."""
+    """The pieces of such a file that several places of an export use, by what follows `===` above each."""
     _, *pieces = _SECTION.split(fill_template(name, marks, **texts))
     return dict(zip(pieces[::2], pieces[1::2], strict=True))
 
@@ -66,7 +66,7 @@ def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
             else "with another period T multiply q by T / this period; r and p0 stay."
         )
     if one_period:
-        lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time goes on.")
+        lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time advances.")
     return tuple(lines)
 
 
@@ -178,7 +178,7 @@ def start_words(channel: ChannelTuning | FusionTuning) -> str:
     if channel.p0 is None:
         return "the first sample sets x = z and p = r"
     if channel.x0 is None:
-        return "the first sample sets x = z; p goes on from p0"
+        return "the first sample sets x = z; p continues from p0"
     return f"x0 = {number_text(channel.x0)} before the first predict"
 
 

@@ -17,7 +17,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Where an export comes from; the texts are from outside: only through `comment_text`."""
+    """Where an export comes from; the texts are from outside: use them only through `comment_text`."""
 
     sample_period: float | None = None
     """Sample period that q belongs to, s; None where unknown."""
@@ -32,7 +32,7 @@ class Origin:
 
     @property
     def title(self) -> str:
-        """What is exported, as its first line says it."""
+        """What is exported, for its first line."""
         raise NotImplementedError
 
     @property
@@ -42,7 +42,7 @@ class Origin:
 
     @property
     def for_one_period(self) -> bool:
-        """Whether what is exported cannot be carried over to another sample period by its user."""
+        """Whether the user cannot convert the export to another sample period."""
         return self.has_momentum
 
     @property
@@ -68,7 +68,7 @@ class ExportJob(Origin):
 
     @property
     def title(self) -> str:
-        """As of `Origin`."""
+        """As in `Origin`."""
         return "Noise filters" if self.has_chain else "Scalar Kalman noise filter"
 
     @property
@@ -83,7 +83,7 @@ class ExportJob(Origin):
 
     @property
     def has_momentum(self) -> bool:
-        """As of `Origin`."""
+        """As in `Origin`."""
         return any(channel.momentum > 0.0 and runs_kalman(channel) for channel in self.channels)
 
     @property
@@ -93,7 +93,7 @@ class ExportJob(Origin):
 
     @property
     def for_one_period(self) -> bool:
-        """As of `Origin`."""
+        """As in `Origin`."""
         return self.has_momentum or self.has_chain
 
     @property
@@ -103,12 +103,12 @@ class ExportJob(Origin):
 
     @property
     def has_kalman(self) -> bool:
-        """Whether any channel has a Kalman filter, behind a median or alone."""
+        """Whether any channel has a Kalman filter, after a median or alone."""
         return any(map(runs_kalman, self.channels))
 
     @property
     def marks(self) -> frozenset[str]:
-        """As of `Origin`; of a chain and a median; and whether any filter is Kalman's, or none."""
+        """As in `Origin`; of a chain and a median; and whether any filter is Kalman's, or none."""
         has = {"chain": self.has_chain, "median": self.has_median, "kalman": self.has_kalman}
         has["classic"] = not self.has_kalman
         return super().marks.union(name for name, it_has in has.items() if it_has)
@@ -127,7 +127,7 @@ class FusionJob(Origin):
 
     @property
     def title(self) -> str:
-        """As of `Origin`."""
+        """As in `Origin`."""
         return "Kalman filter that fuses several sensors of one quantity"
 
     @property
@@ -142,7 +142,7 @@ class FusionJob(Origin):
 
     @property
     def has_momentum(self) -> bool:
-        """As of `Origin`."""
+        """As in `Origin`."""
         return self.fusion.momentum > 0.0
 
     @property
@@ -152,7 +152,7 @@ class FusionJob(Origin):
 
     @property
     def marks(self) -> frozenset[str]:
-        """As of `Origin`, and of the gains."""
+        """As in `Origin`, and of the gains."""
         return super().marks.union(["gains"] if self.has_gains else [])
 
     @property

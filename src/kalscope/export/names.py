@@ -1,7 +1,7 @@
 """Names and numbers from outside, made harmless for source code and configuration files.
 
 A channel may be called "*/ #define PWN 1". What a target writes as code is an identifier of this module, what
-it writes into a comment went through `comment_text`; nothing else of a name leaves it.
+it writes into a comment went through `comment_text`; no other part of a name is written.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ _RESERVED = frozenset(keyword.kwlist).union(
         "avr",
     )
 )
-"""Words of Python, C, C++, Arduino, MATLAB, JavaScript and YAML that no channel may be named by."""
+"""Words of Python, C, C++, Arduino, MATLAB, JavaScript and YAML that may not be identifiers of channels."""
 
 
 def identifier(name: str) -> str:
-    """A name that every language takes: a lower-case letter, then [a-z0-9_], at most 32 characters."""
+    """A name that every language accepts: a lower-case letter, then [a-z0-9_], at most 32 characters."""
     spelt = _ascii(name).lower().replace("^", "")
     word = re.sub(r"[^a-z0-9]+", "_", spelt).strip("_")[:MAX_IDENTIFIER_LENGTH].strip("_")
     if not word:
@@ -61,7 +61,7 @@ def identifier(name: str) -> str:
 def identifiers(names: Iterable[str]) -> tuple[str, ...]:
     """An identifier for each name, in order, no two alike: the second "temp" becomes temp_2.
 
-    Nor is one the other's `_filtered`, which is what sketches call the second column of a channel.
+    Nor does one equal another with `_filtered`, which is what sketches call the second column of a channel.
     """
     taken: set[str] = set()
     last: dict[str, int] = {}
@@ -79,7 +79,7 @@ def identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def comment_text(text: str, length: int = MAX_COMMENT_LENGTH) -> str:
-    """`text` as it may stand inside a comment of any language: one line of harmless ASCII.
+    """`text` as it may appear in a comment of any language: one line of harmless ASCII.
 
     Line ends, quotes, backslashes, braces, "*", "#", "$" and "?" (trigraphs) become "_"; what is longer than
     `length` is cut.

@@ -45,12 +45,12 @@ class Target:
     momentum: bool = True
     """Whether it can hold a filter with momentum."""
     precision: Precision = "float64"
-    """How it computes, at least on an AVR board. "float32, gain kept": where float32 cannot settle, it goes on with
-    the settled gain."""
+    """How it computes, at least on an AVR board. "float32, gain kept": where float32 cannot settle, it continues
+    with the settled gain."""
     is_offered: bool = True
     """Whether a user can choose it; False: it only explains why these values would give a different filter."""
     is_common: bool = False
-    """Whether a list that begins short has it."""
+    """Whether it is in the short list that is shown first."""
 
 
 TARGETS = MappingProxyType(
@@ -152,7 +152,7 @@ TARGETS = MappingProxyType(
         ),
     }
 )
-"""What can be asked for, by name."""
+"""The targets, by name."""
 
 
 def export_tuning(
@@ -172,10 +172,10 @@ def export_tuning(
         target: A name of `TARGETS`.
         channel: Export the filter of this channel only; None = the fusion of the tuning, or all channels if it has
             none.
-        vectors: The recording whose first samples, filtered, come along as `groundtruth.csv`; None = none.
-        sample_period: Time between two samples on the device, s: q is carried over to it; None = the tuning's.
+        vectors: The recording whose first samples, filtered, are added as `groundtruth.csv`; None = none.
+        sample_period: Time between two samples on the device, s: q is converted to it; None = the tuning's.
         fixed_gains: Write only the settled filter, whose gains never change (`kalscope_fixed_gains.h`).
-        calibration: Add what measures r on the device, when it is asked to (arduino).
+        calibration: Add code that measures r on the device on command (arduino).
 
     Returns:
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
@@ -259,7 +259,5 @@ def _calibrated(target: str, job: ExportJob | FusionJob, *, fixed_gains: bool) -
             " out, or choose a channel"
         )
     if fixed_gains:
-        raise BadSetting(
-            "calibration must be without fixed gains, which no r changes (got both): choose one of them"
-        )
+        raise BadSetting("calibration must be without fixed gains, which r does not change (got both): choose one")
     return write(job)

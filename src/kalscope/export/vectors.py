@@ -1,4 +1,4 @@
-"""Test vectors: what the exported filter must answer on the user's own samples."""
+"""Test vectors: what the exported filter must output for the user's own samples."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
 
 DEFAULT_ROWS = 1000
-"""Rows of a vector file: the start, and some thousand lines are no more proof than these."""
+"""Rows of a vector file: the start is among them, and more rows would prove no more."""
 
 HEADER = "time,raw,filtered,gain"
 

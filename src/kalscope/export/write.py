@@ -1,4 +1,4 @@
-"""Exported files into a folder, and the limits of a device that are worth a note."""
+"""Write exported files into a folder, and report the limits of a device."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def existing_files(files: dict[str, str], folder: Path) -> list[str]:
 
 
 def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:
-    """Write the files of an export into a folder, which is made if it is missing: all of them or none.
+    """Write the files of an export into a folder, which is created if it is missing: all of them or none.
 
     Args:
         files: Texts by file name, as `export_tuning` gives them; a name may begin with folders.

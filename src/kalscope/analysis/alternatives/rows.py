@@ -160,5 +160,5 @@ def smoother_row(stretch: Stretch) -> Alternative:
 
 
 def is_matched(miss: float, lag: float) -> bool:
-    """Whether a lag that misses the one asked for by so many samples counts as equal to it."""
+    """Whether a lag that misses the one asked for by `miss` samples counts as equal to it."""
     return abs(miss) <= max(0.05 * lag, 0.5 + 1e-9)

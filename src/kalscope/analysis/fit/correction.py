@@ -1,7 +1,7 @@
 """How to correct a filter that does not fit its record: factors for q and r.
 
 The whole record is filtered again with λ changed by factors from 1/1000 to 1000; where the best λ is not among
-them, with all λ that the record can tell apart. Four corrections compete by their likelihood: q alone, r alone,
+them, with all λ that the record can distinguish. Four corrections compete by their likelihood: q alone, r alone,
 both by one factor (which keeps the curve and corrects its variance), or each by its own. The simplest one that
 a likelihood-ratio test does not reject is advised. Structure that is then left in the residuals cannot be
 removed by q and r: the model does not describe the signal.
@@ -79,7 +79,7 @@ class Profile:
     """The record filtered with r = 1 at steps of ln λ, the filter's own among them."""
 
     log_ratios: Array
-    """ln λ, rising, shape (steps,)."""
+    """ln λ, ascending, shape (steps,)."""
     own: int
     """Index of the filter's own λ."""
     chi2: Array

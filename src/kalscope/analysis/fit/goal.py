@@ -128,7 +128,7 @@ def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
         elif choice.goal and status == "structure" and isinstance(advice.action, EstimateAgain):  # with momentum
             text = "its residuals stay correlated, so the best statistical fit is another filter"
             costs.append(("as_chosen", Advice(f"you chose {choice.goal}. {text}")))
-        elif not (choice.goal and status in ("too_slow", "too_fast")):  # less than a factor worth a change
+        elif not (choice.goal and status in ("too_slow", "too_fast")):  # a factor too small for a change
             rest.append((status, _harmless(advice, choice)))
     rest = [one for one in rest if not (slow and one[0] == "structure")]
     mended = [one for one in rest if isinstance(one[1].action, KEEPING)]

@@ -49,7 +49,7 @@ MUCH_TOO_WIDE = 0.3
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the filter besides its residuals."""
+    """What is known about the filter besides its residuals."""
 
     estimated: bool = False
     """Whether q and r were estimated from this record just now."""

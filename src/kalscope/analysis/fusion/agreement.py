@@ -35,7 +35,7 @@ MIN_OWN = 1e-300
 """Smallest variance used as a divisor."""
 
 MAX_SIZE = 4.0
-"""Differences are clipped at so many standard deviations: spikes are no drift."""
+"""Differences are clipped at this many standard deviations: spikes are not drift."""
 
 MAX_FAINTER = 4.0
 """A row far from readings of the others, where their error variance is over this many times the least, is left
@@ -54,9 +54,9 @@ class Difference:
     own: Array
     """Variance of what is new in each value."""
     others: float
-    """Variance of the error of the others that goes on for a while, 0 where it is new in each row too."""
+    """Variance of the error of the others that lasts for some values, 0 where it is new in each row too."""
     lasting: float
-    """For how many values that error goes on."""
+    """For how many values that error lasts."""
 
     @property
     def scaled(self) -> Array:

@@ -51,7 +51,7 @@ def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
 def stuck(z: Array, dt: Array | None, params: FusionParams, sensor: int) -> Stretch:
     """The longest stretch of equal readings, where it is far longer than the others of this sensor.
 
-    A sensor that repeats its readings anyway, because it rounds, is stuck only where the others moved meanwhile.
+    A sensor that repeats its readings anyway, because it rounds, is stuck only if the others moved at that time.
     """
     rows = np.flatnonzero(np.isfinite(z[:, sensor]))
     if not len(rows):

@@ -25,7 +25,7 @@ class SensorVerdict:
     error: float
     """Error of the quantity with this sensor alone, one standard deviation, unit, predicted by the model."""
     error_without: float
-    """Error where this sensor drops out and the others go on, unit; inf where it is the only one."""
+    """Error where this sensor drops out and the others continue, unit; inf where it is the only one."""
     shares_without: Array
     """Shares of all sensors then, shape (sensors,): its own is 0."""
     pull: float

@@ -24,7 +24,7 @@ SAME_DIGITS = 1e-30
 """When statsmodels takes its variance as settled: at its own 1e-19 the result is off by 4e-7 and no faster."""
 
 Size = Callable[[int], Work]
-"""The work of so many samples, fewer in a quick run."""
+"""The work of this many samples, fewer in a quick run."""
 
 
 def peer_contests(size: Size) -> Iterator[Contest | Row]:

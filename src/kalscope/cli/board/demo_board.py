@@ -187,7 +187,7 @@ def demo_board_command(
 ) -> None:
     """Send a recording over a port, as a board would.
 
-    At its true rate, until Ctrl+C.
+    It is sent at its own rate, until Ctrl+C.
     """
     from kalscope.catalogue import open_source
 

@@ -54,7 +54,7 @@ def record_command(
         bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
     ] = False,
 ) -> None:
-    """Record a board, without the dashboard.
+    """Record what a board sends, without the dashboard.
 
     FILE.csv gets every line as received, FILE.rejects the lines that are not data.
 

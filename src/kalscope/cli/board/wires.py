@@ -31,7 +31,7 @@ class PtyWire:
             self.address = f"serial:{os.ttyname(slave)}"
             """What opens the other end, as `kalscope open` takes it."""
         finally:
-            os.close(slave)  # so that POLLHUP tells whether the other end is open
+            os.close(slave)  # so that POLLHUP shows whether the other end is open
         os.set_blocking(self._master, False)
 
     def connected(self) -> bool:

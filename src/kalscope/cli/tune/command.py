@@ -27,7 +27,8 @@ MAX_OTHERS = 24
 def tune_command(
     source: Source,
     channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the first that measures something.")
+        str | None,
+        typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     asked: TuneOptions = NOTHING,

@@ -34,7 +34,8 @@ def fleet_command(
         str | None, text_option("ADDRESS", "Dask scheduler, tcp://HOST:PORT; default: all cores of this machine.")
     ] = None,
     channel: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the first that measures something.")
+        str | None,
+        typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     row_groups: Annotated[

@@ -95,7 +95,7 @@ Still = Annotated[
     str | None,
     typer.Option(
         metavar="FROM:TO",
-        help='Constant input from … to, s (sample numbers without time), or "auto": gives r.',
+        help='When the input is constant, s (sample numbers without time), or "auto": gives r.',
     ),
 ]
 Sigma = Annotated[

@@ -66,13 +66,13 @@ def changes(values: ArrayLike, interval: Interval, device: ArrayLike, date: Arra
     if not values.shape == group.shape == dates.shape:
         raise BadSetting(f"device and date must have one entry a file, {values.shape} (got {group.shape})")
     both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
-    told = np.isfinite(values) & np.isfinite(both) & (both > 0.0)
-    weights = np.where(told, 1.0 / np.maximum(both, 1e-150) ** 2, 0.0)
+    informative = np.isfinite(values) & np.isfinite(both) & (both > 0.0)
+    weights = np.where(informative, 1.0 / np.maximum(both, 1e-150) ** 2, 0.0)
     total = np.bincount(group, weights, k)
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.bincount(group, weights * np.where(told, values, 0.0), k) / total
+        mean = np.bincount(group, weights * np.where(informative, values, 0.0), k) / total
     z = distances(values, interval, down, up, mean[group], 0.0)
-    used = np.isfinite(z) & (told | (np.abs(z) > NORMAL))  # an edge counts where it excludes the mean
+    used = np.isfinite(z) & (informative | (np.abs(z) > NORMAL))  # an edge counts where it excludes the mean
     files = np.bincount(group[used], minlength=k)
     chi2 = np.asarray(np.bincount(group[used], z[used] ** 2, k), dtype=np.float64)
     p = np.where(files > 1, np.asarray(chdtrc(np.maximum(files - 1, 1), chi2), dtype=np.float64), 1.0)

@@ -35,7 +35,7 @@ class Pool:
 
     sums: Array
     """Σ m ln r̂, Σ ln r̂, ΣΣv²/f (unit²), ΣΣln f and Σ(slope)² at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at
-    λ = 0 and at λ = ∞ (where q̂ stands in place of r̂), shape (5, 123)."""
+    λ = 0 and at λ = ∞ (where q̂ replaces r̂), shape (5, 123)."""
     devices: int
     """Series that count: those that can be fitted."""
     innovations: int

@@ -49,7 +49,7 @@ def add_up(
 ) -> None:
     """Add every series to `sums` (SUMS, lanes) and to `counts` (devices, innovations).
 
-    The columns are the finite `log_ratios`, then λ = 0, then λ = ∞, where q̂ stands in place of r̂.
+    The columns are the finite `log_ratios`, then λ = 0, then λ = ∞, where q̂ replaces r̂.
     """
     lanes = log_ratios.shape[0] + 1
     places = np.append(log_ratios, -math.inf)

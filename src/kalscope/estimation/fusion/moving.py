@@ -43,7 +43,7 @@ def with_momentum(
         searched: what is searched.
         plain: the fit without momentum.
         tau: the momentum that is given; None = find it.
-        progress: reported to.
+        progress: receives progress reports.
     """
     one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
     start = float(one.momentum) if tau is None else tau

@@ -45,6 +45,6 @@ class FusionEstimate:
     message: str
     """What was found and what to do, for the user."""
     notes: tuple[str, ...]
-    """What cannot be known, or should be looked at; one sentence each."""
+    """What cannot be known, or should be checked; one sentence each."""
     params: FusionParams | None
     """The fused filter; None where there is none: the message says why."""

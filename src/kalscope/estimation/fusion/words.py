@@ -111,7 +111,7 @@ def shared_noise(size: float, known: bool) -> str:
 def held(name: str, rows: int) -> str:
     """A sensor whose last reading a logger fills in."""
     return (
-        f"Each reading of {name} stands in about {rows} rows, as where a logger repeats the last one of a slow "
+        f"Each reading of {name} fills about {rows} rows, as where a logger repeats the last one of a slow "
         "sensor: it counts that often, and the sensor seems far better than it is. Leave the repeated cells empty."
     )
 

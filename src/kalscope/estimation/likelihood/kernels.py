@@ -42,7 +42,7 @@ def scan_ratios(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) 
     """Write Σ v²/f and Σ ln f of every lane into `chi2` and `logdet`.
 
     `d` holds the differences of neighbouring finite samples, `gap` the periods between them (empty: 1 each),
-    `ratio` λ ≥ 0 in falling order, a multiple of LANES long. Source: Durbin & Koopman (2012), section 2.10.
+    `ratio` λ ≥ 0 in descending order, a multiple of LANES long. Source: Durbin & Koopman (2012), section 2.10.
     """
     n, lanes, regular = d.shape[0], ratio.shape[0], gap.shape[0] == 0
     v, p, kept = np.zeros(lanes), np.ones(lanes), np.zeros(lanes)

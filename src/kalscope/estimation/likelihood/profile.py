@@ -120,7 +120,7 @@ class Profile:
     """The likelihood of one channel over λ; one scan of the data, from which every (q, r) can be read."""
 
     log_ratios: Array
-    """ln λ, shape (k,), rising."""
+    """ln λ, shape (k,), ascending."""
     loglik: Array
     """Concentrated log-likelihood: each λ with its best r, shape (k,)."""
     r: Array
@@ -170,7 +170,7 @@ def profile_input(
     refuse_infinite(columns)
     grid = default if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
     if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
-        raise BadSetting(f"log_ratios must be two or more rising numbers within ±300 (got {log_ratios})")
+        raise BadSetting(f"log_ratios must be two or more ascending numbers within ±300 (got {log_ratios})")
     data = differences(columns[0], steps)
     if data.m < 1:
         raise BadSetting("z must hold at least two finite samples (got fewer)")

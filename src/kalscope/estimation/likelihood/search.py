@@ -47,7 +47,7 @@ class Peak:
 
 
 def grid_for(m: int, highest: float = 24.0) -> Array:
-    """First values of ln λ, rising: from a lag far beyond m samples to `highest`."""
+    """First values of ln λ, ascending: from a lag far beyond m samples to `highest`."""
     lowest = min(-24.0, -2.0 * math.log(m) - 6.0)
     return lowest + STEP * np.arange(math.ceil((highest - lowest) / STEP) + 1, dtype=np.float64)
 
@@ -62,7 +62,7 @@ def find_peak(loglik: LogLik, grid: Array, at_infinity: float, progress: Progres
     values, at_zero = values[:-1], float(values[-1])
     progress(0.6, "likelihood around the best ratio")
     top, best, curvature = _refine(loglik, grid, values)
-    slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must stand above the rounding of the sums
+    slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must exceed the rounding of the sums
     if max(at_zero, at_infinity) >= best - slack:
         top = -math.inf if at_zero >= at_infinity else math.inf
         best, curvature = max(best, at_zero, at_infinity), 0.0

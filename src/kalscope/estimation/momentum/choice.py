@@ -59,7 +59,7 @@ def choose(data: Samples, plain: float, top: Top, progress: Progress) -> Choice:
         data: the record.
         plain: the log-likelihood of the best random walk.
         top: the best place of the likelihood with momentum.
-        progress: reported to.
+        progress: receives progress reports.
     """
     gain = 2.0 * (top.loglik - plain)
     count = len(data.z)

@@ -30,14 +30,14 @@ def likelihood_profile(
 
     Args:
         z: measurements, shape (n,), at least two of them finite; NaN is a missing sample.
-        log_ratios: ln λ, shape (k,), rising, within ±300; None = 121 values from −24 to 24, with momentum
+        log_ratios: ln λ, shape (k,), ascending, within ±300; None = 121 values from −24 to 24, with momentum
             as many more above as its steps are smaller.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         momentum: τ in nominal sample periods, 0 … 1e5.
 
     Raises:
-        BadSetting: z is not one channel, holds inf or fewer than two finite samples; log_ratios do not rise or
-            leave ±300; dt does not fit z; momentum is out of its range.
+        BadSetting: z is not one channel, holds inf or fewer than two finite samples; log_ratios do not ascend or
+            exceed ±300; dt does not fit z; momentum is out of its range.
     """
     tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
     if tau == 0.0:

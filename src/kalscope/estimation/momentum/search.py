@@ -1,7 +1,7 @@
 """The maximum of the likelihood over q, r and τ: a coarse table, then patches around its highest places.
 
 The likelihood is smooth in ln(step variance / r) and in ln τ, so a polynomial through a small patch of points
-stands for it there. The patch moves until its top lies inside, and then shrinks around the top.
+replaces it there. The patch moves until its top lies inside, and then shrinks around the top.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def climb(data: Samples, start: Top, progress: Progress) -> Top:
 
 
 def _better(inner: Top, edge: Top) -> Top:
-    slack = 1e-9 + 1e-12 * abs(inner.loglik)  # an inner maximum must stand above the rounding of the sums
+    slack = 1e-9 + 1e-12 * abs(inner.loglik)  # an inner maximum must exceed the rounding of the sums
     return edge if edge.loglik >= inner.loglik - slack else inner
 
 

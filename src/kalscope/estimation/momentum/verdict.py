@@ -28,7 +28,7 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
         data: the record.
         plain: its estimate without momentum.
         momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record needs it.
-        progress: reported to.
+        progress: receives progress reports.
     """
     if plain.verdict == "bad_unit":
         return plain

@@ -66,8 +66,9 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
     Args:
         full: the fit as asked for.
         with_momentum: the same with a momentum that is given, for the steps in between; may return `full`.
-        always: False = `full` itself; None = its numbers, bit for bit, unless there are spikes that can be told
-            from movement. They cannot where no noise is left without them and a gate does more harm than good.
+        always: False = `full` itself; None = its numbers, bit for bit, unless there are spikes that can be
+            distinguished from movement. They cannot where no noise is left without them and a gate does more harm
+            than good.
     """
     if always is False:
         return full

@@ -167,7 +167,7 @@ def more_than_chance(scores: Array, z: Array) -> bool:
 
 
 def _beyond_chance(distances: Array, least: float) -> bool:
-    """Of normal noise one record in a thousand has one so far away, and fewer have so many beyond `least`."""
+    """Whether under one record of normal noise in a thousand has one so far away, or so many beyond `least`."""
     n = len(distances)
     expected = n * math.erfc(least / math.sqrt(2.0))
     many = np.count_nonzero(distances > least) > expected + 4.0 * math.sqrt(expected) + 2.0

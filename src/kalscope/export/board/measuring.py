@@ -92,8 +92,8 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
         raise Cancelled(_UNCHANGED) from None
     names = snapshot.recording.names
     number, channels = _measured_channels(names, [answer.name for answer in said], channel)
-    with source.commands.listen() as heard:
-        run = _Run(source, heard, len(names), channels)
+    with source.commands.listen() as remarks:
+        run = _Run(source, remarks, len(names), channels)
         try:
             run.begin(calibration.start(seconds, number), progress)
             return run.until_done(progress)
@@ -131,12 +131,12 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
     Raises:
         BadDevice: it cannot, did not answer, or its memory is worn.
     """
-    with source.commands.listen() as heard:
+    with source.commands.listen() as remarks:
         source.send(calibration.KEEP if kept else calibration.FORGET)
         end = time.monotonic() + command_channel.ANSWER_S
         while (left := end - time.monotonic()) > 0.0:
             with suppress(Empty):
-                answer = calibration.read_answer(heard.get(timeout=left).text)
+                answer = calibration.read_answer(remarks.get(timeout=left).text)
                 if isinstance(answer, Kept if kept else Forgotten):
                     return
                 if isinstance(answer, NotUnderstood):
@@ -149,9 +149,9 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
 class _Run:
     """One measurement: the answers on each channel, and how many samples have arrived since."""
 
-    def __init__(self, source: LiveSource, heard: Queue[Remark], columns: int, channels: dict[str, str]) -> None:
+    def __init__(self, source: LiveSource, remarks: Queue[Remark], columns: int, channels: dict[str, str]) -> None:
         """Args: the board; its remarks; values of a row; the channels by the board's own names."""
-        self._source, self._heard, self._columns, self._channels = source, heard, columns, channels
+        self._source, self._remarks, self._columns, self._channels = source, remarks, columns, channels
         self._begun: dict[str, tuple[int, Calibrating]] = {}
         self._done: dict[str, Measurement] = {}
         self._reconnects = source.status().reconnects
@@ -172,7 +172,7 @@ class _Run:
         while len(self._done) < len(self._channels):
             progress(self._fraction(), "the board measures")
             status, rows = self._source.status(), self._row()
-            self._hear(_TICK)  # everything that arrived by then is read before an answer counts as late
+            self._read_remarks(_TICK)  # everything that arrived by then is read before an answer counts as late
             if len(self._done) < len(self._channels):
                 self._check(status, rows)
         return tuple(self._done[name] for name in self._channels)
@@ -183,17 +183,17 @@ class _Run:
             self._source.send(calibration.cancel(number), _CANCEL_S)
         except BadDevice:
             return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
-        self._hear(0.0)
+        self._read_remarks(0.0)
         measured = [name for name, one in self._done.items() if isinstance(one.answer, Calibrated)]
         if measured:
             return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
         return _UNCHANGED
 
-    def _hear(self, seconds: float) -> None:
+    def _read_remarks(self, seconds: float) -> None:
         """Process the remarks that are queued, or the first one within `seconds`; more may keep arriving."""
         with suppress(Empty):
-            for _ in range(max(self._heard.qsize(), 1)):
-                self._take(self._heard.get(timeout=seconds))
+            for _ in range(max(self._remarks.qsize(), 1)):
+                self._take(self._remarks.get(timeout=seconds))
 
     def _take(self, remark: Remark) -> None:
         answer = calibration.read_answer(remark.text)

@@ -31,10 +31,10 @@ MIN_READINGS = MIN_SAMPLES
 MIN_CHANGES = 16
 """Changes of the reading that an unknown step must show, where the noise is smaller than the step."""
 MAX_MISSING, MAX_SPIKES, MAX_AT_END = 10, 20, 100
-"""One of so many samples may be missing, a spike, at an end of the range; more are refused."""
+"""One sample in this many may be missing, a spike, at an end of the range; more are refused."""
 DEPENDENT, UNEVEN, WANDER = 0.1, 0.4, 100
 """What is allowed for any number of samples: a correlation of neighbours, a range of the groups' variances over r,
-one part of so many of r in the means of the groups."""
+one part in this many of r in the means of the groups."""
 
 F = np.float32
 WANDER_SURE = F(GROUPS - 2 + SURE * math.sqrt(2.0 * (GROUPS - 2)) + 3.0)
@@ -79,7 +79,7 @@ class BoardRange:
 
 
 def rows_of(seconds: float, period: float) -> int:
-    """Rows that a calibration of so many seconds takes, period in s."""
+    """Rows that a calibration of `seconds` takes, period in s."""
     return LEARNING + (GROUPS + 1) * ((round(seconds / period) - LEARNING) // (GROUPS + 1))
 
 

@@ -44,11 +44,11 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 MAX_DRAWN_POINTS = 1500
 """Points of a curve, approximately."""
 
-UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is no model of the signal."
-"""What stands in place of the verdict on a chain."""
+UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is not a model of the signal."
+"""What is shown instead of the verdict on a chain."""
 
 MAX_DETAIL_SAMPLES = 240
-"""Samples of the detail; a recording of fewer has none."""
+"""Samples of the detail; a recording of less than twice as many has none."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Report:
 
     @property
     def table_columns(self) -> tuple[tuple[ReportTable, ...], ...]:
-        """The tables that have rows, as they stand in the left and in the right column of the page."""
+        """The tables that have rows, for the left and the right column of the page."""
         return tuple(tuple(one for one in self.tables[side::2] if one.rows) for side in (0, 1))
 
 
@@ -97,7 +97,7 @@ def make_report(
         options: more words of the command, where the filter is not that of the file.
         now: time to print; None = now. Everything else is the same in every run.
         command: what reopens this state; "" = with the tuning file `config`.
-        pins: names and settings of the channel to stand beside the present one.
+        pins: names and settings of the channel to show beside the present one.
 
     Raises:
         BadSetting: the recording or the tuning has no such channel.
@@ -218,7 +218,7 @@ def y_range(curves: list[Array]) -> tuple[float, float]:
 
 
 def _label(name: str, unit: str) -> str:
-    """Name and unit, short enough to stand beside a low chart."""
+    """Name and unit, short enough to fit beside a low chart."""
     short = name if len(name) <= 10 else f"{name[:9]}…"
     return f"{short} ({unit[:8]})" if unit else short
 

@@ -37,7 +37,7 @@ STYLES = ("raw", "s1", "s3", "s4")
 """Of the sensors, from the first; the fused value is s2."""
 
 _MAX_BRIDGED = 10
-"""A sensor's line is broken where it has no reading for so many of its usual steps."""
+"""A sensor's line is broken where it has no reading for this many of its usual steps."""
 
 
 def make_fusion_report(
@@ -98,7 +98,7 @@ def make_fusion_report(
 
 
 def _sensors(fusion: FusionTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[str, ...]]:
-    """A row a sensor, and what stands above the columns; a gain in place of the error alone where there are any."""
+    """A row per sensor, and the column headings; a gain in place of the error alone where there are any."""
     gains = any(gain != 1.0 for gain in fusion.gain)
     rows = [
         (
@@ -115,7 +115,7 @@ def _sensors(fusion: FusionTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[
 
 
 def _without_r(rows: Rows) -> Rows:
-    """The parameters without r, which each sensor has its own of."""
+    """The parameters without r: each sensor has its own."""
     return tuple(row for row in rows if row[0] != "measurement noise r")
 
 

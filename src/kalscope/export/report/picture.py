@@ -37,7 +37,7 @@ def as_png(report: Report) -> bytes:
 
 
 class _Sheet:
-    """A pen that goes down the page; all lengths in px, from the upper left corner."""
+    """Draws the page from top to bottom; all lengths in px, from the upper left corner."""
 
     def __init__(self) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -115,7 +115,7 @@ class _Sheet:
     def _write(
         self, x: float, text: str, size: int, colour: str = "ink", room: float = math.inf, align: str = "left"
     ) -> None:
-        """Text with its top at the height of the pen, cut where it is wider than `room`."""
+        """Text with its top at the current height, cut where it is wider than `room`."""
         line = one_line(text)
         while len(line) > 1 and self._width(line, size) > room:
             line = line[:-4].rstrip() + "..."

@@ -41,7 +41,7 @@ class ReportTable:
     rows: Rows
     """Equally long rows, the name first; none = the table is left out."""
     columns: tuple[str, ...] = ()
-    """What stands above the columns; () = names and values, which need no words."""
+    """Column headings; () = names and values, which need none."""
 
 
 def parameters(own: ChannelTuning, period: float | None) -> Rows:
@@ -98,7 +98,7 @@ def residual_tests(d: Diagnostics) -> Rows:
 
 
 def simpler_filters(found: Comparison) -> ReportTable:
-    """Beside each other; with their overshoot where the present one overshoots."""
+    """Side by side; with their overshoot where the present one overshoots."""
     rows: list[tuple[str, ...]] = []
     beyond = found.present.overshoot > 0.0
     for one in (found.present, *found.others):

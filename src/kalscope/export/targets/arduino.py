@@ -36,27 +36,27 @@ MAX_MEASURED_WITH_MOMENTUM = 5
 """Channels with momentum in a sketch that measures r: 1,838 of the 2,048 bytes of an Uno."""
 
 DEFAULT_PERIOD_US = 5000
-"""Where the tuning does not know its sample period: 200 samples a second."""
+"""Where the tuning has no sample period: 200 samples a second."""
 
 MAX_PERIOD_US = 2_000_000_000
-"""Half the time in which micros() comes round."""
+"""Half the time in which micros() wraps around."""
 
 UNO_FREE = 1400
-"""Bytes of its 2,048 that an Uno has for filters and constants; the sketch, its port and the stack need others."""
+"""Bytes of 2,048 that an Uno has for filters and constants; the sketch, its port and the stack need the rest."""
 
 UNIT_CHECK = """\
 #ifndef KALSCOPE_UNITS_DONE
 #error "analogRead() returns counts, not the unit above: change readSensor(), then delete these three lines"
 #endif
 """
-"""Stops the compiler until the sketch reads what its filter was tuned for; a constant, no name comes in here."""
+"""Stops the compiler until the sketch reads what its filter was tuned for; constant, without names from outside."""
 
 
 def files(job: ExportJob) -> dict[str, str]:
     """`KalscopeFilter.h` and `kalscope_filter.ino`.
 
     Raises:
-        BadSetting: float32 cannot hold a value, an Uno has not enough analogue pins, or the period is out of
+        BadSetting: float32 cannot hold a value, an Uno does not have enough analogue pins, or the period is out of
             the range that it can count.
     """
     _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
@@ -69,7 +69,7 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
     """The same with a sketch that measures r itself, and `KalscopeCalibration.h`.
 
     Raises:
-        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno has not the memory.
+        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno does not have the memory.
     """
     _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
     if job.has_momentum:
@@ -270,7 +270,7 @@ def _unit(unit: str) -> str:
 def _period(job: Origin) -> tuple[int, str]:
     """Microseconds between samples, and a remark on them."""
     if job.sample_period is None:
-        return DEFAULT_PERIOD_US, " a guess: the tuning does not know its own"
+        return DEFAULT_PERIOD_US, " a guess: the tuning has no sample period"
     period_us = round(job.sample_period * 1e6)
     if not 1 <= period_us <= MAX_PERIOD_US:
         raise BadSetting(f"the sample period must be 1e-6 to 2000 s for a board (got {job.sample_period:.6g} s)")

@@ -110,7 +110,7 @@ def _params(channel: ChannelTuning) -> str:
 
 
 def _tuning(channel: ChannelTuning) -> str:
-    """The tuning of a channel with its chain, for Kalscope; its name stands before it."""
+    """The tuning of a channel with its chain, for Kalscope; its name comes before it."""
     chain = "" if channel.chain is None else f", chain={channel.chain!r}"
     return f'ChannelTuning("", "", {_of_kalscope(channel)}{chain})'
 

@@ -1,4 +1,4 @@
-"""ROS 2: a parameter file, written by hand because each value's type must be plain to its reader.
+"""ROS 2: a parameter file, written by hand because each value's type must be unambiguous to its reader.
 
 rcl's parser (rcl_yaml_param_parser/src/parse.c) takes `1` for an integer, on which a node that declared a
 double stops; and what strtod reports as out of range, subnormal numbers too, for a text.
@@ -71,7 +71,7 @@ def _period(job: Origin) -> str:
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     return _CHANNEL.format(
         about=commented(about_channel(job, channel), "      #"),
-        word=f"channel_{word}",  # no name of a channel is a word of the level above
+        word=f"channel_{word}",  # so that no channel's name equals a key of the level above
         name=quoted(comment_text(channel.name)),  # harmless: launch files may substitute "$(…)"
         q=_number(channel.q),
         r=_number(channel.r),

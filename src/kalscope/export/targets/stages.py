@@ -46,7 +46,7 @@ WHOLE = frozenset(("filter", "median", "window"))
 
 _TUNING_CHANGES = "q, r and gate may be changed at any time"
 _WITH_MOMENTUM_CHANGES = "r and gate may be changed at any time"
-_CHAIN_CHANGES = "of this copy the numbers may be changed at any time, but not median, filter and window"
+_CHAIN_CHANGES = "the numbers of this copy may be changed at any time, except median, filter and window"
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def code_in_c(job: ExportJob, linkage: str = "") -> Code:
 
     Args:
         job: the export.
-        linkage: what stands before the two functions that a user calls: "static " in a header.
+        linkage: what precedes the two functions that a user calls: "static " in a header.
     """
     marks, windows = job.marks, {name: str(n) for name, n in windows_of(job).items()}
     if not job.has_chain:
@@ -161,7 +161,7 @@ def _struct_bytes(code: str) -> int:
 
 
 def _merged(pieces: Iterable[str]) -> str:
-    """The lines of all pieces, one that several have once."""
+    """The lines of all pieces, each line once."""
     return "".join(dict.fromkeys(line for piece in pieces for line in piece.splitlines(keepends=True)))
 
 

@@ -38,7 +38,7 @@ def law(method: str, data: Differences, ratio: float, simulations: int, progress
         data: the record; only the gaps between its samples count.
         ratio: λ = q/r of the simulated records, 0 … inf.
         simulations: how many.
-        progress: reported to.
+        progress: receives progress reports.
 
     Returns:
         q and r, shape (k, 2), one row for each record in which the method finds an answer.

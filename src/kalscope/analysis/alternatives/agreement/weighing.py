@@ -64,7 +64,7 @@ def weigh(method: str, data: Differences, best: Pair, found: Pair, broken: str, 
         best: the maximum-likelihood pair.
         found: the method's pair.
         broken: what `spikes_in` says of the record.
-        progress: reported to.
+        progress: receives progress reports.
     """
     if method not in QUICK:
         return Opinion(1.0, "it maximises the same likelihood")

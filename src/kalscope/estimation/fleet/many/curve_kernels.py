@@ -1,6 +1,6 @@
 """The compiled loops of polynomials through the likelihood, nothing else: Chebyshev series on −1 … 1.
 
-A series of POINTS coefficients stands for the likelihood over a short stretch of ln λ, as in `likelihood.search`.
+A series of POINTS coefficients approximates the likelihood over a short stretch of ln λ, as in `likelihood.search`.
 Its roots are found by their change of sign on a fine grid, and then to the last digit.
 """
 

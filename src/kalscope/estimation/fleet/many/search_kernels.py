@@ -41,7 +41,7 @@ def find_peak(d: Array, gap: Array, scale: float, noise: float, highest: float, 
     heights = np.empty(POINTS * stretches.shape[0])
     logliks_at(d, gap, nodes_on(stretches), scale, noise, heights)
     top, best, curvature = highest_of(stretches, heights)
-    slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must stand above the rounding of the sums
+    slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must exceed the rounding of the sums
     if max(at_zero, at_infinity) >= best - slack:
         top = -math.inf if at_zero >= at_infinity else math.inf
         best, curvature = max(best, at_zero, at_infinity), 0.0

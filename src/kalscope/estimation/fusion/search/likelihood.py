@@ -149,7 +149,7 @@ class Coordinates:
         return int(self.moves) + int(self.keeps) + len(self.noisy) + len(self.gained)
 
     def noise_index(self, sensor: int) -> int:
-        """Where ln r of a sensor stands among the coordinates."""
+        """The index of ln r of a sensor among the coordinates."""
         return int(self.moves) + int(self.keeps) + int(np.flatnonzero(self.noisy == sensor)[0])
 
     def start(self) -> Array:

@@ -1,6 +1,6 @@
-"""bachagas/Kalman.h: the same five lines, so its constructor takes our numbers as they are.
+"""bachagas/Kalman.h: the same five lines, so its constructor takes the numbers unchanged.
 
-Its own code knows neither missing samples nor an automatic start nor a gate; a short function around it does.
+Its own code supports neither missing samples nor an automatic start nor a gate; a short function adds them.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 LARGEST_RATIO = 1e15
-"""q/r that stands for no noise reduction at all: the gain is 1 to fifteen digits."""
+"""q/r that means no noise reduction at all: the gain is 1 to fifteen digits."""
 
 MAX_SENSORS_SHOWN = 4
 """Sensors whose mean a message writes out: it is one line."""
@@ -74,7 +74,7 @@ def refusal_of_chain(job: ExportJob, target: str, able: Iterable[str]) -> BadSet
 
 
 def _in_esphome(chain: Chain) -> str:
-    """The filter of ESPHome itself that equals a classic filter but for rounding, while no sample is missing."""
+    """The filter of ESPHome itself that equals a classic filter except for rounding, while no sample is missing."""
     last = chain.then
     if chain.median > 1 or not isinstance(last, Exponential | PowerOfTwo | MovingAverage):
         return ""
@@ -82,7 +82,9 @@ def _in_esphome(chain: Chain) -> str:
         code = f"sliding_window_moving_average: {{window_size: {last.window}, send_every: 1}}"
     else:
         code = f"exponential_moving_average: {{alpha: {last.constants[0]!r}, send_every: 1}}"
-    return f"; or give the sensor ESPHome's own filter, equal but for rounding while no sample is missing: {code}"
+    return (
+        f"; or give the sensor ESPHome's own filter, equal except for rounding while no sample is missing: {code}"
+    )
 
 
 def _mean_text(fusion: FusionTuning) -> str:

@@ -1,6 +1,6 @@
 $about%
 % Put the samples into z (NaN where one is missing) and run this script: buff_xk is the filtered signal, buff_Kk
-% the gain. Without z it filters a random signal. no_plot = true leaves the figure out.
+% the gain. Without z it filters a random signal. no_plot = true omits the figure.
 
 Q = $q;  % process noise q, variance added per sample
 R = $r;  % measurement noise r, variance

@@ -1,5 +1,5 @@
 // How noisy a sensor is while its input does not change: the variance r of its readings about a straight line, found
-// sample by sample in float (32 bits), without heap and without keeping them; spikes are left out, and what moves is
+// sample by sample in float (32 bits), without heap and without keeping them; spikes are left out, a moving input is
 // refused. Exported by Kalscope beside KalscopeFilter.h.
 //
 //   KalscopeCalibration calibration;
@@ -21,12 +21,12 @@
 #pragma GCC optimize("fp-contract=off")
 #endif
 
-// Which export this is: what another one has left in the EEPROM is not used.
+// Identifies this export: values of another one in the EEPROM are not used.
 const uint32_t KALSCOPE_STAMP = $stamp;
 
 // q over r: the lag that was chosen stays when r is measured.
 $ratios
-// What is known of the readings beforehand, in their unit.
+// What is known about the readings beforehand, in their unit.
 struct KalscopeReadings {
   float step;     // distance of two neighbouring values; 0: not known
   float lowest;   // readings from here down are cut off; -INFINITY: not known
@@ -42,7 +42,7 @@ class KalscopeCalibration {
   static const uint32_t MIN_ROWS = LEARNING + (GROUPS + 1UL) * MIN_EACH;
   static const uint32_t MAX_ROWS = LEARNING + (GROUPS + 1UL) * MAX_EACH;
 
-  // Begins: the first LEARNING readings and one group tell where the readings lie, GROUPS groups are measured.
+  // Begins: the first LEARNING readings and one group show where the readings lie, GROUPS groups are measured.
   bool start(uint32_t samples, const KalscopeReadings &readings) {
     const uint32_t length = samples < LEARNING ? 0 : (samples - LEARNING) / (GROUPS + 1);
     if (length < MIN_EACH || length > MAX_EACH) return false;
@@ -138,9 +138,9 @@ class KalscopeCalibration {
     counted++;
   }
 
-  // Groups are added up by themselves first, so that a sum of thousands keeps its last digits.
+  // Groups are added up separately first, so that a sum of thousands keeps its last digits.
   void endGroup() {
-    if (group == 0) {  // it has only told how far the readings spread
+    if (group == 0) {  // it has only shown how far the readings spread
       spikes = missing = cut_off = pairs = changes = 0;
       jumps = 0.0f;
     } else if (counted < 2) {
@@ -192,7 +192,7 @@ class KalscopeCalibration {
     return slope * slope * (GROUPS * GROUPS) > $drift_squared * r;
   }
 
-  // Whether the variances of the groups differ more than chance makes them; with coarse steps that is more.
+  // Whether the variances of the groups differ more than by chance; coarse steps allow more.
   bool isUneven(float n) const {
     float least = held[GROUPS], most = least;
     for (uint8_t i = 1; i < GROUPS; i++) {
@@ -204,7 +204,7 @@ class KalscopeCalibration {
     return apart * apart > larger($uneven_squared, $uneven_sure * (2.0f + step * step / variance) / n);
   }
 
-  // Whether the squared distance of neighbours is another than twice the variance.
+  // Whether the squared distance of neighbours differs from twice the variance.
   bool isDependent(float n) const {
     const float off = jumps / pairs / (2.0f * variance) - 1.0f;
     return off * off > larger($dependent_squared, $sure_squared / n);

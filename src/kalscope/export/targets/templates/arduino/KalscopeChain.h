@@ -3,7 +3,7 @@ $about
 //   KalscopeFilter filter($first);
 //   float filtered = filter.update(raw);      // NAN where a sample is missing
 //
-// Filters in float (32 bits), without heap, one object a channel. Your lines stay when a channel changes its filter.
+// Filters in float (32 bits), without heap, one object a channel. Your code is the same for every filter.
 // Written for C++11: Arduino, PlatformIO, ESP-IDF. Do not compile it with -ffast-math: NAN would be lost.
 
 #ifndef KALSCOPE_FILTER_H

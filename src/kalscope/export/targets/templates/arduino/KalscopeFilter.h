@@ -55,7 +55,7 @@ class KalscopeFilter {
   }
 
 @plain   // Takes one sample and returns the filtered value. NAN where none came: then the variance grows and x stays.
-@momentum ${set_momentum}  // Takes one sample and returns the filtered value. NAN where none came: then x goes on as fast as it went.
+@momentum ${set_momentum}  // Takes one sample and returns the filtered value. NAN where none came: x continues at its velocity.
   float update(float z) {
     const float before = p;
 @plain     p = p + tuning.q;
@@ -69,7 +69,7 @@ class KalscopeFilter {
     const float s = predicted + tuning.r;
     k = 0.0f;
     if (z != z) return x;
-    if (isinf(predicted)) {  // nothing was known: believe the first sample
+    if (isinf(predicted)) {  // nothing was known: accept the first sample
       k = 1.0f;
       p = tuning.r;
 @momentum       g = 0.0f;
@@ -106,7 +106,7 @@ class KalscopeFilter {
 @momentum   float velocity;         // filtered velocity, unit per sample
 
  private:
-@momentum   // What a sample tells of the velocity: its gain, by which the variance w and the covariance g shrink.
+@momentum   // The velocity gain of a sample; the variance w and the covariance g shrink by it.
 @momentum   float velocityGain(float s) {
 @momentum     const float gain = g / s;
 @momentum     w = w - gain * g;

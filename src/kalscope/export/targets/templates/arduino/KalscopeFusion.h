@@ -67,7 +67,7 @@ class KalscopeFusion {
 
   // Takes a row, one reading a sensor, and returns the fused value. A reading is left out where it is NAN or where its
 @plain   // bit of `valid` is 0; where all are, the variance grows and x stays.
-@momentum   // bit of `valid` is 0; where all are, x goes on as fast as it went.
+@momentum   // bit of `valid` is 0; where all are, x continues at its velocity.
   float update(const float readings[], uint8_t valid = 255) {
 @plain     p = p + tuning.q;
 @momentum     const float carried = tuning.f * w;
@@ -94,7 +94,7 @@ class KalscopeFusion {
   // The update with one reading, on the scale of x.
   void take(uint8_t i, float z) {
     const float s = p + tuning.r[i];
-    if (isinf(p)) {  // nothing was known: believe the first reading
+    if (isinf(p)) {  // nothing was known: accept the first reading
       k[i] = 1.0f;
       p = tuning.r[i];
 @momentum       g = 0.0f;
@@ -120,7 +120,7 @@ class KalscopeFusion {
     rejected[i] = 0;
   }
 
-@momentum   // What a reading tells of the velocity: its gain, by which the variance w and the covariance g shrink.
+@momentum   // The velocity gain of a reading; the variance w and the covariance g shrink by it.
 @momentum   float velocityGain(uint8_t i, float s) {
 @momentum     const float gain = g / s;
 @momentum     w = w - gain * g;

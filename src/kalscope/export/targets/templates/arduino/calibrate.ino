@@ -77,7 +77,7 @@ void sayWhat(uint8_t channel) {
 
 bool isNormal(float value) { return value >= 1.17549435e-38f && value - value == 0.0f; }
 
-// Takes r and the q of the same lag into use; false where float cannot hold them.
+// Starts to use r, and the q of the same lag; false where float cannot hold them.
 bool useMeasured(KalscopeFilter &filter, float r, float q) {
   if (!isNormal(r) || (q != 0.0f && !isNormal(q)) || !isNormal(q + r)) return false;
 @momentum   if (!fits(q, filter.tuning.momentum)) return false;
@@ -91,7 +91,7 @@ bool useMeasured(KalscopeFilter &filter, float r, float q) {
 
 void keep();
 
-// Gives each sample to the channels that measure, and says what they found.
+// Passes each sample to the channels that measure, and reports what they found.
 void measure(const float *samples) {
   bool found = false;
   for (uint8_t i = 0; i < CHANNELS; i++) {
@@ -114,7 +114,7 @@ void measure(const float *samples) {
 const uint16_t KEPT = CHANNELS * sizeof(KalscopeTuning);
 const uint32_t NOTHING_KEPT = 0xFFFFFFFF;
 
-#if defined(ESP8266) || defined(ESP32) || defined(ARDUINO_ARCH_RP2040)  // flash that stands for an EEPROM
+#if defined(ESP8266) || defined(ESP32) || defined(ARDUINO_ARCH_RP2040)  // flash that emulates an EEPROM
 #define KALSCOPE_EEPROM_BEGIN EEPROM.begin(KEPT + 8)
 #define KALSCOPE_EEPROM_DONE EEPROM.commit()
 #else
@@ -125,7 +125,7 @@ const uint32_t NOTHING_KEPT = 0xFFFFFFFF;
 uint8_t &inUse(uint16_t i) { return ((uint8_t *)&filters[i / sizeof(KalscopeTuning)].tuning)[i % sizeof(KalscopeTuning)]; }
 
 void store(uint16_t at, uint8_t value) {
-  if (EEPROM.read(at) != value) EEPROM.write(at, value);  // a cell wears out by being written
+  if (EEPROM.read(at) != value) EEPROM.write(at, value);  // each write wears a cell
 }
 
 void storeWord(uint16_t at, uint32_t value) {
@@ -169,7 +169,7 @@ void forget() {
   Serial.println(F("# forgotten"));
 }
 
-// Takes what is kept into use, if it is whole and this export's.
+// Starts to use what is kept, if it is intact and from this export.
 void useKept() {
   KALSCOPE_EEPROM_BEGIN;
   const uint32_t stamp = wordAt(0);

@@ -47,12 +47,12 @@ void answer(uint8_t channel) {
   Serial.println();
 }
 
-@momentum // Whether float holds what the filter makes of them.
+@momentum // Whether float can hold the constants that follow from them.
 @momentum bool fits(float q, float tau) {
 @momentum   return tau == 0.0f || (tau >= 1e-3f && tau <= 1e5f && !isinf(0.5f * q / tau));
 @momentum }
 @momentum 
-// Takes the value into use; false where the filter cannot work with it.
+// Starts to use the value; false where the filter cannot work with it.
 bool change(KalscopeFilter &filter, char what, float value) {
   KalscopeTuning &tuning = filter.tuning;
   if (what == '?') return true;
@@ -76,7 +76,7 @@ bool change(KalscopeFilter &filter, char what, float value) {
 @momentum   } else {
 @momentum     tuning.r = value;
 @momentum   }
-  tuning.settled_gain = 0.0f;  // it belonged to the values before
+  tuning.settled_gain = 0.0f;  // it belonged to the previous values
   return true;
 }
 
@@ -111,7 +111,7 @@ void obey(char *line) {
 @momentum   }
 }
 
-// Collects what has come, without waiting, and obeys each line that is complete.
+// Collects what has arrived, without waiting, and obeys each complete line.
 void listen() {
   static char line[32];
   static uint8_t length = 0;
@@ -123,7 +123,7 @@ void listen() {
       continue;
     }
     line[length] = '\0';
-    if (length == sizeof(line) - 1) line[0] = '!';  // too long: no command begins so
+    if (length == sizeof(line) - 1) line[0] = '!';  // too long: no command begins with this
     if (length > 0) obey(line);
     length = 0;
   }

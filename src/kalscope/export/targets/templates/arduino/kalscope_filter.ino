@@ -5,17 +5,17 @@ $about
 // Put this file and KalscopeFilter.h into one folder named kalscope_filter, and open it in the Arduino IDE.
 @calibration // KalscopeCalibration.h belongs there too.
 @kalman //
-@kalman // Lines it understands while it runs, in the unit above:
-@kalman //   q 0.01     process noise; the filter goes on
-@kalman //   r 4        measurement noise; the filter goes on
-@momentum //   t 20       momentum in samples, 0.001 to 100000, or 0 for none; the filter goes on
+@kalman // Commands while it runs, in the unit above:
+@kalman //   q 0.01     process noise; the filter continues
+@kalman //   r 4        measurement noise; the filter continues
+@momentum //   t 20       momentum in samples, 0.001 to 100000, or 0 for none; the filter continues
 @kalman //   p 1000     start variance, and start again; p inf: the first sample is the start
 @kalman //   ?          which values are in use
-@calibration //   c 10       measure r for 10 s while the input does not change, and take it into use, with the q of the same
-@calibration //              lag; c 0 ends that
+@calibration //   c 10       measure r for 10 s while the input does not change, and use it, with the q of the same
+@calibration //              lag; c 0 cancels it
 @calibration //   k          keep the values in use in the EEPROM, for the next start; f forgets them
 @kalman // Each is answered by a # line with the values and their exact bits. Wait for it before the next: a board keeps
-@kalman // 64 letters. All channels are meant; "2 q 0.01" means the second.
+@kalman // 64 characters. A command is for all channels; "2 q 0.01" is for the second.
 
 @calibration #include <EEPROM.h>
 @calibration 
@@ -29,7 +29,7 @@ const char *const NAMES[] = {$names};
 KalscopeFilter filters[] = {$filters};
 const uint8_t CHANNELS = sizeof(PINS);
 
-@calibration // When r is measured without being asked for; a line such as "#define KALSCOPE_CALIBRATE_PIN 2" may stand above.
+@calibration // When r is measured without a command; a line such as "#define KALSCOPE_CALIBRATE_PIN 2" may come above.
 @calibration #ifndef KALSCOPE_CALIBRATE_AT_START
 @calibration #define KALSCOPE_CALIBRATE_AT_START 0  // 1: at every start
 @calibration #endif
@@ -46,13 +46,13 @@ const uint8_t CHANNELS = sizeof(PINS);
 // What the filter takes, in the unit it was tuned in: $units. NAN where there is no sample.
 ${unit_check}float readSensor(uint8_t channel) { return analogRead(PINS[channel]); }
 @calibration 
-@calibration // What is known of these readings: their step (0: not known), lowest and highest (-INFINITY, INFINITY: not known).
+@calibration // What is known about these readings: their step (0: not known), lowest and highest (-INFINITY, INFINITY: not known).
 @calibration // The highest is 1023 on an Uno, 4095 where the converter has 12 bits.
 @calibration const KalscopeReadings KALSCOPE_READINGS = {$readings};
 
 ${print_float}${commands}${calibrate}unsigned long due_us;    // when the next sample must be taken
 unsigned long left_out;  // samples that could not be taken in time
-unsigned long said_ms;   // when that was last said
+unsigned long said_ms;   // when that was last reported
 
 void setup() {
   Serial.begin(BAUD);

@@ -12,12 +12,12 @@ const unsigned long PERIOD_US = $period_us;  // between rows;$period_words
 const uint8_t PINS[KALSCOPE_SENSORS] = {$pins};
 KalscopeFusion fusion($tuning);
 
-// What each sensor reads, as it was in the recording: $units. NAN where it has nothing now.
+// What each sensor reads, as it was in the recording: $units. NAN where it has no reading now.
 ${unit_check}float readSensor(uint8_t sensor) { return analogRead(PINS[sensor]); }
 
 ${print_float}unsigned long due_us;    // when the next row must be taken
 unsigned long left_out;  // rows that could not be taken in time
-unsigned long said_ms;   // when that was last said
+unsigned long said_ms;   // when that was last reported
 
 void setup() {
   Serial.begin(BAUD);

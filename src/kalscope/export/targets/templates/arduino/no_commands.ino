@@ -1,4 +1,4 @@
-// Answers each line that comes: these filters take no values while they run.
+// Answers each line that arrives: these filters take no values while they run.
 void listen() {
   static bool empty = true;
   while (Serial.available() > 0) {

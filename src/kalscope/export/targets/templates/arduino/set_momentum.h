@@ -1,9 +1,9 @@
   // Other values while it runs: the constants follow by sums, products and quotients alone, so that every
-  // processor finds the same bits. tau from 0.001 to 100000 samples, or 0.
+  // processor computes the same bits. tau from 0.001 to 100000 samples, or 0.
   void setMomentum(float q, float tau) {
     tuning.q = q;
     tuning.momentum = tau;
-    tuning.settled_gain = 0.0f;  // it belonged to the values before
+    tuning.settled_gain = 0.0f;  // it belonged to the previous values
     tuning.e = tuning.f = tuning.q12 = tuning.q22 = tuning.w0 = 0.0f;
     tuning.q11 = q;
     if (!(tau > 0.0f)) return;

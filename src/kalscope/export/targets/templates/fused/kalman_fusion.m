@@ -1,6 +1,6 @@
 $about%
 % Put the readings into z, a row a sample and a column a sensor (NaN where one has no reading), and run this script:
-% buff_xk is the fused value, buff_Kk the gains. Without z it fuses random readings. no_plot = true leaves the figure out.
+% buff_xk is the fused value, buff_Kk the gains. Without z it fuses random readings. no_plot = true omits the figure.
 
 Q = $q;  % process noise q, variance added per sample
 R = [$r];  % measurement noise of each sensor on the scale of xk, variance / gain squared

@@ -28,7 +28,7 @@ void kalscope_fusion_start(kalscope_fusion *fusion, const kalscope_fusion_tuning
     }
 }
 
-@momentum /* What a reading tells of the velocity: its gain, by which the variance w and the covariance g shrink. */
+@momentum /* The velocity gain of a reading; the variance w and the covariance g shrink by it. */
 @momentum static kalscope_fusion_real velocity_gain(kalscope_fusion *fusion, int i, kalscope_fusion_real s)
 @momentum {
 @momentum     const kalscope_fusion_real gain = fusion->g / s;
@@ -43,7 +43,7 @@ static void take(kalscope_fusion *fusion, int i, kalscope_fusion_real z)
     const kalscope_fusion_tuning *tuning = &fusion->tuning;
     const kalscope_fusion_real p = fusion->p, s = p + tuning->r[i];
 
-    if (isinf(p)) { /* nothing was known: believe the first reading */
+    if (isinf(p)) { /* nothing was known: accept the first reading */
         fusion->k[i] = 1;
         fusion->p = tuning->r[i];
 @momentum         fusion->g = 0;

@@ -8,7 +8,7 @@ $about
  *
  * C99, in double; with -DKALSCOPE_FLOAT in float (32 bits), for every file that includes this one. No heap.
  * The results are those of Kalscope to the last bit where a processor rounds each operation once (SSE, ARM, AVR;
- * not the x87 of old PCs). The .c file forbids GCC and Clang to fuse x + k * v; elsewhere use -ffp-contract=off.
+ * not the x87 of old PCs). The .c file keeps GCC and Clang from fusing x + k * v; elsewhere use -ffp-contract=off.
  * Never compile it with -ffast-math: NAN would be lost.
  */
 #ifndef KALSCOPE_FUSION_C_H

@@ -1,6 +1,6 @@
 $about//
 // For Kalman.h of bachagas: kalman_init(q, r, p, initial value), then kalman_update, the same formula.
-// By itself that library lets one NaN spoil all that follows and starts at the value it is given;
+// By itself that library turns everything after one NaN into NaN, and starts at the value it is given;
 // kalscope_update() below adds missing samples (predict only), the start and the gate.
 // Call x = kalscope_update(&kalscope_filter_NAME, z) once a sample. On an AVR board double is float32.
 #ifndef KALSCOPE_BACHAGAS_H
@@ -12,7 +12,7 @@ $about//
 typedef struct {
   kalman_state state;
   double gate;  // on v^2/s
-  int refused;  // samples in a row that the gate did not let through
+  int refused;  // samples in a row that the gate refused
 } kalscope_channel;
 
 static inline double kalscope_update(kalscope_channel *f, double z) {

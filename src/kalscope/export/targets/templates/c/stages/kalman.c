@@ -29,7 +29,7 @@
     filter->rejected = 0;
 === update
 @momentum 
-@momentum /* What a sample tells of the velocity: its gain, by which the variance w and the covariance g shrink. */
+@momentum /* The velocity gain of a sample; the variance w and the covariance g shrink by it. */
 @momentum static kalscope_real ${own}velocity_gain(kalscope_filter *filter, kalscope_real s)
 @momentum {
 @momentum     const kalscope_real gain = filter->g / s;
@@ -54,7 +54,7 @@ $update(kalscope_filter *filter, kalscope_real z)
 @momentum     filter->velocity = tuning->e * filter->velocity;
     filter->k = 0;
     if (isnan(z)) return filter->x;
-    if (isinf(predicted)) { /* nothing was known: believe the first sample */
+    if (isinf(predicted)) { /* nothing was known: accept the first sample */
         filter->k = 1;
         filter->p = tuning->r;
 @momentum         filter->g = 0;

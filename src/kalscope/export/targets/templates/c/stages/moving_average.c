@@ -3,16 +3,16 @@
 === state
     kalscope_real recent[$window]; /* the last samples */
     int place;              /* the oldest of them */
-    int count;              /* how many have come, up to the window */
+    int count;              /* how many have arrived, up to the window */
     kalscope_real level, total; /* a level, and the sum of the window around it */
-    kalscope_real next_level, next_total; /* the same of this turn through the window */
+    kalscope_real next_level, next_total; /* the same of this pass through the window */
 === start
     filter->place = 0;
     filter->count = 0;
     filter->level = filter->total = filter->next_level = filter->next_total = 0;
 === update
 
-/* Moving average. Once a turn its sum is replaced by one that began at nothing: no rounding lasts longer. */
+/* Moving average. Once per pass through the window its sum is replaced by a new one: no rounding error lasts longer. */
 static kalscope_real kalscope_moving_average(kalscope_filter *filter, kalscope_real z)
 {
     if (isnan(z)) return filter->x;
