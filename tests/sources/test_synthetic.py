@@ -148,7 +148,7 @@ def test_several_sensors_of_one_signal_share_its_truth():
 @each(
     ("wrong", "must"),
     [
-        ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one a sensor"),
+        ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one per sensor"),
         ({"sigmas": (1.0, -1.0)}, "sigmas must be a number from 0"),
         ({"sigmas": (1.0, 1.0), "channels": 2}, "channels must be left out"),
         ({"sigmas": (1.0, 1.0), "offsets": (1.0,)}, "offsets must have a number for each of sigmas"),

@@ -274,7 +274,7 @@ def _check_each(name: str, values: object, low: float, high: float, sigmas: tupl
     """A number for each sensor; `sigmas` says how many there are."""
     each = cast("tuple[Any, ...]", values) if isinstance(values, tuple) else ()
     if not 1 <= len(each) <= MAX_CHANNELS:
-        raise BadSetting(f"{name} must be 1 to {MAX_CHANNELS} numbers, one a sensor (got {values!r})")
+        raise BadSetting(f"{name} must be 1 to {MAX_CHANNELS} numbers, one per sensor (got {values!r})")
     if sigmas is None or len(each) != len(sigmas):
         raise BadSetting(
             f"{name} must have a number for each of sigmas, {sigmas or 'which is not given'} (got {values!r})"

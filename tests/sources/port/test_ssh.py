@@ -107,10 +107,10 @@ def test_a_second_reader_is_refused(pi, board):
         ("ssh://stranger/dev/null", "the host key of stranger is not known here: run ssh stranger once"),
         ("ssh://impostor/dev/null", "impostor shows another host key than the one that ssh knows"),
         ("ssh://closed/dev/null", r"closed does not answer \(.*refused\)"),
-        ("ssh://locked/dev/null", "locked accepts no key of yours, and a password cannot .* ssh-copy-id locked"),
+        ("ssh://locked/dev/null", "locked accepts none of your keys, and a password cannot .* ssh-copy-id locked"),
         ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi once"),
         ("ssh://bare/dev/null", "bare has no python3"),
-        ("ssh://noisy/dev/null", "/dev/null on noisy is no serial port"),
+        ("ssh://noisy/dev/null", "/dev/null on noisy is not a serial port"),
         ("ssh://pi/dev/ttyNONE", "there is no /dev/ttyNONE on pi"),
         ("ssh://pi/~/nothing%20here", "there is no ~/nothing here on pi"),
         ("ssh://pi/tmp", "/tmp on pi is neither a serial port nor a file"),
@@ -219,7 +219,7 @@ def test_an_answer_that_is_none_is_one_sentence(answer, tmp_path, monkeypatch):
     (tmp_path / "ssh").write_text(f"#!/bin/sh\ncat {tmp_path}/answer -\n")
     (tmp_path / "ssh").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    with pytest.raises(BadDevice, match="pi sends something else than the answer of a Python"):
+    with pytest.raises(BadDevice, match="pi sends something other than the answer of Python"):
         SshEndpoint("ssh://pi/log.csv", 9600, True).open(lambda: False)
 
 

@@ -76,7 +76,7 @@ def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
     axis = read_time(stamps, column)
     assert (axis.timing.period, axis.time.tolist()) == (None, list(range(60)))
-    assert any(note.endswith("which is no time: the samples were counted") for note in axis.notes)
+    assert any(note.endswith("which is not a time: the samples were counted") for note in axis.notes)
     assert read_time(stamps, column, given=GivenPeriod(0.5)).timing.period == 0.5
 
 

@@ -177,7 +177,7 @@ def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
     names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
     option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
     return (
-        f"stamps such as {example} are read {names[best]} (assumed, nothing decides);"
+        f"stamps such as {example} are read {names[best]} (assumed: the file does not show it);"
         f" they could also be {names[other]}: {option[other]}"
     )
 

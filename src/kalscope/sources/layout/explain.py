@@ -38,7 +38,7 @@ def explain(
     ]
     if body.narrow:
         fields = " or ".join(map(str, sorted(body.narrow)))
-        notes.append(f"rows of {fields} fields in a row lack the last columns, which the logger wrote later")
+        notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
     if second is not None:
         notes.append(_could_be(form, second))
     return notes

@@ -139,7 +139,7 @@ def _layout(
         *explain(table.form, plan, body, columns, second),
         *doubtful,
         *header.notes,
-        *([] if lead is None else [f'several lines make up a row, which "{columns[lead].name}" begins']),
+        *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
         *about_series,
         *about_columns,
         *plan.preface.notes,

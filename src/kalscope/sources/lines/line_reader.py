@@ -187,7 +187,7 @@ class LineReader:
         rows: list[tuple[float, ...]] = []
         for stamp, value in plot.samples:
             if self._parsers[at](value) is None and value.lower() not in self._words[at]:
-                raise _Fault("must be a number, or say that there is none")
+                raise _Fault("must be a number, or a word for a missing one")
             cells = [""] * self._width
             cells[at] = value
             if timed:

@@ -115,7 +115,7 @@ def account(recording: Recording) -> str:
     for number, what in (
         (report.bad_cells, "cells are not numbers: missing samples"),
         (report.clipped_times, "steps back in time, each filtered as dt = 0"),
-        (report.inserted, "rows of missing samples put into gaps of time"),
+        (report.inserted, "rows of missing samples inserted into gaps in time"),
     ):
         if number:
             lines.append(f"  {number} {what}")

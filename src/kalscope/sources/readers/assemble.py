@@ -123,7 +123,7 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
         return []
     for i, column in columns.items():
         columns[i] = column[::-1]
-    return ["the newest row comes first in the file: the rows were put into the order of time"]
+    return ["the newest row comes first in the file: the rows were put in order of time"]
 
 
 def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:

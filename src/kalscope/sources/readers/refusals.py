@@ -106,7 +106,7 @@ def _closest(said: Sequence[tuple[int, str]]) -> str:
         return f"text such as line {said[-1][0]}: {_quoted(said[-1][1])}"
     text = dict(said)[number]
     if others[0] == (0, 0):
-        return f"too few lines as line {number}: {_quoted(text)}"
+        return f"too few lines like line {number}: {_quoted(text)}"
     return f"{_fields(width)} in line {number}, {_fields(others[0][0])} in line {others[0][1]}: {_quoted(text)}"
 
 

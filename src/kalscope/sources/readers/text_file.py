@@ -36,7 +36,7 @@ _FOREIGN = {
     b"RIFF": "a WAV or AVI file",
     b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
-    b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces by the file itself",
+    b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }
 _CHUNK = 1 << 20
 _HEAD = 1 << 16

@@ -42,4 +42,4 @@ class DiskSpaceMonitor:
         left = free * (now - first) / (size - before)
         if left >= MIN_SECONDS_LEFT:
             return ""
-        return f"the disk has space left for {left / 60.0:.1f} min at the present rate"
+        return f"the disk has space left for {left / 60.0:.1f} min at the current rate"

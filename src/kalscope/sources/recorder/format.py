@@ -53,7 +53,7 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
         "# host time: s since the start, by this computer's monotonic clock; the rest as the board sent it",
     ]
     if rejects:
-        lines.append("# text: a line as it came, cut at 200 characters, with \\ before what cannot be printed")
+        lines.append("# text: a line as received, cut at 200 characters, with \\ before what cannot be printed")
     return "\n".join(lines) + "\n"
 
 

@@ -45,7 +45,7 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
     total = float(more.sum())
     if total > max(_MAX_INSERTED_PER_ROW * len(time), _ALWAYS_ALLOWED):
         raise BadSetting(
-            f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (take "dt", or a longer'
+            f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (use "dt", or a longer'
             " sample period)"
         )
     count = np.zeros(len(time), dtype=np.int64)

@@ -83,7 +83,7 @@ def read_time(
         return _without_rate(time, given, backward, notes)
     if not PERIODS[0] <= rate.period <= PERIODS[1]:
         axis = counted_time(len(time), given)
-        said = f"the stamps are {rate.period:.3g} s apart, which is no time: the samples were counted"
+        said = f"the stamps are {rate.period:.3g} s apart, which is not a time: the samples were counted"
         return replace(axis, notes=(*notes, said, *axis.notes))
     if column.kind == "calendar":
         notes += about_summer_time(stamps, rate.period)

@@ -81,7 +81,7 @@ def _about_stated(timing: Timing, stated: float | None) -> list[str]:
         return []
     return [
         f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the stamps"
-        " were taken; the other is read with --rate"
+        " were used; --rate chooses the other"
     ]
 
 

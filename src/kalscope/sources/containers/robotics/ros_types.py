@@ -47,7 +47,7 @@ def _store(typesys: Any, type_name: str, definition: str) -> tuple[Any, str]:
         # rosbags writes a Python program from these names: nothing but names may pass.
         for text in (full_name, *(constant[0] for constant in constants), *(field[0] for field in fields)):
             if not _NAME.fullmatch(text):
-                raise ValueError(f"{text[:40]!r} is no name of a ROS type")
+                raise ValueError(f"{text[:40]!r} is not a name of a ROS type")
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     store.max_sequence_length = _MAX_SEQUENCE
     store.register(types)

@@ -83,7 +83,7 @@ def check_format(form: str) -> None:
     except re.error:  # strptime makes a pattern with a named group for each code
         raise BadSetting(f"time_format must hold each code of strptime once (got {form!r})") from None
     if not _codes(form):
-        raise BadSetting(f'time_format must be such as "%d.%m.%Y %H:%M:%S" (got {form!r})')
+        raise BadSetting(f'time_format must look like "%d.%m.%Y %H:%M:%S" (got {form!r})')
 
 
 def parse_with_dateutil(cell: str, order: DateOrder) -> float | None:

@@ -39,7 +39,7 @@ class FileEndpoint(Endpoint):
             words = {
                 "missing": f"there is no file {self.path}",
                 "denied": f"no permission to read {self.path}",
-                "irregular": f"{self.path} must be a file, which a folder or a device is not",
+                "irregular": f"{self.path} must be a file, not a folder or a device",
             }
             why = words.get(str(error), f"{self.path} cannot be read ({short(str(error))})")
             raise BadDevice(why) from None

@@ -38,7 +38,7 @@ def connect_failure(host: str, port: int, error: Exception, what: str = "the boa
         what: Who should answer there.
     """
     if isinstance(error, socket.gaierror | UnicodeError):
-        return f"no computer is known here as {host} ({short(getattr(error, 'strerror', None) or str(error))})"
+        return f"no computer is known by the name {host} ({short(getattr(error, 'strerror', None) or str(error))})"
     if isinstance(error, ConnectionRefusedError):
         return f"nothing listens at {host}:{port}: is {what} running there?"
     if isinstance(error, TimeoutError):
@@ -79,7 +79,7 @@ class SocketPort(OpenPort):
                 return b""
             data = self._socket.recv(MAX_READ_BYTES)
         except OSError as error:
-            raise BadDevice(f"the connection to {self._name} broke ({short(str(error))})") from error
+            raise BadDevice(f"the connection to {self._name} was lost ({short(str(error))})") from error
         if not data:
             raise BadDevice(f"the other side of {self._name} closed the connection")
         return data
@@ -93,7 +93,7 @@ class SocketPort(OpenPort):
         try:
             self._socket.sendall(data)
         except OSError as error:
-            raise BadDevice(f"{self._name} takes nothing ({short(str(error))})") from error
+            raise BadDevice(f"{self._name} accepts no data ({short(str(error))})") from error
 
     def close(self) -> None:
         """Close the connection."""

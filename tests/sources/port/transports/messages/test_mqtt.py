@@ -158,7 +158,7 @@ def test_a_password_comes_from_the_environment_or_a_file(closed_broker, monkeypa
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("USERPROFILE", str(tmp_path))
     assert "refuses the user ada, or the password: set KALSCOPE_MQTT_PASSWORD" in refusal(address)
-    assert "wants a user: mqtt://user@127.0.0.1" in refusal(address.replace(f"{USER}@", ""))
+    assert "requires a user: mqtt://user@127.0.0.1" in refusal(address.replace(f"{USER}@", ""))
     file = tmp_path / ".netrc"
     file.write_text(f'machine 127.0.0.1 login {USER} password "{PASSWORD}"\n')
     file.chmod(0o644)
@@ -227,7 +227,7 @@ def test_a_server_that_stays_silent_is_given_up_in_time_and_at_once_where_nobody
 
 def test_what_is_no_broker(open_broker):
     assert "nothing listens at" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
-    assert "no computer is known here as no.such.host.invalid" in refusal("mqtt://no.such.host.invalid/t")
+    assert "no computer is known by the name no.such.host.invalid" in refusal("mqtt://no.such.host.invalid/t")
     assert "does not speak TLS" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
     with socket.create_server(("127.0.0.1", 0)) as mute:
         threading.Thread(target=hang_up, args=(mute,)).start()

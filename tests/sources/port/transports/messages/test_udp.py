@@ -140,7 +140,7 @@ def test_a_port_that_is_taken_and_an_address_of_another_machine(sender):
         other.bind(("127.0.0.1", sender.port))
         with pytest.raises(BadDevice, match=rf"port {sender.port} is in use by another program"):
             LiveSource(f"udp://:{sender.port}").start(require=True)
-    with pytest.raises(BadDevice, match=r"203\.0\.113\.7 is no address of this computer"):
+    with pytest.raises(BadDevice, match=r"203\.0\.113\.7 is not an address of this computer"):
         LiveSource(f"udp://203.0.113.7:{sender.port}").start(require=True)
 
 
@@ -180,7 +180,7 @@ def test_silence_in_words(seconds, says):
 
 def test_more_rights_are_asked_for_in_words():
     refusal = UdpEndpoint("udp://:80")._refusal(OSError(errno.EACCES, "Permission denied"))
-    assert refusal == "port 80 needs more rights: choose one above 1023"
+    assert refusal == "port 80 needs more privileges: choose one above 1023"
 
 
 def test_nothing_can_be_sent(sender, heard):

@@ -139,7 +139,7 @@ class MqttEndpoint(Endpoint):
         if code in _WRONG_LOGIN and self._user:
             raise BadDevice(f"the broker {self._host} refuses the user {self._user}, or the password: {WHERE}")
         if code in _WRONG_LOGIN:
-            raise BadDevice(f"the broker {self._host} wants a user: mqtt://user@{self._host}/…, and {WHERE}")
+            raise BadDevice(f"the broker {self._host} requires a user: mqtt://user@{self._host}/…, and {WHERE}")
         raise BadDevice(f"the broker {self._host} refuses the connection (code {code})")
 
     def _failure(self, error: Exception) -> str:
@@ -149,7 +149,7 @@ class MqttEndpoint(Endpoint):
         if isinstance(error, ssl.SSLCertVerificationError):
             return (
                 f"the certificate of {self._host} is not trusted ({short(error.verify_message)}):"
-                " name your own authority by SSL_CERT_FILE=ca.pem"
+                " set SSL_CERT_FILE=ca.pem to name your own authority"
             )
         if isinstance(error, ssl.SSLError) or (self._tls and isinstance(error, ConnectionResetError)):
             return f"{self._host}:{self._port} does not speak TLS ({short(str(error))}): is it mqtt://?"

@@ -67,7 +67,7 @@ class UdpEndpoint(Endpoint):
             family, kind, protocol, _, place = found[0]
             bound = socket.socket(family, kind, protocol)
         except (OSError, UnicodeError) as error:
-            raise BadDevice(f"{self._host} is no address of this computer ({short(str(error))})") from error
+            raise BadDevice(f"{self._host} is not an address of this computer ({short(str(error))})") from error
         try:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
             bound.bind(place)
@@ -80,9 +80,9 @@ class UdpEndpoint(Endpoint):
         if error.errno == errno.EADDRINUSE:
             return f"port {self._port} is in use by another program: close it, or send to another port"
         if error.errno == errno.EADDRNOTAVAIL:
-            return f"{self._host} is no address of this computer: 0.0.0.0 stands for all that it has"
+            return f"{self._host} is not an address of this computer: 0.0.0.0 means all of its addresses"
         if error.errno == errno.EACCES:
-            return f"port {self._port} needs more rights: choose one above 1023"
+            return f"port {self._port} needs more privileges: choose one above 1023"
         return f"{self.device} cannot be bound ({short(str(error))})"
 
 

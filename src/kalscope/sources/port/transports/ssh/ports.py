@@ -140,7 +140,7 @@ class SshEndpoint(Endpoint):
 
     @property
     def _no_answer(self) -> str:
-        return f"{self.host} sends something else than the answer of a Python"
+        return f"{self.host} sends something other than the answer of Python"
 
     def failure(self, link: SshLink, greeting: bytes = b"") -> str:
         """Why ssh ended without the port."""

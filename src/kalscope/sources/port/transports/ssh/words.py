@@ -38,14 +38,14 @@ def failure_words(address: Address, status: int, said: str) -> str:
     if status != _CONNECTION_FAILED:
         if status == _NOT_FOUND or re.search("python3: (command )?not found", said, re.IGNORECASE):
             return f"{host} has no python3, which reads the port there: sudo apt install python3"
-        gone = f"{address.device} has gone: the board was unplugged, or the file was replaced"
+        gone = f"{address.device} is gone: the board was unplugged, or the file was replaced"
         return f"ssh to {host} ended ({last})" if status else gone
     known = {
         "IDENTIFICATION HAS CHANGED": f"{host} shows another host key than the one that ssh knows: if it was set up"
         f" again, ssh-keygen -R {host}, else somebody may be listening",
         "Host key verification failed": f"the host key of {host} is not known here: run ssh {login} once and"
         " compare its fingerprint",
-        "Permission denied": f"{host} accepts no key of yours, and a password cannot be asked for here: run"
+        "Permission denied": f"{host} accepts none of your keys, and a password cannot be asked for here: run"
         f" ssh-copy-id {login} once",
     }
     silent = ("ssh: connect to", "Could not resolve", "banner exchange", "kex_exchange")
@@ -60,7 +60,7 @@ def refusal_words(why: str, path: str, host: str) -> str:
         "missing": f"there is no {path} on {host}",
         "denied": f"no permission to open {path} on {host} (for a port, there: sudo usermod -aG dialout $USER)",
         "busy": f"{path} is in use by another program on {host}",
-        "no port": f"{path} on {host} is no serial port",
+        "no port": f"{path} on {host} is not a serial port",
         "irregular": f"{path} on {host} is neither a serial port nor a file",
     }
     return words.get(why, f"{path} cannot be opened on {host} ({short(why)})")
