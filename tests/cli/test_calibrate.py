@@ -60,7 +60,7 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
         assert words in capsys.readouterr().err
     board.halted = True
     assert run(["calibrate", board.port, "--seconds", "0.1"]) == 2
-    assert "no sample came from serial:" in capsys.readouterr().err
+    assert "no sample arrived from serial:" in capsys.readouterr().err
 
 
 def test_ctrl_c_ends_it_and_the_board_keeps_its_values(board):

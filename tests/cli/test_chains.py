@@ -78,7 +78,7 @@ def test_a_chain_may_be_given_and_only_kalman_needs_q_and_r(
     assert run(["filter", files[0], "--chain", "median 4, kalman"]) == 2
     assert "window must be an odd number" in capsys.readouterr().err
     assert run(["filter", files[0], "--fuse", "a,b", "--chain", "median 5, kalman"]) == 2
-    assert "--chain must stand without fused channels" in capsys.readouterr().err
+    assert "--chain must be used without fused channels" in capsys.readouterr().err
 
 
 def test_tune_keeps_the_chains_of_other_channels_and_says_which_one_it_replaces(

@@ -154,7 +154,7 @@ def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None
     assert does == "lag 2.74 years (2.74 samples; 95 %: 340 days to 8.06 years), noise −8.12 dB, no overshoot"
     assert run(["tune", "demo", "--lag-ms", "50"]) == 0
     does = capsys.readouterr().out.splitlines()[2]
-    assert does.startswith("lag 50 ms (2.5 samples; the record asks for ")
+    assert does.startswith("lag 50 ms (2.5 samples; the record favours ")
     assert does.endswith("), noise −7.78 dB, no overshoot")
 
 
@@ -541,7 +541,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["missing.csv"], "missing.csv"),
     (["serial:COM3@9600"], "a board that streams"),
     (["demo", "--channel", "zz"], "channel must be one of flex (got 'zz')"),
-    (["demo", "--channel", "flex", "--all"], "--all must stand without --channel"),
+    (["demo", "--channel", "flex", "--all"], "--all must be used without --channel"),
     (["demo", "--method", "magic"], "method must be one of ml"),
     (["demo", "--lag-ms", "x"], "--lag-ms must be a number above 0 (got 'x')"),
     (["demo", "--lag-ms", "-5"], "--lag-ms must be a number above 0 (got '-5')"),
@@ -557,7 +557,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--r", "1", "--still", "0:1"], "can give r (got --still and --r)"),
     (["demo", "--density", "1"], "given together (got only --density)"),
     (["demo", "--bandwidth-hz", "1"], "given together (got only --bandwidth-hz)"),
-    (["demo", "--method", "em", "--r", "1"], "--method em must stand without --r"),
+    (["demo", "--method", "em", "--r", "1"], "--method em must be used without --r"),
     (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
     (
@@ -565,8 +565,14 @@ USER_ERRORS: list[tuple[list[str], str]] = [
         "--overshoot needs one of --lag-ms, --cutoff-hz, --noise-reduction-db, --gain (got",
     ),
     (["demo", "--overshoot", "5", "--ratio", "1"], "--overshoot needs one of --lag-ms"),
-    (["demo", "--overshoot", "x", "--gain", "0.1"], "--overshoot must be a percentage from 0 to 100 (got 'x')"),
-    (["demo", "--overshoot", "-1", "--gain", "0.1"], "--overshoot must be a percentage from 0 to 100 (got '-1')"),
+    (
+        ["demo", "--overshoot", "x", "--gain", "0.1"],
+        "--overshoot must be a percentage of at least 0 and below 100 (got 'x')",
+    ),
+    (
+        ["demo", "--overshoot", "-1", "--gain", "0.1"],
+        "--overshoot must be a percentage of at least 0 and below 100 (got '-1')",
+    ),
     (["demo", "--overshoot", "nan", "--gain", "0.1"], "--overshoot must be a percentage"),
     (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage"),
     (

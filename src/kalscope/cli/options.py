@@ -46,7 +46,7 @@ def percentage(text: str) -> float:
     """The percentage that was typed, with or without a % sign, as a share."""
     value = _float(text.removesuffix("%"))
     if not 0.0 <= value < 100.0:
-        raise BadValue("a percentage from 0 to 100", text)
+        raise BadValue("a percentage of at least 0 and below 100", text)
     return value / 100.0
 
 

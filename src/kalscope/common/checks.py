@@ -24,7 +24,8 @@ def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> 
     """`value` as a float; BadSetting unless it is a number above 0 and at most `largest`."""
     number = _number(value)
     if not 0.0 < number <= largest:
-        raise BadSetting(f"{name} must be a finite number above 0 (got {value})")
+        most = f", at most {largest:g}" if largest < number < math.inf else ""
+        raise BadSetting(f"{name} must be a finite number above 0{most} (got {value})")
     return number
 
 

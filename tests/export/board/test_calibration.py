@@ -189,7 +189,7 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
     board.deaf = False
     monkeypatch.setattr(measuring, "MAX_SILENCE_S", 0.3)
     for act, words in (
-        (lambda: setattr(board, "halted", True), "the board has stopped: no sample came for 0.3 s"),
+        (lambda: setattr(board, "halted", True), "the board has stopped: no sample arrived for 0.3 s"),
         (board.reset, "the board was reset while it measured"),
         (board.unplug, "the board was unplugged while it measured"),
     ):

@@ -79,7 +79,7 @@ def test_a_cause_outside_of_the_recording_is_tried_again_and_one_in_it_is_not(
         assert rows["dev0003.csv"].startswith("cannot read")
         assert ": 1 of 7 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
     assert said == (
-        "kalscope: 1 of 7 could not be read for a reason outside of the recording: the same command tries again\n"
+        "kalscope: 1 of 7 could not be read for a reason outside of the recording: run the same command to retry\n"
     )
     again = run_here(capsys, logs, "-o", out, *PLAIN)
     assert (": 1 of 7 files" in again.out, again.err) == (True, "")

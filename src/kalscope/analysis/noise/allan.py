@@ -128,7 +128,7 @@ def _near(m: float, tau: float) -> float:
 def best_average(q: float, r: float, momentum: float = 0.0) -> float:
     """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0.
 
-    With momentum the least of lengths that rise by 2 %: the walk alone would have its minimum later still.
+    With momentum the best of 1,200 log-spaced lengths: its minimum is usually later than that of the walk alone.
     """
     if q == 0.0:
         return math.inf

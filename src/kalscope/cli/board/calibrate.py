@@ -92,7 +92,7 @@ def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> N
         status = live.status()
         if status.word == "closed" or time.monotonic() > end:
             why = f": {status.hint}" if status.hint else ". Does it run the exported sketch at this baud rate?"
-            raise BadDevice(f"no sample came from {live.spec.text} within {seconds:g} s{why}")
+            raise BadDevice(f"no sample arrived from {live.spec.text} within {seconds:g} s{why}")
         time.sleep(0.05)
 
 

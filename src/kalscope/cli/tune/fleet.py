@@ -118,7 +118,7 @@ def say_what_is_tried_again(tally: Tally) -> None:
     if tally.again:
         say(
             f"{tally.again} of {tally.units} could not be read for a reason outside of the recording:"
-            " the same command tries again"
+            " run the same command to retry"
         )
 
 

@@ -121,7 +121,7 @@ Momentum = Annotated[
 ]
 Gate = Annotated[
     float | None,
-    number_option('Outlier gate on v²/s, such as 16, or "off"; default: as found.', number_or("off")),
+    number_option('Outlier gate on v²/s, such as 16, or "off"; default: as estimated.', number_or("off")),
 ]
 Robust = Annotated[
     bool | None,

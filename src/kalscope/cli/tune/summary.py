@@ -75,13 +75,13 @@ def _effect(answer: Answer) -> Iterator[str]:
 
 
 def _allowed(answer: Answer) -> str:
-    """The lags that the record allows, or asks for where the lag was chosen."""
+    """The lags that the record allows, or favours where the lag was chosen."""
     if tuple(map(scalar, answer.range.ratio_interval)) == (0.0, math.inf):
         return "the record allows any"
     short, long = (scalar(end) for end in answer.range.lag_interval)
     period = answer.sample_period
     words = between(short, long) if period is None else between(short * period, long * period, words=duration)
-    return f"the record asks for {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
+    return f"the record favours {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
 
 
 def _next(answer: Answer, recording: Recording) -> Iterator[str]:

@@ -15,7 +15,7 @@ from kalscope.export.board.momentum import momentum_on_board
 from kalscope.export.float32 import Float32Params
 
 MIN_MOMENTUM = 1e-3
-"""Shortest momentum that a board accepts, sample periods; shorter ones have no effect."""
+"""Shortest momentum that a board accepts, sample periods; shorter ones would have no effect."""
 
 _BITS = "([0-9A-F]{8})"
 _ANSWER = re.compile(

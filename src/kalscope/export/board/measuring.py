@@ -256,7 +256,7 @@ class _Run:
         silence = max(MAX_SILENCE_S, MAX_SILENT_PERIODS * (status.period or 0.0))
         if now - self._row_at > silence:
             raise BadDevice(
-                f"the board has stopped: no sample came for {silence:.3g} s. Reset it and measure again"
+                f"the board has stopped: no sample arrived for {silence:.3g} s. Reset it and measure again"
             )
         if now - self._asked > silence and len(self._begun.keys() | self._done.keys()) < len(self._channels):
             raise BadDevice(
