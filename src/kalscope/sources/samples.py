@@ -10,7 +10,7 @@ from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
 
 DEMO = "flex_finger"
-"""The sample behind "demo": the lag of the first filter and the noise left by a faster one are both visible."""
+"""The sample that "demo" opens: the lag of the first filter and the noise left by a faster one are both visible."""
 
 
 @dataclass(frozen=True)

@@ -135,8 +135,9 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
     """Make a recording whose true signal is known.
 
     The order is that of a real sensor: signal, noise, spikes, converter (limits, then steps), lost samples.
-    Channel j of a periodic shape lags channel 0 by j/channels of a period; of the others it is
-    1 + j/2 times as high; walks are independent. With `sigmas` all of them, named a, b, c …, measure one signal.
+    Channel j of a periodic shape lags channel 0 by j/channels of a period; a constant is j/2 amplitudes higher;
+    others are 1 + j/2 times as high; walks are independent. With `sigmas` all of them, named a, b, c …, measure one
+    signal.
 
     Args:
         shape: One of SHAPES, or all settings as one SignalSettings.

@@ -98,7 +98,7 @@ def parse_number(cell: str, decimal: str = ".") -> float | None:
     """The number in a cell.
 
     Returns:
-        NaN for a missing value (empty, NaN, nil, null, NA, none); None for what is no finite number
+        NaN for a missing value (empty, NaN, nil, null, NA, none); None for what is not a finite number
         (`12abc`, `0x1F`, `Infinity`, `ERR`, `1e999`, `1_000`).
     """
     if NUMBER[decimal].fullmatch(cell):

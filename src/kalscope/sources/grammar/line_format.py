@@ -131,7 +131,7 @@ def split_stamp(line: str) -> tuple[str, str] | None:
         return None
     if not (":" in match[2] or "=" in match[2]):
         return (match[1], match[2]) if _TOPIC.fullmatch(match[2]) else None
-    # The 24 of `24 Apr 2016 17:03:07` is no stamp before the label 17.
+    # The 24 of `24 Apr 2016 17:03:07` is not a stamp before the label 17.
     label = match[2].replace("=", ":").partition(":")[0].split()
     return None if not label or is_number(label[-1]) else (match[1], match[2])
 

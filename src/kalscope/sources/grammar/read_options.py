@@ -58,7 +58,7 @@ class ReadOptions:
     day_first: bool | None = None
     """True: 03/04/2025 is 3 April; False: it is March 4."""
     rate: float | None = None
-    """Sample rate in Hz, in place of that of the stamps; the stamps keep their places."""
+    """Sample rate in Hz, in place of that of the stamps; the samples keep the times of their stamps."""
     part: str | None = None
     """Which sheet, topic, group or variable of a file that holds several."""
 

@@ -34,7 +34,7 @@ _MIN_ROWS = 4
 def mark_series(
     columns: list[Column], rows: list[Cells], time: TimeColumn | None, decimal: str
 ) -> tuple[list[Column], tuple[str, ...]]:
-    """The columns of a long table with the role "series" for those that name the value, and a note that says so.
+    """The columns of a long table with the role "series" for those that name the value, and a note about it.
 
     Any other table is returned unchanged. Few tables are long, so the rule is strict: a column named as such holds
     repeated texts, one named as such holds the values, and no other column but the time holds numbers.

@@ -227,7 +227,7 @@ class LineReader:
         return self.series.setdefault(name, len(self.series))
 
     def _whole(self, cells: list[str]) -> list[str]:
-        """The cells of a row, one per column: without a separator at the end, with the last ones where they lack.
+        """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.
 
         One row that is too narrow was torn. Where the row before has its width, or there is none, it is from a
         time when the logger wrote fewer fields.

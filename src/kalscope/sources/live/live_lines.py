@@ -175,7 +175,7 @@ class LiveLines:
 
     def _judged(self, event: LineEvent) -> LineEvent | None:
         """Count a line; None if it needs no event."""
-        # Where each line names its values, a row of bare numbers is text, and shows another program all the same.
+        # Where each line names its values, a row of bare numbers is text, but still shows another program.
         unknown = event.kind == "text" and (self.layout is None or _are_numbers(event.text))
         if unknown or event.kind in {"row", "rejected"}:
             event = self._after_program_change(event) or event

@@ -126,7 +126,7 @@ class LiveSource:
         """Release the port, process the bytes that had arrived, end the recording. May be called twice.
 
         Args:
-            timeout: Seconds to wait for an attempt to connect over the network; the recording ends all the same.
+            timeout: Seconds to wait for an attempt to connect over the network; the recording ends in any case.
         """
         self._end_by = self._clock.monotonic() + MAX_CLOSE_S
         self._reader.close(timeout)

@@ -2,7 +2,7 @@
 
 A code is a number that nothing measures by chance, far from all that is measured. Some numbers are always codes
 there (−999, 32767). Others are readings as well (0, 400): they are codes only where they appear for a moment, and
-the signal then continues where it was. A motor that has stopped and a lamp that is off stay so.
+the signal then continues where it was. A stopped motor or a lamp that is off stays so.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 An entry is the text of one line from the board (or a comment). All waiting entries go out in one `os.write`: a
 program that is killed between two writes leaves whole lines. A full disk cuts a write short, inside a number; the
-file is then cut back to its last whole entry at once, and the entries wait in memory until there is room.
+file is then cut back to its last whole entry at once, and the entries wait in memory until there is space.
 """
 
 from __future__ import annotations

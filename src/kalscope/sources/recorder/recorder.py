@@ -138,7 +138,7 @@ class Recorder:
 
     def _resume_times(self, ends: RecordingEnds) -> None:
         """Continue the host time and the columns of a part with these ends."""
-        if ends.wall is None:  # a crash in the first moment left no header
+        if ends.wall is None:  # a crash right after the start left no header
             self._csv.put_note(preamble(self._source, self._wall), self._started)
             return
         since = self._wall - ends.wall - ends.host

@@ -25,7 +25,7 @@ def unit_by_magnitude(stamps: Array) -> str:
     """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
 
     The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
-    steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two millions on nanoseconds.
+    steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two million on nanoseconds.
     Steps of whole minutes that divide an hour, and of hours, are seconds, as of a logger (60, 300, 3600; not 5,
     which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, or
     days where they are numbers of days that lie whole seconds apart (45123.506944444).

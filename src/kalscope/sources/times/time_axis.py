@@ -169,9 +169,9 @@ def _supports(rate: SampleRate, stated: float) -> bool:
 
 
 def unwrap(stamps: Array) -> tuple[Array, list[str]]:
-    """Whole stamps that fall back by a counter's full range are unwrapped; and remarks about it.
+    """Unwrap whole stamps that jump back by a counter's full range; return them and remarks about it.
 
-    Only where the step over the wrap is an ordinary one: a device that restarts falls back to 0 from
+    Only where the step over the wrap is an ordinary one: a device that restarts jumps back to 0 from
     anywhere, and stays a step back.
     """
     back = np.flatnonzero(stamps[1:] < stamps[:-1])

@@ -122,8 +122,8 @@ def read_arrays(
         columns += [np.ascontiguousarray(array[:, k]) for k in range(width)]
     period = next((item.period for item in found if item.period is not None), None)
     start = next((item.start for item in found if item.start is not None), None)
-    told = [period_from(key, value) for outer in _outer(group) for other, key, value in scalars if other == outer]
-    period = next((one for one in (period, *told) if one is not None), None)
+    given = [period_from(key, value) for outer in _outer(group) for other, key, value in scalars if other == outer]
+    period = next((one for one in (period, *given) if one is not None), None)
     return Table(tuple(names), tuple(units), tuple(columns), start=start, period=period, notes=(note, *said))
 
 

@@ -1,4 +1,4 @@
-"""HDF5 files, read by h5py: the datasets of one length in a group. None may lead out of the file."""
+"""HDF5 files, read by h5py: the datasets of one length in a group. Links and external data are skipped."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
 
 
 def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
-    """(group, "", its node) of all groups, (group, name, dataset) of the datasets that lie in the file itself."""
+    """(group, "", its node) of all groups, (group, name, dataset) of the datasets in the file itself."""
     waiting, count = [("", file, 0)], 0
     while waiting and count < _MAX_DATASETS:
         group, node, depth = waiting.pop(0)

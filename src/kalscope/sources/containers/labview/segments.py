@@ -26,7 +26,7 @@ class Segment:
     numeric: list[int] = field(default_factory=list[int])
     """Columns of the channels and of the x axes."""
     rows: list[list[float]] = field(default_factory=list["list[float]"])
-    """The numbers, one a column; NaN in columns of text."""
+    """The numbers, one per column; NaN in columns of text."""
     filled: int = 0
     """Rows of missing samples that keep the place of a rejected line."""
     is_dated: bool = False

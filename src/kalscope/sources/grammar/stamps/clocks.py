@@ -11,7 +11,7 @@ from datetime import time
 from typing import Literal
 
 ClockForm = Literal["h:m:s", "min:s", "elapsed", "hhmm", "hhmmss"]
-"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); minutes and seconds (`56:36.147`); hours that go on above 24
+"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); minutes and seconds (`56:36.147`); hours that may exceed 24,
 and days (`125:03:11`, `1 day, 0:00:05`); digits alone (`544`, `0544`; `54450`, `054450`)."""
 
 TURNS_S: dict[ClockForm, float] = {
@@ -101,7 +101,7 @@ def parse_minutes(cell: str) -> float | None:
 
 
 def parse_elapsed(cell: str) -> float | None:
-    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that go on above 24, days, a sign."""
+    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that may exceed 24, days, a sign."""
     match = _ELAPSED.fullmatch(cell)
     if match is None:
         return None

@@ -9,7 +9,7 @@ from kalscope.sources.layout.rows.kinds import CellKinds, Cells
 MIN_BESIDE_ROWS = 16
 """Fewest rows to judge that."""
 MAX_BESIDE = 64
-"""Rows in which metadata may stand beside the data."""
+"""Most rows with metadata beside the data."""
 
 
 def find_beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:

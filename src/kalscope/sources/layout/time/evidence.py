@@ -21,7 +21,7 @@ class Evidence:
     fill: float
     """Rows whose stamp can be read."""
     back: float
-    """Of the steps that move, those against the direction of most; a clock that passes midnight goes on."""
+    """Of the steps that move, those against the direction of most; a clock that passes midnight moves forward."""
     distinct: float
     """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling."""
     even: float

@@ -28,7 +28,7 @@ class Replaced(Exception):
 class GrowingFile:
     """Reads whole lines. What follows the last line end is left for later: it may be half a line.
 
-    Where another file takes the name, or this one is cut short, it is passed on as a line to be rejected: whatever
+    Where another file takes the name, or this one is cut short, that rest is passed on to be rejected: whatever
     writes the file may not have finished it.
     """
 
