@@ -115,7 +115,7 @@ class RecordLonger:
     """Record again."""
 
     samples: int
-    """Least number needed; 0 = not known."""
+    """Minimum number needed; 0 = not known."""
 
 
 Action = (

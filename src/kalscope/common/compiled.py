@@ -1,8 +1,7 @@
 """Loops that numba compiles, or loads from its cache on the disk, when they are first needed.
 
 numba takes 0.4 s to import and to set up, longer than everything else that a command does with a small file. So
-some loops
-run at first as the Python that they are written in, and are compiled once they have taken many samples.
+some loops run at first as the Python that they are written in, and are compiled once they have taken many samples.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The first signal counts, and further ones change nothing. It raises SystemExit at the current line, which removes
 unfinished files on its way out; a command that has something to finish gets an event instead (`stop_signals`).
 A program that has not ended some time later, because it computes or waits where Python cannot interrupt it, is
-terminated after the actions of `done_at_stop` and `removed_at_stop`. Only the standard library is
-imported: a program calls this before it imports anything that takes long.
+terminated after the actions of `done_at_stop` and `removed_at_stop`. Only the standard library is imported: a
+program calls this before it imports anything that takes long.
 """
 
 from __future__ import annotations

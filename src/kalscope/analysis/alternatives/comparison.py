@@ -32,7 +32,7 @@ from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
 MAX_SAMPLES = 200_000
-"""Most samples that are compared: seconds matter, and more would change no verdict."""
+"""Maximum number of samples compared: seconds matter, and more would change no verdict."""
 
 
 @dataclass(frozen=True)

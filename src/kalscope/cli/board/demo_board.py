@@ -23,7 +23,7 @@ from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 
 MAX_RATE = 100_000.0
-"""Most lines per second; no serial line carries more."""
+"""Maximum number of lines per second; no serial line carries more."""
 DEFAULT_RATE = 100.0
 """Lines per second of a recording without time."""
 BOOT_S = 0.05

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
 
 MAX_OTHERS = 24
-"""Most channels besides the tuned one that are named; a car sends hundreds."""
+"""Maximum number of other channels that are named; a car sends hundreds."""
 
 
 @with_options(reading=read_options, asked=tune_options, fusing=fusion_options)

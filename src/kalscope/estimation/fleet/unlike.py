@@ -17,7 +17,7 @@ _MAD = NormalDist().inv_cdf(0.75)
 """Median distance from the median of a normal distribution, standard deviations: 0.6745."""
 
 MIN_DEVICES = 8
-"""Least number of devices whose spread can be judged."""
+"""Minimum number of devices whose spread can be judged."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from kalscope.estimation.fusion.search.fit import Asked, Found, climbed
 from kalscope.estimation.fusion.search.likelihood import Readings, place_at
 
 MIN_ROWS = 30
-"""Least number of rows in which all sensors answer."""
+"""Minimum number of rows in which all sensors answer."""
 SURE = 10.83
 """Rise of twice the log-likelihood that one parameter brings by chance once in a thousand records."""
 MUCH = 1.3

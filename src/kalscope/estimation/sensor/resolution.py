@@ -20,7 +20,7 @@ ON_GRID = 0.98
 _TOLERANCE = 0.15
 """Distance from a step, in steps, up to which a reading lies on it."""
 _MAX_READINGS = 10_000
-"""Most readings that are examined, evenly chosen."""
+"""Maximum number of readings examined, evenly chosen."""
 _SIMILAR = 1.3
 """Distances within this factor may be one step, rounded to a printed digit."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 
 MAX_LETTERS = 200
-"""Most characters of an answer that is read; a live source cuts its lines there."""
+"""Maximum length of an answer that is read, characters; a live source cuts its lines there."""
 
 _AGREES = 1e-5
 """Share by which a printed number may differ from its bits: a board divides by ten until seven digits are left."""

@@ -143,7 +143,7 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
                     raise BadDevice(CANNOT)
                 if isinstance(answer, NotKept):
                     raise BadDevice(f"the board could not store its values: {answer.reason}")
-    raise BadDevice(f"the board did not confirm this within {command_channel.ANSWER_S:g} s")
+    raise BadDevice(f"the board did not confirm the command within {command_channel.ANSWER_S:g} s")
 
 
 class _Run:
