@@ -15,7 +15,7 @@ Gaps = Literal["rows", "missing", "dt"]
 
 
 Stamps = Literal["even", "uneven", "bursts", "coarse", "none"]
-"""How the stamps of a recording lie: a step per sample, or several samples a step; "none" without stamps."""
+"""How the stamps of a recording are spaced: a step per sample, or several samples a step; "none" without stamps."""
 
 RateSource = Literal["stamps", "file", "option", "none"]
 """Where a sample period comes from: the stamps, the text of the file, the user; "none" where it is unknown."""
@@ -44,7 +44,7 @@ class Timing:
     pauses: int = 0
     """Steps at which samples are missing: gaps in time."""
     missing: int = 0
-    """Rows that `--gaps missing` puts, or did put, into the gaps."""
+    """Rows that `--gaps missing` inserts, or has inserted, into the gaps."""
     first_pause: int = 0
     """The sample, from 1, after which the first of them comes; 0 where there is none."""
     longest_pause: float = 0.0
@@ -73,7 +73,7 @@ class LineIssue:
 
 @dataclass(frozen=True)
 class ReadReport:
-    """The account of a file: rows + rejected + blank + comments + headers = lines, always."""
+    """How a file was read: rows + rejected + blank + comments + headers = lines, always."""
 
     lines: int = 0
     """Lines in the file, a torn last one included."""
@@ -88,7 +88,7 @@ class ReadReport:
     headers: int = 0
     """Header and unit lines, repeated ones included."""
     bad_cells: int = 0
-    """Cells that are no numbers in lines that were kept: missing samples; and tokens that no column claims."""
+    """Cells that are not numbers in lines that were kept: missing samples; and tokens that belong to no column."""
     clipped_times: int = 0
     """Time stamps that step backward; the step counts as 0 (dt = 0)."""
     inserted: int = 0

@@ -182,7 +182,7 @@ def test_a_recording_without_time_takes_the_momentum_as_tuned_and_says_so(
     out, err = capsys.readouterr()
     expected = kalman_filter(z, FilterParams(0.125, 1.5, momentum=40.0)).x
     np.testing.assert_array_equal(columns(out)["a_filtered"], expected)
-    assert "q and momentum are used as tuned at a sample period of 0.005 s: the recording says none" in err
+    assert "q and momentum are used as tuned at a sample period of 0.005 s: the recording gives none" in err
 
 
 def test_a_recording_without_time_gets_its_period_from_the_option(
@@ -191,7 +191,7 @@ def test_a_recording_without_time_gets_its_period_from_the_option(
     path = tmp_path / "bare.csv"
     path.write_text("a\n" + "\n".join(f"{x}" for x in np.sin(np.arange(30.0))) + "\n")
     assert run(["filter", str(path), "--config", str(config)]) == 0
-    assert "tuned at a sample period of 0.01 s: the recording says none" in capsys.readouterr().err
+    assert "tuned at a sample period of 0.01 s: the recording gives none" in capsys.readouterr().err
     assert run(["filter", str(path), "--config", str(config), "--sample-period", "0.01"]) == 0
     out, err = capsys.readouterr()
     np.testing.assert_allclose(columns(out)["time"], np.arange(30) * 0.01, rtol=1e-15)

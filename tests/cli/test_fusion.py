@@ -139,7 +139,7 @@ def test_a_pipe_is_fused_line_by_line(
         (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
         (
             ["--fuse", "a,x"],
-            "--fuse must be two or more channels of one unit, such as a, b, c (got 'x', which is no channel)",
+            "--fuse must be two or more channels of one unit, such as a, b, c (got 'x', which is not a channel)",
         ),
         (["--fuse", "a,b", "--channel", "a"], "--fuse must be used without --channel"),
         (["--r", "a=1,b=2", "--q", "1"], "--r must be one number without --fuse (got one for a, b)"),

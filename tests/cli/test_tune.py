@@ -529,7 +529,7 @@ def test_an_edge_is_not_saved(argv: list[str], says: str, log: Path, tmp_path: P
 def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> None:
     before = log.read_bytes()
     assert run(["tune", str(log), "-o", str(log)]) == 2
-    assert "must be a tuning file to be saved over" in capsys.readouterr().err
+    assert "must be a tuning file to be overwritten" in capsys.readouterr().err
     assert log.read_bytes() == before
 
 

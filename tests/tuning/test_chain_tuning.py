@@ -56,7 +56,7 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
     text = dumps(with_chain(CHAINS[-1]))
     assert (
         "\n[channel.chain]\n"
-        "median = 5 # a median of so many samples comes first\n"
+        "median = 5 # a median of this many samples comes first\n"
         'filter = "one-euro" # what filters then; "kalman" = q, r, ... above\n'
         "cutoff = 0.02 # cycles per sample\n"
         "beta = 1e-7 # growth of the cut-off for a speed of one unit per sample\n"

@@ -44,7 +44,7 @@ def test_two_units_are_refused_unless_the_gains_are_estimated(text: str, got: st
 
 
 def test_a_refusal_says_where_there_is_nothing_to_fuse() -> None:
-    with pytest.raises(BadSetting, match="here are no two of them"):
+    with pytest.raises(BadSetting, match="no two channels here have the same unit"):
         channels_to_fuse({"a": "V", "b": ""}, "x,y")
 
 

@@ -217,7 +217,7 @@ def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right
 def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(content)
-    with pytest.raises(BadFile, match=r"recording\.csv' must be a tuning file to be saved over"):
+    with pytest.raises(BadFile, match=r"recording\.csv' must be a tuning file to be overwritten"):
         save_tuning(TWO, path)
     assert path.read_text() == content
 

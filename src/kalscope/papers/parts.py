@@ -27,9 +27,9 @@ class Experiment:
     figure: str
     """Where in the document, such as "Figure 6"."""
     summary: str
-    """One line: what is to be seen."""
+    """One line: what it shows."""
     load: Callable[[], tuple[Recording, dict[str, Settings]]]
-    """Makes the recording and the settings by channel; equal at every call."""
+    """Makes the recording and the settings by channel; the same at every call."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ResultTable:
     head: tuple[str, ...]
     """Column headings."""
     rows: tuple[tuple[str, ...], ...]
-    """Cells, as text; one a heading."""
+    """Cells, as text; one per heading."""
     caption: str
     """How the numbers were made."""
     verdict: str
@@ -105,7 +105,7 @@ class Chapter:
     blocks: tuple[Figure | ResultTable, ...]
     """Figures and tables, in the order of the document."""
     checks: tuple[Check, ...]
-    """What must stay in its tolerance."""
+    """What must stay within its tolerance."""
     results: dict[str, Any]
     """The numbers, as JSON takes them."""
 
@@ -123,6 +123,6 @@ class Effort:
 
 
 FULL = Effort(table_draws=4000, limit_draws=200, estimate_draws=200)
-"""Averages good to a few parts in a thousand."""
+"""Averages accurate to a few parts in a thousand."""
 QUICK = Effort(table_draws=1000, limit_draws=40, estimate_draws=60)
 """Rougher averages, inside the same tolerances."""

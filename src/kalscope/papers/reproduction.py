@@ -19,14 +19,14 @@ from kalscope.papers.parts import FULL, QUICK, Chapter, Check
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What `kalscope reproduce` writes. Equal at every run with the same effort on the same machine."""
+    """What `kalscope reproduce` writes. The same at every run with the same effort on the same machine."""
 
     chapters: tuple[Chapter, ...]
-    """One a document."""
+    """One per document."""
     html: str
     """The whole page, self-contained."""
     results: dict[str, Any]
-    """The numbers, as JSON takes them: "checks", "disagreements", and one entry a document."""
+    """The numbers, as JSON takes them: "checks", "disagreements", and one entry per document."""
 
     @property
     def checks(self) -> tuple[Check, ...]:

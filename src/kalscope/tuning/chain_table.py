@@ -31,7 +31,7 @@ STAGES: dict[str, type[Stage]] = {
 """What the file calls each classic filter."""
 
 _SETTINGS = dict.fromkeys(one.name for stage in STAGES.values() for one in fields(stage))
-"""Every key that a classic filter has, with None: those of another one leave the file."""
+"""Every key that a classic filter has, with None: those of another filter are removed from the file."""
 
 
 def plain_chain(chain: Chain | None) -> dict[str, Any] | None:
@@ -49,11 +49,11 @@ def chain_in(value: object, where: str) -> Chain:
     """The chain in a table of the file.
 
     Args:
-        value: What the file holds.
-        where: How messages call the channel.
+        value: What the file contains.
+        where: How messages name the channel.
 
     Raises:
-        BadFile: It is no table, or its filter or one of its numbers is missing or of another kind.
+        BadFile: It is not a table, or its filter or one of its numbers is missing or of another kind.
         BadSetting: A number is out of its range.
     """
     here = f"the chain of {where}"

@@ -1,6 +1,6 @@
 """A chain of filters as a line that a user types: "median 5, one-euro 0.02 0.7 0.1"; "kalman" is the Kalman filter.
 
-Behind the name of a filter stand its numbers, in the order of its fields. The names are those of the tuning file.
+The name of a filter is followed by its numbers, in the order of its fields. The names are those of the tuning file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def typed_chain(text: str) -> Chain | None:
     """The chain in a line that a user typed; None for the Kalman filter alone.
 
     Raises:
-        BadSetting: it is no such line, or its numbers make no filter.
+        BadSetting: it is not such a line, or the filter cannot have these numbers.
     """
     parts = [part.split() for part in text.lower().split(",")]
     if len(parts) > 2 or not all(parts):
@@ -35,7 +35,7 @@ def typed_chain(text: str) -> Chain | None:
 
 
 def chain_text(chain: Chain | None) -> str:
-    """The line for a chain; `typed_chain` makes the same of it, to the last bit."""
+    """The line for a chain; `typed_chain` returns the same chain for it, to the last bit."""
     if chain is None:
         return KALMAN
     last = KALMAN if chain.then is None else _text(chain.then)

@@ -110,7 +110,7 @@ def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tu
     if recording.sample_period is None and used.sample_period is not None and "q" not in given:
         notes.append(
             f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
-            f" {used.sample_period:.6g} s: the recording says none (see --sample-period)"
+            f" {used.sample_period:.6g} s: the recording gives none (see --sample-period)"
         )
     if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
         notes.append(
@@ -141,7 +141,7 @@ def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float
     """The filter with another momentum, or with the momentum that an overshoot allows.
 
     Args:
-        entry: The filter; comes back as it is where both others are None.
+        entry: The filter; returned unchanged where both others are None.
         momentum: In sample periods, with the same q and r; or None.
         overshoot: Share of a step: of all filters with the lag of `entry` and no more overshoot, the one that
             leaves the least noise, with the same r; or None.
@@ -192,7 +192,7 @@ def tunings_for_stdin(
     """Choose the filters of a stream without names; arguments and errors as `filters_for`.
 
     Returns:
-        (tunings, notes): one for all columns, or with `config` one a column, in the order of the file.
+        (tunings, notes): one for all columns, or with `config` one per column, in the order of the file.
     """
     if config is None:
         if channel is not None:

@@ -20,12 +20,12 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import load_tuning
 
 FUSED = "fused"
-"""Name of the fused value unless a tuning file says another."""
+"""Name of the fused value unless a tuning file gives another."""
 
 
 @dataclass(frozen=True)
 class FusionGiven:
-    """What options say of a fused filter."""
+    """What the options give for a fused filter."""
 
     names: str | None = None
     """The channels, as `channels_to_fuse` takes them; None = those of the tuning file."""
@@ -46,7 +46,7 @@ def fusion_for(recording: Recording, config: Path | None, given: FusionGiven) ->
     Args:
         recording: The recording to filter.
         config: Tuning file with a fusion, or None: q and r are estimated, unless they are given.
-        given: What options say; it overrides the file and the estimate.
+        given: What the options give; it overrides the file and the estimate.
 
     Returns:
         (fusion, notes): the filter at the sample period of the recording, and notes on the choice for the user.

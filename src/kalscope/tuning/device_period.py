@@ -53,9 +53,9 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
 
 
 def _said(new: Tuned, old: float, sample_period: float) -> Tuned:
-    """The rescaled filter, saying from which period.
+    """The rescaled filter, with the period that it was found at in `how`.
 
-    First where the values hold: a header may cut the end, and a lag that was asked for is no longer that of here.
+    That period comes first: a header may cut the end, and a lag that was asked for does not hold at the new period.
     """
     momentum = " and momentum divided by it" if new.momentum > 0.0 else ""
     chain = ", chain rescaled" if isinstance(new, ChannelTuning) and new.chain is not None else ""

@@ -17,7 +17,7 @@ def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool =
 
     Args:
         units: the unit of every channel there is, "" where unknown, in order.
-        text: what a user typed. A name with a comma stands in double quotes.
+        text: what a user typed. A name with a comma must be in double quotes.
         mixed_units: whether the units may differ: the gains of the sensors are estimated too.
 
     Raises:
@@ -25,7 +25,7 @@ def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool =
     """
     must = f"--fuse must be two or more channels of one unit{_hint(units)}"
     names = tuple(
-        _channel(tuple(units), cell, f"{must} (got {cell!r}, which is no channel)") for cell in _cells(text)
+        _channel(tuple(units), cell, f"{must} (got {cell!r}, which is not a channel)") for cell in _cells(text)
     )
     if len(names) < 2 or len(set(names)) < len(names):
         raise BadSetting(f"{must} (got {text!r})")
@@ -58,7 +58,7 @@ def for_each_sensor(sensors: Sequence[str], option: str, given: Mapping[str, flo
     """The number of an option such as `--r 4` or `--r a=4,b=9` for each sensor; NaN where it names none for it.
 
     Raises:
-        BadSetting: a name that is none of the sensors.
+        BadSetting: a name that is not one of the sensors.
     """
     if not isinstance(given, Mapping):
         return (given,) * len(sensors)
@@ -104,4 +104,4 @@ def _hint(units: Mapping[str, str]) -> str:
         groups.setdefault(unit, []).append(name)
     several = [(unit, names) for unit, names in groups.items() if len(names) > 1][:MAX_HINTS]
     said = "; ".join(f"{', '.join(names[:MAX_HINTS])}{f' ({unit})' if unit else ''}" for unit, names in several)
-    return f", such as {said}" if said else "; here are no two of them"
+    return f", such as {said}" if said else "; no two channels here have the same unit"

@@ -16,8 +16,8 @@ class FusionTuning:
     """One filter for several sensors of one quantity: sensor i reads offset_i + gain_i·x + noise of variance r_i.
 
     Raises:
-        BadSetting: The numbers are not valid parameters (see `FusionParams`), or there is not one value of each a
-            sensor, or two sensors have one name.
+        BadSetting: The numbers are not valid parameters (see `FusionParams`), or there is not one value of each per
+            sensor, or two sensors have the same name.
     """
 
     name: str

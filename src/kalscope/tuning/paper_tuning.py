@@ -12,7 +12,7 @@ from kalscope.tuning.tuning import ChannelTuning
 
 @dataclass(frozen=True)
 class PaperTuning(ChannelTuning):
-    """The setting of such a channel; its q and r wait for the Kalman filter to come back."""
+    """The setting of such a channel; its q and r are kept for a return to the Kalman filter."""
 
     paper: GeneralizedParams = field(kw_only=True)
     """The filter that it runs."""

@@ -53,7 +53,7 @@ _COMMENTS = {
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
     "momentum": "how long the signal keeps its direction, in sample periods",
     "gate": "a sample whose v²/s exceeds it is not used",
-    "median": "a median of so many samples comes first",
+    "median": "a median of this many samples comes first",
     "filter": 'what filters then; "kalman" = q, r, ... above',
     "window": "samples",
     "alpha": "share of each step that is taken",
@@ -190,7 +190,7 @@ def _plain(value: object) -> object:
 
 
 def _holds(document: Mapping[str, Any], tables: Mapping[str, Any]) -> bool:
-    """Whether `document` says all that `tables` says."""
+    """Whether `document` contains all that `tables` contains."""
     return all(_same(document.get(key), value) for key, value in tables.items())
 
 
@@ -215,7 +215,7 @@ def table_of(value: object, where: str) -> Mapping[str, Any]:
 
 
 def tables_of(value: object, where: str) -> list[object]:
-    """`value` as an array of tables that has some; what they hold is not checked."""
+    """`value` as a non-empty array of tables; their content is not checked."""
     if not isinstance(value, list) or not value:
         raise BadFile(f"there must be at least one {where} (got {shown(cast('object', value))})")
     return cast("list[object]", value)
@@ -256,7 +256,7 @@ def clean(text: str) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as it stands in a message, cut at 60 characters."""
+    """A value as it appears in a message, cut at 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}…"
 

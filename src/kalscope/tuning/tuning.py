@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
 
 SAME_PERIOD = 1e-3
-"""Sample periods whose relative difference is smaller are equal: a median of time stamps is no more exact."""
+"""Sample periods with a smaller relative difference are equal: a median of time stamps is no more accurate."""
 
 
 def _now() -> str:
@@ -157,7 +157,7 @@ class Tuning:
 
         Raises:
             BadSetting: No such channel; or some channels have a p0 or x0 and others have not, which arrays
-                cannot say. Ask for each channel by its name then.
+                cannot represent. Ask for each channel by its name then.
         """
         if channel_name is not None:
             return self.channel(channel_name).params

@@ -34,7 +34,7 @@ def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
             before = toml.read_text(path)
             toml.parse(before)
         except BadFile as error:
-            raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be saved over (got: {error})") from None
+            raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be overwritten (got: {error})") from None
     data = toml.updated(before, _plain(tuning)).encode()
     if len(data) > toml.MAX_BYTES:
         raise BadSetting(f"a tuning file must hold at most {toml.MAX_BYTES} bytes (got {len(data)})")
@@ -107,7 +107,7 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
 
 
 def _format(tuning: Tuning) -> int:
-    """The lowest that holds it: a file stays one that older programs read, unless they would run another filter."""
+    """The lowest that can hold it: older programs can read the file, unless they would run another filter."""
     if tuning.has_chain:
         return 4
     if tuning.fusion is not None:
@@ -116,7 +116,7 @@ def _format(tuning: Tuning) -> int:
 
 
 def _plain_filter(one: ChannelTuning | FusionTuning) -> dict[str, Any]:
-    """What a channel and a fusion have in common, behind q and r."""
+    """What a channel and a fusion have in common, after q and r."""
     return {
         "p0": "diffuse" if one.p0 is None else one.p0,
         "x0": "first" if one.x0 is None else one.x0,
@@ -167,7 +167,7 @@ def _fusion(entry: object, file_format: int) -> FusionTuning:
 
 
 def _named(entry: object, where: str, what: str) -> tuple[toml.Tables, str, str]:
-    """A table, its name, and how messages call it: `where` before its name is known, then `what` by its name."""
+    """A table, its name, and how messages name it: by `where` before its name is known, then by `what` and name."""
     table = toml.table_of(entry, where)
     if "name" not in table:
         raise BadFile(f"name of {where} must be given (got nothing)")

@@ -73,7 +73,7 @@ class FusionParams:
     def _check_gain(self) -> None:
         size = np.abs(self.gain)
         if not np.all((size >= MIN_GAIN) & (size <= MAX_GAIN)):
-            raise BadSetting(f"gain must not be 0, and its size from 1e-100 to 1e100 (got {self.gain})")
+            raise BadSetting(f"gain must not be 0, and its size must be from 1e-100 to 1e100 (got {self.gain})")
         with np.errstate(over="ignore", under="ignore"):
             noise = self.scaled_r
         if np.any((noise > MAX_VARIANCE) | ((noise == 0.0) & (self.r > 0.0))):

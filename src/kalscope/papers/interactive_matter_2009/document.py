@@ -113,7 +113,7 @@ def try_walk(r_of_q_pictures: float = ASSUMED_R) -> tuple[WalkRow, ...]:
 
 
 def truth_of(recording: Recording) -> Array:
-    """The noise-free signal of a made recording, shape (n, channels)."""
+    """The noise-free signal of a simulated recording, shape (n, channels)."""
     return recording.values if recording.truth is None else recording.truth
 
 

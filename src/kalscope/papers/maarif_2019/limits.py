@@ -67,7 +67,7 @@ class RuleTest:
     sigma_too_small: float
     """Below this σ, u, no filter at all reaches 40."""
     sigma_too_large: float
-    """At this σ, u, ratio 100 leaves the rule upward."""
+    """At this σ, u, ratio 100 exceeds the rule."""
 
 
 def try_advice(draws: int) -> tuple[AdviceTest, ...]:

@@ -56,7 +56,7 @@ class TableRow:
     simulated: float
     """Mean error, average over draws; start x = 0, p0 = 0 as in the MATLAB appendix."""
     theoretical: float
-    """c σ (1 − K) √(2/(2 − K)), settled filter, endless signal."""
+    """c σ (1 − K) √(2/(2 − K)), settled filter, infinitely long signal."""
     simulated_p0_1: float
     """As `simulated`, start p0 = 1 as in section 2.3 and the Arduino appendix."""
     rmse: float
@@ -67,7 +67,7 @@ class TableRow:
 
 @dataclass(frozen=True)
 class StartClue:
-    """What rows 3 and 4 of Table 1, of one ratio, say about the start that the paper does not state."""
+    """What rows 3 and 4 of Table 1, with the same ratio, reveal about the start that the paper does not state."""
 
     printed: float
     """Printed difference, row 4 − row 3, unit."""
@@ -180,7 +180,7 @@ def _row_difference(z: Array, p0: float) -> Array:
 
 
 def simulated_recording(name: str, values: Array, title: str) -> Recording:
-    """A made signal around the constant truth 0, one channel, a sample a second."""
+    """A simulated signal around the constant truth 0, one channel, one sample per second."""
     return Recording(
         time=np.arange(len(values), dtype=np.float64),
         names=("signal",),

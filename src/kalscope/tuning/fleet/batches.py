@@ -1,4 +1,4 @@
-"""Which units make up a batch, and which batch is next, whatever dies: no Dask, no files.
+"""Which units make up a batch, and which batch is next, even when workers die: no Dask, no files.
 
 A batch is one task and one part. Batches are laid out over the whole fleet in the order of the table, and what an
 earlier run has finished is taken out of them, so that a part never reaches beyond its batch and the table can be
@@ -18,7 +18,7 @@ MIN_BATCH_BYTES = 256 << 10
 MAX_UNITS = 2000
 """Most units of a batch: empty files have no bytes."""
 BATCHES = 1000
-"""Batches of a large fleet: what a kill undoes is a thousandth of the work for each worker."""
+"""Batches of a large fleet: a kill loses a thousandth of the work for each worker."""
 MAX_IN_FLIGHT = 2000
 """Most tasks that the scheduler knows at a time, however large the fleet is."""
 MAX_DEATHS = 2
@@ -26,7 +26,7 @@ MAX_DEATHS = 2
 
 
 def batch_bytes(total: int) -> int:
-    """Bytes of a batch for a fleet of so many."""
+    """Bytes of a batch for a fleet of `total` bytes."""
     return min(max(total // BATCHES, MIN_BATCH_BYTES), MAX_BATCH_BYTES)
 
 
@@ -47,7 +47,7 @@ def lay_out(sizes: Sequence[int]) -> list[range]:
 
 
 def window(threads: int) -> int:
-    """Tasks in flight on so many threads: one that runs and one that waits for each."""
+    """Tasks in flight on this many threads: one that runs and one that waits for each."""
     return min(max(2 * threads, 4), MAX_IN_FLIGHT)
 
 
@@ -56,7 +56,7 @@ class Batch:
     """Units that one task does."""
 
     units: tuple[int, ...]
-    """Their places in the fleet, rising."""
+    """Their indices in the fleet, ascending."""
     deaths: int = 0
     """How many workers died over it."""
 
@@ -71,12 +71,12 @@ class Batch:
 class Dispatcher:
     """Gives out batches until each unit is done or lost.
 
-    A worker that dies takes innocent batches with it, so the first death is forgiven. After the second a batch is
-    halved and tried with nothing else in flight: what dies then has killed its worker itself.
+    A worker that dies ends other batches too, so the first death is not counted against a batch. After the second a
+    batch is halved and tried with nothing else in flight: if a worker dies then, that batch has killed it.
     """
 
     waiting: deque[Batch]
-    """Those that nothing is known against."""
+    """Those that are not suspects."""
     suspects: deque[Batch] = field(default_factory=deque[Batch])
     """Those over which two workers or more have died."""
     running: set[Batch] = field(default_factory=set[Batch])

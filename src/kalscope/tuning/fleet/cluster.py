@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PATIENCE_S = 15.0
-"""Time for a scheduler to answer, and for its first worker to come, s."""
+"""Time for a scheduler to answer, and for its first worker to connect, s."""
 SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # the dispatcher decides what a death means
     "distributed.worker.daemon": True,  # workers end with the driver, even after kill -9
     "distributed.comm.timeouts.connect": PATIENCE_S,
-    "distributed.admin.tick.limit": "1 h",  # no words on a loop that waited for a fit
-    # A worker holds nothing between two batches, so that waiting or writing its memory to the disk would not help:
-    # paused workers would never go on. One that is about to exceed its share is ended, and its batch halved.
+    "distributed.admin.tick.limit": "1 h",  # no warnings about an event loop that waited for a fit
+    # A worker holds nothing between two batches, so that waiting or writing its memory to disk would not help:
+    # paused workers would never resume. One that is about to exceed its share is ended, and its batch halved.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
 }
 """Settings of Dask for the driver, and for the workers that it starts."""
 WORKER_BYTES = 1 << 30
-"""Memory that a worker of this machine may need; fewer are started where the cores are more than that allows."""
+"""Memory that a worker of this machine may need; with less per core, fewer workers are started."""
 
 
 class WorkerDied(Exception):
@@ -49,7 +49,7 @@ class TaskLost(Exception):
 
 
 class Workers:
-    """Workers that take batches and give back what came of them, in any order."""
+    """Workers that take batches and return their results, in any order."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
@@ -73,7 +73,7 @@ class Workers:
         future.add_done_callback(self._ended.put)
 
     def ended(self, timeout: float) -> tuple[Batch, Any] | None:
-        """A batch that has ended and what its call returned, or the exception that it raised; None in time.
+        """A batch that has ended and what its call returned, or the exception that it raised; None on timeout.
 
         Raises:
             BadDevice: the scheduler is gone.
@@ -95,7 +95,7 @@ class Workers:
         return batch, result
 
     def cancel(self) -> None:
-        """Forget all that was not begun."""
+        """Cancel all batches that have not ended."""
         with suppress(Exception):  # a scheduler that is gone has forgotten it
             self._client.cancel(list(self._batches), force=True)
 
@@ -142,7 +142,7 @@ def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
     """Workers on this machine that keep their temporary files in `folder`."""
     cluster: Any = None
 
-    def kill() -> None:  # a part is whole or absent, whenever that is
+    def kill() -> None:  # a part is whole or absent, whenever this happens
         for worker in () if cluster is None else [*cluster.workers.values()]:  # Dask changes them meanwhile
             worker.status = distributed.Status.closing  # else Dask would start it again
         for process in active_children():
@@ -155,7 +155,7 @@ def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
                 n_workers=count,
                 processes=True,
                 dashboard_address=None,
-                # Dask serves numbers there, as 8787 may be taken; a scheduler has a folder of files, too.
+                # Dask serves metrics on this port, as 8787 may be taken; a scheduler keeps files in a folder, too.
                 scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": str(folder)},
                 local_directory=str(folder),
                 silence_logs=60,  # a worker that dies is handled here
@@ -170,9 +170,9 @@ def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
 
 @contextmanager
 def _without_interrupts() -> Generator[None]:
-    """Hold Ctrl+C back while processes are started, which inherit that: a terminal sends it to them too.
+    """Block Ctrl+C while processes are started, which inherit that: a terminal sends it to them too.
 
-    Elsewhere than on POSIX nothing is inherited.
+    Outside POSIX nothing is inherited.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -180,7 +180,7 @@ def _without_interrupts() -> Generator[None]:
     with _environment(
         PYTHONWARNINGS="ignore:resource_tracker:UserWarning"
     ):  # it would warn of what killed workers left
-        resource_tracker.ensure_running()  # it would let the signal through again where it starts
+        resource_tracker.ensure_running()  # it would unblock the signal when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

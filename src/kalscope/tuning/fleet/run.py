@@ -21,7 +21,7 @@ from kalscope.tuning.fleet.work.asked import Asked
 from kalscope.tuning.fleet.work.task import Done, lost_row, run_batch
 
 LOOK_S = 0.2
-"""How often the driver shows how far it is, s."""
+"""How often the driver shows its progress, s."""
 LOST = "its worker died each time that it was read, perhaps out of memory"
 """Reason of a recording that kills every worker."""
 
@@ -68,7 +68,7 @@ class Tally:
         return cls(len(units), len(units) - len(todo), whole, whole - sum(units[i].size for i in todo))
 
     def add(self, done: Done, size: int) -> None:
-        """Count a task over so many bytes."""
+        """Count a task over `size` bytes."""
         self.done += done.units
         self.done_bytes += size
         self.rows += done.rows
@@ -91,9 +91,9 @@ def run_fleet(
     finish: Callable[[Pool], None] | None = None,
     looked: Callable[[int], None] | None = None,
 ) -> Tally:
-    """Do what is missing of a fleet, and merge its table.
+    """Do the missing work of a fleet, and merge its table.
 
-    It can be left at any moment, by an exception as by kill -9: what is finished by then is kept.
+    It can be ended at any moment, by an exception or by kill -9: what is finished by then is kept.
 
     Args:
         sources: See `find_units`.
@@ -101,9 +101,9 @@ def run_fleet(
         folder: Of the results; every worker must see it under this path.
         cluster: Address of a scheduler; None = the cores of this machine.
         show: Called with the tally whenever a task has ended, and a few times a second.
-        finish: Called once the table is written with what the fleet says about one filter for all, while no other
+        finish: Called once the table is written, with what the fleet says about one filter for all, while no other
             run may write into the folder.
-        looked: Called with the number of files found so far, while the sources are looked through.
+        looked: Called with the number of files found so far, while the sources are scanned.
 
     Returns:
         What was done.
@@ -143,7 +143,7 @@ def run_fleet(
 
 @dataclass(frozen=True)
 class _Run:
-    """The batches of a run on their way through the workers."""
+    """A run of batches on the workers."""
 
     units: Sequence[Unit]
     keys: Sequence[str]

@@ -1,1 +1,1 @@
-"""The answer for a fleet: one filter for all, what each device loses by it, and who is unlike the others."""
+"""The answer for a fleet: one filter for all, what each device loses by it, and which are unlike the others."""

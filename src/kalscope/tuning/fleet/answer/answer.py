@@ -28,7 +28,7 @@ EXPECTED = 0.05
 CLOCKS = 1e-4
 """Share by which the rates of equal devices may differ: crystals, and stamps with few digits."""
 QUANTITIES = ("r", "q", "rate_hz")
-"""In which devices are compared."""
+"""The quantities in which devices are compared."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _over_time(devices: Devices, name: str) -> OverTime | None:
 
 
 def _log_interval(devices: Devices, name: str, usable: Mask) -> tuple[Array, Array]:
-    """The interval of a quantity in logarithms, which is without end where nothing was estimated."""
+    """The interval of a quantity in logarithms, unbounded where nothing was estimated."""
     if name == "rate_hz":
         logs = _logs(devices.rate_hz, usable)
         return logs - CLOCKS, logs + CLOCKS

@@ -1,4 +1,4 @@
-"""The table of a fleet as arrays, one entry a device: what the answer is computed from."""
+"""The table of a fleet as arrays, one entry per device: what the answer is computed from."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Devices:
     reasons: Counter[str]
     """Why rows have no q and r, and how many for each reason."""
     left: Array | None = None
-    """What the fits left to tell what each loses by a filter for all, shape (rows, WIDTH); None in a finished
+    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); None in a finished
     table."""
 
     def __len__(self) -> int:
@@ -73,7 +73,7 @@ class Devices:
 
     @property
     def rates_differ(self) -> bool:
-        """Whether some rates differ by more than a tenth from the median: one q a sample suits them badly."""
+        """Whether some rates differ by more than a tenth from the median: one q per sample does not suit them."""
         known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
         return bool(len(known)) and bool(np.any(np.abs(known / np.median(known) - 1.0) > 0.1))
 
@@ -83,7 +83,7 @@ class Devices:
         return losses_of(nothing if self.left is None else self.left, params)
 
     def name(self, i: int) -> str:
-        """The recording, with its channel where that is another than usual."""
+        """The recording, with its channel where that is not the usual one."""
         return self.ids[i] if self.channels[i] == self.channel else f"{self.ids[i]} {self.channels[i]}"
 
     def _usual(self, texts: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""Recordings of one device after each other: which device has changed.
+"""Successive recordings of one device: which device has changed.
 
 Recordings whose names differ only in a date are of one device: dev7/2024-05-01.csv and dev7/2024-06-01.csv, or
 dev7_20240501T0800 and dev7_20240502T0800.
@@ -27,7 +27,7 @@ class OverTime:
     rows: Indices
     """The rows of the table whose names hold a date."""
     found: Changes
-    """What they say; its files are places in `rows`."""
+    """The changes found; its files are indices into `rows`."""
 
     def name(self, device: int) -> str:
         """The device: its names without the date and the kind of file."""
@@ -35,7 +35,7 @@ class OverTime:
         return re.sub(r"/+", "/", name).strip("/-_. ") or "one device"
 
     def since(self, device: int) -> int:
-        """The row of the table from which on a changed device is another."""
+        """The row of the table from which on a device has changed."""
         return int(self.rows[self.found.step_at[device]])
 
     def factor(self, device: int) -> float:

@@ -1,4 +1,4 @@
-"""Which tuning file in the folder of a fleet is the fleet's own: another one is never written over or removed."""
+"""Which tuning file in the folder of a fleet is the fleet's own: any other is never overwritten or removed."""
 
 from __future__ import annotations
 

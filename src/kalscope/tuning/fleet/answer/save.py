@@ -55,7 +55,7 @@ def save_answer(answer: Answer, folder: Path) -> None:
 
 
 def _finish_table(answer: Answer, path: Path) -> None:
-    """The table with what each device loses, in place of what that follows from; row group by row group."""
+    """The table with what each device loses, in place of the data behind that; row group by row group."""
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     losses = {} if answer.shared is None else _losses(answer.shared)
     kept = pa.schema([one for one in schema() if one.name in FINISHED])
@@ -85,7 +85,7 @@ def tuning_of(devices: Devices, shared: Shared) -> Tuning:
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:
-    """The answer in values that JSON can say; None for what is not finite."""
+    """The answer in values that JSON can represent; None for what is not finite."""
     devices = answer.devices
     return {
         "tool": program(),

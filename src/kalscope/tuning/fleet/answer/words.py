@@ -1,4 +1,4 @@
-"""What is printed of a finished fleet, in words."""
+"""The text that is printed for a finished fleet."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NAMES = {"r": "r", "q": "q", "rate_hz": "sample rate"}
 
 
 def summary(answer: Answer, tally: Tally, folder: Path) -> str:
-    """How many rows, how many without q and r and why, one filter for all, who is unlike the others, the files."""
+    """How many rows, how many without q and r and why, one filter for all, the devices unlike others, the files."""
     lines = [
         _done(len(answer.devices), tally),
         *_reasons(answer),
@@ -92,7 +92,7 @@ def _filter(answer: Answer) -> Iterator[str]:
 
 
 def _served(answer: Answer, shared: Shared) -> Iterator[str]:
-    """Whom it serves, and what it costs them."""
+    """How many devices it suits, and what it costs them."""
     devices = answer.devices
     if shared.judged:
         worst = [
@@ -120,7 +120,7 @@ def _lost(devices: Devices, losses: Losses, i: int) -> list[str]:
 
 
 def _usual_loss(devices: Devices, losses: Losses) -> Iterator[str]:
-    """What nine of ten devices lose, in the words of the median sample rate."""
+    """What nine of ten devices lose, at the median sample rate."""
     said: list[str] = []
     texts: tuple[tuple[str, Array, Callable[[float], str]], ...] = (
         ("error", losses.error, percent),

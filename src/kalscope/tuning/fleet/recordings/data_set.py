@@ -22,18 +22,18 @@ from kalscope.tuning.fleet.recordings.unit import Piece, Unit
 MAX_READINGS = 8
 """How often the bytes of a data set may be read in all, where its ids are mixed."""
 SORTED_READINGS = 2
-"""How often at most where they are sorted: a row group holds the end of one unit and the begin of another."""
+"""How often at most where they are sorted: a row group holds the end of one unit and the beginning of another."""
 MIXED_BYTES = 64 << 20
 """Bytes of the rows of a unit of mixed ids, where the data set is not too large for that."""
 MAX_UNIT_BYTES = 256 << 20
-"""Most bytes of the rows of such a unit: a worker holds them four times."""
+"""Most bytes of the rows of such a unit: a worker holds four copies of them."""
 WITHOUT = "rows without an id"
 """Name in the table of the rows that belong to no series."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """A row group and the ids that lie in it."""
+    """A row group and the ids in it."""
 
     path: str
     index: int
@@ -99,7 +99,7 @@ def _shares(groups: Sequence[_Group]) -> list[Share]:
 
 
 def _is_mixed(groups: Sequence[_Group]) -> bool:
-    """Whether row groups that are read together hold more than the end of one unit and the begin of the next."""
+    """Whether row groups that are read together hold more than the end of a unit and the beginning of the next."""
     several = [group for group in groups if group.first != group.last]
     return len(several) > 2 and sum(group.size for group in several) > MIXED_BYTES
 
@@ -177,9 +177,7 @@ def _groups(path: str) -> Iterator[_Group]:
     """The row groups of a file with the ids in them; those without rows left out."""
     file = library("pyarrow.parquet").ParquetFile(path, memory_map=False)
     stamp, name = os.stat(path).st_mtime_ns, str(id_column(file.schema_arrow.names))
-    exact = not library("pyarrow").types.is_floating(
-        file.schema_arrow.field(name).type
-    )  # footers say nothing of NaN
+    exact = not library("pyarrow").types.is_floating(file.schema_arrow.field(name).type)  # footers do not count NaN
     for i in range(file.num_row_groups):
         footer = file.metadata.row_group(i)
         if footer.num_rows:
@@ -196,12 +194,12 @@ def _size(group: Any) -> int:
 
 
 def _known_ends(known: Any) -> tuple[Any, Any, int] | None:
-    """The least and the largest id and the number of rows without one by the footer; None where it is silent."""
+    """The least and the largest id and the number of rows without one by the footer; None where it has none."""
     if known is None or not (known.has_min_max and known.has_null_count):
         return None
     try:
         return known.min, known.max, known.null_count
-    except (ValueError, library("pyarrow").ArrowException):  # a text that was cut within a letter
+    except (ValueError, library("pyarrow").ArrowException):  # a text that was cut within a character
         return None
 
 

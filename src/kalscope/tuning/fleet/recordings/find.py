@@ -28,11 +28,12 @@ def find_units(
 ) -> list[Unit]:
     """Everything that the sources name, each once, in the order of the names.
 
-    A folder stands for all that is below it but hidden names; what is no recording becomes a row with its reason.
+    A folder stands for everything below it except hidden names; a file that is not a recording becomes a row with
+    the reason.
 
     Args:
         sources: Paths of files and folders, patterns such as "logs/*.csv", and @LIST.
-        output: The folder of the results, which is no source.
+        output: The folder of the results, which is not a source.
         row_groups: Whether each row group of a Parquet file is a recording of its own.
         looked: Called with the number of files found so far, every thousand.
 
@@ -124,7 +125,7 @@ def _fits(parts: Sequence[str], pattern: Sequence[str]) -> bool:
 
 
 def _base(paths: Sequence[str]) -> str:
-    """The folder that names begin below: the only folder given, or the one that all lie in."""
+    """The folder that names are relative to: the only folder given, or the one that contains all."""
     if len(paths) == 1:
         return paths[0] if os.path.isdir(paths[0]) else os.path.dirname(paths[0])
     try:

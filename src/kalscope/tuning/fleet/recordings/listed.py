@@ -1,4 +1,4 @@
-"""A list of files: a path a line, and after a comma or a tab the channel."""
+"""A list of files: one path per line, and after a comma or a tab the channel."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from kalscope.errors import BadFile, describe
 def read_list(path: str) -> list[tuple[str, str | None]]:
     """The entries of a list, each a path and a channel or None.
 
-    A line is PATH or PATH,CHANNEL, with a comma or a tab between them and quotes where a path holds one; a path
-    starts at the folder of the list. Empty lines and lines that begin with # are left out.
+    A line is PATH or PATH,CHANNEL, with a comma or a tab between them and quotes where a path contains one; a path
+    is relative to the folder of the list. Empty lines and lines that begin with # are left out.
 
     Raises:
         BadFile: The list cannot be read, names nothing, or a line has three parts.

@@ -1,6 +1,6 @@
 """Which Parquet files are in the long form, id, time, value: judged together for the files of a folder.
 
-A file alone may hold each id once, as where each file is a day: what its neighbours hold decides.
+A single file may hold each id once, for example where each file is a day: then the other files decide.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from kalscope.tuning.fleet.libraries import library
 ID_NAMES = ("id", "series_id", "unique_id", "device_id", "sensor_id", "device", "sensor")
 """Names of the column that says which series a row belongs to, in lower case, the first one found."""
 MAX_LOOKED_AT = 8
-"""Row groups of a file whose ids are looked at first."""
+"""Row groups of a file whose ids are read first."""
 MAX_TOGETHER = 16
 """Files whose ids are compared with each other."""
 MAX_COMPARED = 50_000
@@ -25,7 +25,7 @@ MAX_COMPARED = 50_000
 
 @dataclass(frozen=True)
 class _Look:
-    """The ids of a file at first sight."""
+    """A first look at the ids of a file."""
 
     path: str
     name: str
@@ -47,7 +47,7 @@ def id_column(names: Sequence[str]) -> str | None:
 
 
 def plain_ids(column: Any) -> Any:
-    """The ids themselves where a column holds numbers that stand for them."""
+    """The ids themselves where a column is dictionary-encoded."""
     return column.cast(column.type.value_type) if library("pyarrow").types.is_dictionary(column.type) else column
 
 

@@ -1,4 +1,4 @@
-"""The unit of work: the smallest thing that a rerun does again, a file or some row groups of a Parquet data set."""
+"""The unit of work: the least that a rerun repeats, a file or some row groups of a Parquet data set."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kalscope.errors import describe
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A file, or some of its row groups, as it was when the fleet was looked through."""
+    """A file, or some of its row groups, as it was when the fleet was scanned."""
 
     path: str
     """Absolute path."""
@@ -46,7 +46,7 @@ class Unit:
 
     @property
     def size(self) -> int:
-        """Bytes on the disk."""
+        """Bytes on disk."""
         return sum(piece.size for piece in self.pieces)
 
     @property
@@ -70,7 +70,7 @@ class Unit:
 
 
 def _runs(numbers: Sequence[int]) -> list[list[int]]:
-    """Rising numbers as runs, each with its first and its last."""
+    """Ascending numbers as runs, each with its first and its last."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -81,7 +81,7 @@ def _runs(numbers: Sequence[int]) -> list[list[int]]:
 
 
 def unit_of(path: str, name: str, channel: str | None = None) -> Unit:
-    """The unit of one file, whatever lies there: what cannot be read becomes a row with its reason.
+    """The unit of one file, whatever it is: what cannot be read becomes a row with the reason.
 
     Args:
         path: Of the file.

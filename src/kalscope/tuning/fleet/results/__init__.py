@@ -1,1 +1,1 @@
-"""What lies in the folder of a fleet, finished or not: arrays to look at, and the recordings to open again."""
+"""What is in the folder of a fleet, finished or not: arrays to look at, and the recordings to open again."""

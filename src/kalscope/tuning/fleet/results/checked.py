@@ -20,7 +20,7 @@ def checked_table(path: Path, *, part: bool = False) -> Any:
     """The table, or a part with its pools, as a pyarrow Table of the known columns and types; no text is missing.
 
     Raises:
-        BadFile: it is no such table, or one that would fill the memory.
+        BadFile: it is not such a table, or one that would fill the memory.
     """
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     texts = [one.name for one in schema() if pa.types.is_string(one.type)]
@@ -50,7 +50,7 @@ def _check_size(footer: Any) -> None:
 
 
 def _text(column: Any) -> Any:
-    """A column of texts, each short; a text that many rows share is looked at once, before it is multiplied."""
+    """A column of texts, each short; a text that many rows share is checked once, before it is expanded."""
     pa, compute = library("pyarrow"), library("pyarrow.compute")
     for chunk in column.chunks:
         words = chunk.dictionary if pa.types.is_dictionary(column.type) else chunk

@@ -1,4 +1,4 @@
-"""A fleet as arrays, from its folder: the whole table of a finished run, the parts so far of one that goes on."""
+"""A fleet as arrays, from its folder: the whole table of a finished run, or the parts so far of a running one."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ class SharedFilter:
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """A fleet, its arrays of shape (rows,); two of them are equal only if they are one."""
+    """A fleet, its arrays of shape (rows,); compared by identity."""
 
     folder: Path
-    """Where it lies."""
+    """Its folder."""
     devices: Devices
-    """The table; q and r are NaN where they are no variances."""
+    """The table; q and r are NaN where they are not variances."""
     gates: Array
     """Outlier gate of each on v²/s, NaN where it is off."""
     verdicts: tuple[str, ...]
     """Verdict of each."""
     sources: tuple[str, ...]
-    """Where each recording lies, see `Row.source`."""
+    """Where each recording is, see `Row.source`."""
     reasons: tuple[str, ...]
     """Why a row has no q and r; "" where it has."""
     shared: SharedFilter | None
@@ -62,7 +62,7 @@ class Fleet:
     growth: Array
     """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
     distance: Array
-    """How far each lies from the others in r or q, whichever is more, standard deviations; NaN where unknown."""
+    """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN where unknown."""
     unlike: Mask
     """Which are unlike the others in r or q."""
     begun: Begun
@@ -95,7 +95,7 @@ class FleetReader:
         """The fleet as it is now.
 
         Raises:
-            BadFile: the folder is none of a fleet, or a file in it is not what it must be.
+            BadFile: the folder is not that of a fleet, or a file in it is not valid.
             BadSetting: pyarrow is missing.
         """
         library("pyarrow")
@@ -110,7 +110,7 @@ class FleetReader:
         return _fleet(folder, table, shared, begun, done)
 
     def _merged(self, begun: Begun) -> tuple[Any, Pool, int]:
-        """All parts of the present options so far: rows, pool and number of units; a later row counts."""
+        """All parts of the present options so far: rows, pool, number of units; a later row replaces an earlier."""
         for path in part_files(self._folder):
             if path not in self._parts and path.stat().st_mtime_ns >= begun.since - CLOCKS_NS:
                 keys = units_of(path)
@@ -145,7 +145,7 @@ def read_fleet(folder: Path, *, whole: bool) -> Fleet:
     """The fleet of a folder as it is now, see `FleetReader.read`; on one thread.
 
     Args:
-        folder: Where it lies.
+        folder: Its folder.
         whole: Read all of it; else only what is new since it was read last, if it was.
     """
     if whole:
@@ -154,7 +154,7 @@ def read_fleet(folder: Path, *, whole: bool) -> Fleet:
 
 
 def _is_finished(folder: Path) -> bool:
-    """Whether the table is that of the last run: its answer is the last file that a run writes."""
+    """Whether the table is that of the last run: a run writes its answer after the table."""
     answer, note = folder / SUMMARY, folder / BEGUN
     if not ((folder / TABLE).is_file() and answer.is_file()):
         return False
@@ -224,7 +224,7 @@ def _fleet(folder: Path, table: Any, shared: SharedFilter | None, begun: Begun, 
 
 
 def _growth(devices: Devices, table: Any, shared: SharedFilter) -> Array:
-    """By which share the prediction error of each grows: as a finished table says, or from what the fits left."""
+    """By which share the prediction error of each grows: from a finished table, or from what the fits stored."""
     if devices.left is not None:
         return devices.losses(shared.params).error
     said = np.asarray(table["error_growth"].to_numpy(), dtype=np.float64)
@@ -232,7 +232,7 @@ def _growth(devices: Devices, table: Any, shared: SharedFilter) -> Array:
 
 
 def _plain(devices: Devices) -> Devices:
-    """The devices with NaN in place of numbers that cannot be what they should be."""
+    """The devices with NaN in place of numbers that are out of range."""
 
     def within(values: Array, most: float) -> Array:
         return np.where((values >= 0.0) & (values <= most), values, math.nan)

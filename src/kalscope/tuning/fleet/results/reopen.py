@@ -25,7 +25,7 @@ MAX_GROUPS = 100_000
 
 @dataclass(frozen=True)
 class Kept:
-    """Where the recording of a row lies and how the fleet read it."""
+    """Where the recording of a row is and how the fleet read it."""
 
     id: str
     """Name of the device."""
@@ -38,7 +38,7 @@ class Kept:
 
 
 def kept_at(fleet: Fleet, i: int) -> Kept:
-    """Where the recording of row `i` lies."""
+    """Where the recording of row `i` is."""
     return Kept(fleet.devices.ids[i], fleet.sources[i], fleet.begun.reading, fleet.begun.sample_period)
 
 
@@ -46,17 +46,17 @@ def reopen(kept: Kept, options: ReadOptions | None = None, *, progress: OnProgre
     """Read the recording of a row as the fleet read it.
 
     Args:
-        kept: Where it lies.
+        kept: Where it is.
         options: How to read it; None = as the fleet did.
         progress: See `read_recording`; a data set has none.
 
     Raises:
-        BadFile: it no longer lies where the fleet found it, or cannot be read.
+        BadFile: it is no longer where the fleet found it, or cannot be read.
         BadSetting: an option does not suit it.
     """
     reading, period = kept.reading if options is None else options, kept.sample_period
     if not kept.source.startswith("["):
-        return read_recording(_lying(kept.source), reading, sample_period=period, progress=progress)
+        return read_recording(_existing(kept.source), reading, sample_period=period, progress=progress)
     return one_recording(_unit(kept.id, kept.source), reading, period)
 
 
@@ -94,10 +94,10 @@ def _tuning(fleet: Fleet, i: int, *, period: float | None, **values: Any) -> Tun
     return Tuning((channel,), sample_period=period)
 
 
-def _lying(path: str) -> str:
-    """A path at which a file lies."""
+def _existing(path: str) -> str:
+    """A path, checked to be that of a file."""
     if not (os.path.isabs(path) and os.path.isfile(path)):
-        raise BadFile(f"the recording must lie where the fleet found it (got no file at {path[:300]!r})")
+        raise BadFile(f"the recording must be where the fleet found it (got no file at {path[:300]!r})")
     return path
 
 
@@ -105,7 +105,7 @@ def _unit(name: str, source: str) -> Unit:
     """The row groups that a source names."""
     try:
         data_set, found = json.loads(source)
-        pieces = tuple(Piece(_lying(str(path)), groups=_groups(runs)) for path, runs in found)
+        pieces = tuple(Piece(_existing(str(path)), groups=_groups(runs)) for path, runs in found)
         if not (pieces and all(piece.groups for piece in pieces)):
             raise ValueError("no row group")
     except (ValueError, TypeError, RecursionError) as error:
@@ -122,6 +122,6 @@ def _groups(runs: Any) -> tuple[int, ...]:
     for first, last in runs:
         least = found[-1] + 1 if found else 0
         if not (isinstance(first, int) and isinstance(last, int) and least <= first <= last < MAX_GROUPS):
-            raise ValueError("row groups must be rising whole numbers")
+            raise ValueError("row groups must be ascending whole numbers")
         found += range(first, last + 1)
     return tuple(found)

@@ -1,1 +1,1 @@
-"""What is on the disk: the lock of the folder, the parts, the merged table."""
+"""What is on disk: the lock of the folder, the parts, the merged table."""

@@ -1,4 +1,4 @@
-"""What a run notes of itself when it begins: its results can be looked at before its end, and opened again."""
+"""The note that a run writes when it begins: its results can be looked at before its end, and opened again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAME = "run.json"
 TABLE = "fleet.parquet"
 """Name of the table in it."""
 TUNING = "tuning.toml"
-"""The tuning of the filter for all, as every tuning file."""
+"""The tuning of the filter for all, an ordinary tuning file."""
 SUMMARY = "fleet.json"
 """The answer for programs, the last but one file that a run writes."""
 MAX_BYTES = 10_000_000
@@ -45,7 +45,7 @@ class Begun:
 
 
 def check_own(folder: Path) -> None:
-    """Refuse a folder in which a run would write over files that no fleet wrote.
+    """Refuse a folder in which a run would overwrite files that no fleet wrote.
 
     Raises:
         BadSetting: there is such a file.
@@ -94,7 +94,7 @@ def read_begun(folder: Path) -> Begun:
     """The note of the last run; an empty one where there is none.
 
     Raises:
-        BadFile: the file is there and is no such note.
+        BadFile: the file exists and is not such a note.
     """
     path = folder / NAME
     if not path.exists():
@@ -120,10 +120,10 @@ def read_begun(folder: Path) -> Begun:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """An object in JSON from a file that anybody may have written.
+    """An object in JSON from a file that any program may have written.
 
     Raises:
-        BadFile: it cannot be read, is too large, or is no object.
+        BadFile: it cannot be read, is too large, or is not an object.
     """
     try:
         if path.stat().st_size > MAX_BYTES:

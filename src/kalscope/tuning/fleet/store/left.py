@@ -1,4 +1,4 @@
-"""What a fit leaves to tell what its device loses by a filter for all, as bytes of a cell and back."""
+"""What a fit stores to compute what its device loses by a filter for all, as the bytes of a cell and back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_LOG = 690.0
 
 
 def packed(left: Array) -> list[bytes | None]:
-    """The cells of `left_by`; None of a device that could not be judged at all."""
+    """The cells of `left_by`; None for a device that could not be judged at all."""
     rows = np.ascontiguousarray(left, dtype="<f4")
     return [row.tobytes() if known else None for row, known in zip(rows, np.isfinite(rows[:, 0]), strict=True)]
 

@@ -1,4 +1,4 @@
-"""One run in a folder at a time: a lock that the system takes away from a process that has died."""
+"""One run in a folder at a time: a lock that the system releases when its process dies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import IO
 from kalscope.errors import BadSetting
 
 NAME = ".lock"
-"""Name of the file in the folder of a fleet; it stays there, and who holds it is what counts."""
+"""Name of the file in the folder of a fleet; it stays there, and only the lock on it counts."""
 
 
 @contextmanager
@@ -36,14 +36,14 @@ def locked(folder: Path) -> Generator[None]:
             raise BadSetting(
                 f"-o must name a folder that no other run writes (got {str(folder)!r}, held by {holder})"
             )
-        with suppress(OSError):  # a full disk is said of the results, by their name
+        with suppress(OSError):  # a full disk is reported for the results, by their name
             os.truncate(file.fileno(), 0)
             os.write(file.fileno(), f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
 
 
 def _take(file: IO[str]) -> bool:
-    """Lock the open file; False where another process has. Closing it, or dying, gives it back."""
+    """Lock the open file; False where another process has. Closing it, or the end of the process, releases it."""
     try:
         if os.name == "nt":
             import msvcrt

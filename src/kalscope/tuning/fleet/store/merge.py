@@ -1,4 +1,4 @@
-"""The parts into one table, in the order of the fleet, batch by batch."""
+"""Merges the parts into one table, in the order of the fleet, batch by batch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kalscope.tuning.fleet.store.begun import TABLE
 from kalscope.tuning.fleet.store.table import KEY, POOL, read_table, schema, unpacked
 
 MAX_OPEN = 16
-"""Parts that are kept in memory at a time: a batch lies in one or a few."""
+"""Parts that are kept in memory at a time: a batch is in one or a few."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ def merge(folder: Path, batches: Sequence[Sequence[str]], parts: Mapping[str, Pa
     Args:
         folder: Of the fleet.
         batches: The keys of the units of each batch, in the order of the fleet.
-        parts: Where each unit lies. A unit that lies in none, because its run was stopped, has no rows.
+        parts: The part of each unit. A unit in none, because its run was stopped, has no rows.
 
     Returns:
         What the whole fleet says about one filter for all.

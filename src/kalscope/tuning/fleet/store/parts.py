@@ -1,8 +1,8 @@
-"""The parts of a fleet: what is finished, on the disk, whatever dies next.
+"""The parts of a fleet: what is finished, on disk, whatever process dies next.
 
 A part is written under a temporary name, synced and renamed, so that it is whole or absent. Its name is the hash of
 its units, and its metadata name them: a rerun needs only the footers to know what is done. Two parts may hold the
-same unit, as when a worker that seemed dead ends its task after all; they are equal, and the first is taken.
+same unit, as when a worker that seemed dead ends its task after all; they are equal, and the later one is taken.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ _OWN = re.compile(r"[0-9a-f]{32}\.parquet|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9
 _TEMPORARY = re.compile(r"\..+\.kalscope-[0-9a-f]{16}\.tmp")
 """Names that `atomic_file` gives; other hidden files of the folder are the user's."""
 FOLDER = "parts"
-"""Where they lie in the folder of a fleet, spread over folders of two hexadecimal digits."""
+"""Their folder in that of a fleet; they are spread over folders of two hexadecimal digits."""
 
 
 def part_path(folder: Path, keys: Iterable[str]) -> Path:
-    """Where the part with these units lies."""
+    """The path of the part with these units."""
     name = hashlib.sha256("\n".join(keys).encode()).hexdigest()[:32]
     return folder / FOLDER / name[:2] / f"{name}.parquet"
 
 
 def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collection[str] = ()) -> Path:
-    """Write what came of some units, durably.
+    """Write the results of some units, durably.
 
     Args:
         folder: Of the fleet.
@@ -54,7 +54,7 @@ def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]], ag
 
 
 def find_parts(folder: Path, *, settled: bool = False) -> dict[str, Path]:
-    """Where each finished unit lies, by its key. What is no part, or cannot be read, counts for nothing.
+    """The part of each finished unit, by its key. What is not a part, or cannot be read, is ignored.
 
     Args:
         folder: Of the fleet.
@@ -69,10 +69,10 @@ def find_parts(folder: Path, *, settled: bool = False) -> dict[str, Path]:
 
 
 def part_files(folder: Path) -> list[Path]:
-    """The files that may be parts, in the order in which they were written, as far as their stamps say."""
+    """The files that may be parts, in the order in which they were written, by their time stamps."""
     found: list[tuple[int, Path]] = []
     for path in _files(folder, ".parquet"):
-        with suppress(OSError):  # swept away meanwhile
+        with suppress(OSError):  # removed meanwhile
             found.append((path.stat().st_mtime_ns, path))
     return [path for _, path in sorted(found)]
 

@@ -39,7 +39,7 @@ class Row:
     gate: float | None = None
     """Outlier gate on v²/s; None = off."""
     lag_samples: float | None = None
-    """Lag of the settled filter behind a slope, sample periods."""
+    """Lag of the settled filter on a ramp, sample periods."""
     verdict: str = FAILED
     """That of the estimate, "chosen" where the filter was specified, or "failed"."""
     nis: float | None = None
@@ -53,7 +53,7 @@ class Row:
     reason: str = ""
     """Why there is no q and r; "" where there are."""
     source: str = ""
-    """Where the recording lies: an absolute path, or in JSON the row groups that hold it, see `Unit.source`."""
+    """Where the recording is: an absolute path, or in JSON the row groups that hold it, see `Unit.source`."""
     lag_loss_samples: float | None = None
     """By how many samples the filter for all lags more than the device's own; known once all are fitted."""
     noise_loss_db: float | None = None
@@ -61,7 +61,7 @@ class Row:
     error_growth: float | None = None
     """By which share its error of predicting samples that no fit has seen is larger."""
     left: bytes | None = None
-    """What the three follow from, see `store.left`; the finished table has them in its place."""
+    """What the three are computed from, see `store.left`; the finished table has them in its place."""
 
 
 LEFT = "left"

@@ -26,7 +26,7 @@ IN_PART = [KEY, *COLUMNS, POOL]
 UNITS = b"kalscope_units"
 """Entry of the metadata of a part: the keys of all its units, those without rows too."""
 MAX_LETTERS = 4096
-"""Bytes of a text in it, at most: a path is no longer."""
+"""Bytes of a text in it, at most: no path is longer."""
 AGAIN = b"kalscope_again"
 """Entry of its metadata: the keys of those that the next run tries again."""
 
@@ -71,7 +71,7 @@ def part_bytes(units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collectio
 
 
 def told(text: str) -> str:
-    """A text as the table holds it: bytes that are no UTF-8 written out, a hash for what is too long."""
+    """A text as the table holds it: bytes that are not UTF-8 escaped, the end of a long text replaced by a hash."""
     if text.isascii() and len(text) <= MAX_LETTERS:  # nearly all of them, millions in a large fleet
         return text
     data = text.encode("utf-8", "backslashreplace")
@@ -81,7 +81,7 @@ def told(text: str) -> str:
 
 
 def _packed(pool: Pool) -> bytes | None:
-    """The pool as bytes; None for one of no device."""
+    """The pool as bytes; None for one without devices."""
     counts = np.array([pool.devices, pool.innovations], dtype="<f8")
     return np.concatenate((counts, pool.sums.ravel())).astype("<f8").tobytes() if pool.devices else None
 
@@ -93,7 +93,7 @@ def unpacked(content: bytes) -> Pool:
 
 
 def units_of(path: Path) -> dict[str, bool] | None:
-    """The keys of the units of a part, each with whether it is done for good; None where it is no such part."""
+    """The keys of the units of a part, each with whether it is done for good; None where it is not a part."""
     pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     try:
         footer = parquet.read_metadata(path)
@@ -105,5 +105,5 @@ def units_of(path: Path) -> dict[str, bool] | None:
 
 
 def read_table(path: Path) -> Any:
-    """A part or the table as a pyarrow Table, read whole: no map of the file is left open."""
+    """A part or the table as a pyarrow Table, read whole: no memory map of the file is left open."""
     return library("pyarrow.parquet").ParquetFile(path, memory_map=False).read()

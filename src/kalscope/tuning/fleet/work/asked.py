@@ -19,7 +19,7 @@ FORMAT = 5
 
 
 class Question(Protocol):
-    """What the user of `kalscope tune` asks for; a dataclass whose `repr` says all of it."""
+    """What the user of `kalscope tune` asks for; a dataclass whose `repr` contains all of it."""
 
     @property
     def gate(self) -> float | None:
@@ -27,13 +27,13 @@ class Question(Protocol):
         ...
 
     def request(self, recording: Recording) -> Request:
-        """The same in the words of `find_parameters`, for this recording."""
+        """The same as a request to `find_parameters`, for this recording."""
         ...
 
 
 @cache
 def any_recording() -> Recording:
-    """A recording to ask about where only the options count."""
+    """A placeholder recording, for questions where only the options count."""
     return Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0)
 
 
@@ -62,10 +62,10 @@ class Asked:
         """Whether the filter for all is the most likely one, and no goal decides it."""
         try:
             request = self.question.request(any_recording())
-        except KalscopeError:  # a still stretch from … to: it lies in each recording or not
+        except KalscopeError:  # a still stretch from … to: it is within each recording or not
             return True
         return not request.target and request.ratio is None
 
     def fingerprint(self) -> str:
-        """A text that is another where the rows would be others."""
+        """A text that differs where the rows would differ."""
         return f"{FORMAT} {self!r}"

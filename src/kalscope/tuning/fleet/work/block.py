@@ -33,7 +33,7 @@ PLAIN = (Request(momentum=0.0, robust=False), Request(momentum=0.0))
 """The questions that `estimate_many` answers in one compiled call: without spikes set aside, and with."""
 
 NUMBERS = ("q", "r", "q_low", "q_high", "r_low", "r_high", "lag_samples")
-"""What of a row the compiled call gives."""
+"""The fields of a row that the compiled call gives."""
 
 
 def fit_block(unit: Unit, asked: Asked) -> Fitted:
@@ -70,7 +70,7 @@ def fit_block(unit: Unit, asked: Asked) -> Fitted:
 
 
 def _fit_recording(block: Block, i: int, asked: Asked) -> Fitted:
-    """One recording in the way of a file."""
+    """One recording, in the same way as a file."""
     try:
         recording = block.recording(i, asked.reading, asked.sample_period)
         return fit_each(channels_of(recording, block.ids[i], None, asked), asked.question)
@@ -137,7 +137,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, question: Question, 
 
 
 def _left(many: Many, table: EstimateTable) -> list[bytes | None]:
-    """What tells what each device loses by a filter for all; of one without q and r, nothing."""
+    """What the loss of each device by a filter for all is computed from; None for one without q and r."""
     own = np.where(table.usable, table.ratio, math.nan)
     return packed(left_by(own, np.zeros(len(own)), held_out(many)))
 

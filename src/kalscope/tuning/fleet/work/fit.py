@@ -33,14 +33,14 @@ CHOSEN = "chosen"
 
 @dataclass(frozen=True)
 class Fitted:
-    """What came of some recordings."""
+    """The results for some recordings."""
 
     rows: list[Row]
     """A row for each channel."""
     pool: Pool
     """What all of them say about one filter for all."""
     again: bool = False
-    """Whether one failed for a reason that does not lie in its content: the next run tries it again."""
+    """Whether one failed for a reason other than its content: the next run tries it again."""
 
     @staticmethod
     def lost(row: Row, error: Exception | None = None) -> Fitted:
@@ -79,7 +79,7 @@ def fit_each(several: Sequence[Channel], question: Question) -> Fitted:
 
 
 def _left(many: Series, found: Found) -> bytes | None:
-    """What tells what the device loses by a filter for all; of one without q and r, nothing."""
+    """What the loss of the device by a filter for all is computed from; None for one without q and r."""
     if found.params is None:
         return None
     tau = 0.0 if found.estimate is None else scalar(found.params.momentum)
@@ -91,14 +91,14 @@ def _left(many: Series, found: Found) -> bytes | None:
 
 
 def reason_of(error: Exception) -> str:
-    """Why a recording has no row of its own, in one line."""
+    """Why a recording has no q and r, in one line."""
     if isinstance(error, KalscopeError | OSError):
         return " ".join(describe(error).split())
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def may_pass(error: BaseException | None) -> bool:
-    """Whether the cause lies outside of the recording: a permission, a disk, the memory, a missing library."""
+    """Whether the cause is outside of the recording: a permission, a disk, the memory, a missing library."""
     while error is not None:
         if isinstance(error, MemoryError | ImportError):
             return True

@@ -1,4 +1,4 @@
-"""A file into the channels to fit."""
+"""Reads the channels to fit from a file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Row groups of Parquet files into the recordings that lie in them.
+"""Reads the recordings in row groups of Parquet files.
 
-Stamps of one even step, the usual case, need no search for the sample rate; all others take the way of every file.
+Stamps of one even step, the usual case, need no search for the sample rate; all others are read like any file.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def _seconds(column: Any, name: str, date: bool, options: ReadOptions) -> Array:
 
 
 def _from_least(column: Any) -> Array:
-    """Whole numbers from the least of them, NaN where missing."""
+    """Whole numbers relative to the least of them, NaN where missing."""
     compute = library("pyarrow.compute")
     return _numbers(compute.subtract(column, compute.min(column)))
 

@@ -19,12 +19,12 @@ from kalscope.tuning.fleet.work.fit import Fitted, fit_each
 from kalscope.tuning.fleet.work.read import read_file
 
 MAX_SECONDS = 10.0
-"""A batch that takes longer ends after the unit that it is at; what is left is shared out to idle workers."""
+"""A batch that takes longer ends after its current unit; what is left is distributed to idle workers."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What the driver hears of a task; the rows themselves are in the part."""
+    """What a task reports to the driver; the rows themselves are in the part."""
 
     units: int
     """Units done; the rest of the batch was left."""
@@ -39,7 +39,7 @@ class Done:
     total_s: float
     """Processor time of the whole task, s."""
     peak_bytes: int
-    """Most memory that the worker has used so far, bytes; 0 where the system does not say."""
+    """Most memory that the worker has used so far, bytes; 0 where the system does not report it."""
 
 
 def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
@@ -79,7 +79,7 @@ def run_batch(units: Sequence[Unit], asked: Asked, folder: str) -> Done:
 
 
 def fit_unit(unit: Unit, asked: Asked) -> Fitted:
-    """What comes of a unit: the rows of its channels, or one that says why there are none."""
+    """The result of a unit: the rows of its channels, or one with the reason why there are none."""
     try:
         if unit.pieces[0].groups:
             return fit_block(unit, asked).lying_in(unit.source)
