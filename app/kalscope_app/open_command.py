@@ -41,7 +41,7 @@ def open_dashboard(
         ),
     ] = "",
     follow: Annotated[
-        bool, typer.Option("--follow", "-f", help="Go on reading the file while another program writes it.")
+        bool, typer.Option("--follow", "-f", help="Keep reading the file while another program writes to it.")
     ] = False,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
@@ -173,7 +173,7 @@ def followed(source: str) -> str:
     if is_live(source):
         return source
     if not Path(source).is_file():
-        raise BadSetting(f"--follow needs a file that is there (got {source!r})")
+        raise BadSetting(f"--follow needs an existing file (got {source!r})")
     return f"{PREFIX}{Path(source).absolute()}"
 
 

@@ -161,7 +161,7 @@ def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
         if not names:
             raise BadSetting(
                 f"host {host} listens on all networks: "
-                "also say by which name browsers call this machine, with --allow-host"
+                "also give the name by which browsers reach this machine, with --allow-host"
             )
         return names[0]
     return address if rules.is_loopback(address) else host.lower()

@@ -37,7 +37,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     said = values_in_use(source)
     its = board_filter(names, state.channel, len(said))
     if (its.number or 1) > len(said):
-        raise BadDevice(f"the board answered for {len(said)} of its channels only: send once more")
+        raise BadDevice(f"the board answered for only {len(said)} of its channels: send again")
     used = _used(said[(its.number or 1) - 1], wanted.median)
     *values, restart = commands(wanted, its.number, knows_momentum=used.momentum is not None)
     for line in values:
