@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 
-# Packages of the system that tests need, and how to tell that they are there.
+# System packages that tests need, and how to tell that they are installed.
 SYSTEM_PACKAGES := chromium firefox-esr octave gcc g++ gcc-avr avr-libc arduino-core-avr libsimavr-dev \
   gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf \
   gcc-xtensa-lx106 picolibc-xtensa-lx106-elf mosquitto openssl openssh-client openssh-server
@@ -21,7 +21,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
 run: .venv/run.stamp
 	$(BIN)/kalscope
 
-# Workers and the programs that they start share the bytecode, also where the environment would not have it written:
+# Workers and the programs that they start share the bytecode, even where the environment turns its writing off:
 # compiling it again takes each of them 2 to 8 s.
 export PYTHONDONTWRITEBYTECODE :=
 
@@ -33,13 +33,13 @@ PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 test: can-test .venv/warm.stamp
 	$(PYTEST) --cov --cov-report=term
 
-# What answers in seconds, for the minute between two edits: no browser, no board, no process, no long law. Nothing
-# waits there, so a worker for each core.
+# The quick tests, to run between two edits: no browser, no board, no process, no slow test. None of them
+# waits, so one worker for each core.
 test-fast: WORKERS := auto
 test-fast: .venv/warm.stamp
 	$(PYTEST) -m "not (browser or device or server or slow)"
 
-# The tests that failed in the last run, one after the other; none is an error.
+# The tests that failed in the last run, one after the other; an error where none failed.
 test-failed: .venv/test.stamp
 	$(BIN)/python -m pytest --last-failed --last-failed-no-failures=none
 
@@ -49,15 +49,15 @@ check: .venv/check.stamp
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-# The site, in build/site. A broken link fails: but not with --quiet, which counts no warnings.
+# The site, in build/site. A broken link fails the build, but not with --quiet, which counts no warnings.
 docs: .venv/docs.stamp
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
-# The pictures of docs, from the real dashboard. A test fails where one shows a former screen.
+# The pictures of docs, from the real dashboard. A test fails where one shows an outdated screen.
 pictures: can-test .venv/test.stamp
 	PYTHONPATH=$(subst $(eval) ,:,$(wildcard tests/support tests/support/*)) $(BIN)/python tests/support/browsers/pictures.py
 
-# sdist and wheel, each installed in empty environments of every Python at hand and tried outside of the checkout.
+# sdist and wheel, each installed in empty environments of every Python found and tried outside the checkout.
 packages: .venv/release.stamp
 	$(BIN)/python packaging/try_packages.py
 
@@ -73,7 +73,7 @@ bench: .venv/bench.stamp
 	$(BIN)/kalscope bench
 	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour of a live board (MINUTES=2 for a look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
+# A minute of network sources, half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
@@ -89,7 +89,7 @@ system:
 	apt-get update -qq
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM_PACKAGES)
 
-# A container or CI is root on Debian: there the missing packages are installed. Elsewhere nothing asks for sudo.
+# Root on Debian, as in a container or CI, gets the missing packages installed; nothing ever asks for sudo.
 can-test:
 	@if $(HAVE_SYSTEM); then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then $(MAKE) system; \

@@ -208,7 +208,7 @@ def arrow_keys(browser: Browser, updates: int) -> None:
                 value - before.get(kind, 0.0) for kind, value in after.items() if kind.startswith("chromium")
             )
             frames = sum(kind == "scene" for _, kind, _ in marks) / updates
-            name = "stopped at the body of the page" if stopped else "as it comes"
+            name = "stopped at the body of the page" if stopped else "left to viser"
             print(f"{name:<32}{frames:>28.1f} {1e3 * spent / updates:>37.0f}")
 
 

@@ -19,7 +19,7 @@ from kalscope.common.charts import Line, Panel, draw_svg
 SIGMAS = (1.0, 1.3, 0.5)
 OFFSETS = (0.3, 0.0, -0.3)
 SETTLED = slice(100, None)
-"""Rows after the start, which is another question."""
+"""Rows after the start, which is not judged here."""
 
 
 def main() -> None:
@@ -50,7 +50,7 @@ def main() -> None:
     without[:, 0] = np.nan  # a sensor that drops out is a column of missing readings
     print(f"  a drops out   {error(kalscope.fuse(without, params).x, truth):.3f}")
 
-    stream = kalscope.FusionFilter(params)  # the same row by row, as a program that reads the sensors has them
+    stream = kalscope.FusionFilter(params)  # the same row by row, as a program that reads the sensors gets them
     assert [stream.update(row) for row in z[:50]] == kalscope.fuse(z, params).x[:50].tolist()
     if len(sys.argv) > 1:
         Path(sys.argv[1]).write_text(picture(), encoding="utf-8")
@@ -81,7 +81,7 @@ def picture() -> str:
 
 
 def band(x: Array, p: Array) -> list[tuple[Array, str, str]]:
-    """The fused value, and where the truth is with 95 %."""
+    """The fused value, and its 95 % band."""
     return [(x - 2 * np.sqrt(p), "±2 σ", "truth"), (x + 2 * np.sqrt(p), "±2 σ", "truth"), (x, "fused", "s2")]
 
 

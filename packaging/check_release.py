@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def problems(version: str) -> list[str]:
-    """What speaks against releasing this version, one sentence each."""
+    """What prevents the release of this version, one sentence each."""
     sections = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     named = {section.split()[0]: section.partition("\n")[2].strip() for section in sections}
     cited = re.search(
@@ -38,7 +38,7 @@ def problems(version: str) -> list[str]:
 
 
 def recipe_fault() -> str:
-    """Why rattler-build cannot read the draft for conda-forge; nothing where it can."""
+    """Why rattler-build cannot read the draft for conda-forge; empty where it can."""
     try:
         rattler_build.Stage0Recipe.from_yaml(
             (ROOT / "packaging/conda-recipe.yaml").read_text(encoding="utf-8")

@@ -1,8 +1,8 @@
 """Build sdist and wheel and install each in empty environments: python packaging/try_packages.py.
 
 In each environment, outside the checkout, a recording is tuned and exported, a file that needs an extra is refused,
-and the dashboard of the demo is opened and ended. The wheel is tried with every Python at hand, the sdist with the
-first. Prints a table, and what the largest packages take; ends with 1 where something fails.
+and the dashboard of the demo is opened and ended. The wheel is tried with every Python found, the sdist with the
+first. Prints a table, and the size of the largest packages; ends with 1 where something fails.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ for package in importlib.metadata.distributions():
     print(sum(file.stat().st_size for file in files if file.is_file()), package.metadata["Name"])
 """
 MIN_WEIGHT = 5e6
-"""Bytes of a package that is named."""
+"""Size from which a package is listed, bytes."""
 
 
 def interpreters() -> list[str]:
@@ -41,7 +41,7 @@ def interpreters() -> list[str]:
 
 
 def build(folder: Path) -> list[Path]:
-    """The wheel and the sdist, which twine finds fit for the package index."""
+    """The wheel and the sdist, which twine accepts for the package index."""
     run([sys.executable, "-m", "build", "--outdir", folder, ROOT], folder)
     packages = [*folder.glob("*.whl"), *folder.glob("*.tar.gz")]
     run([sys.executable, "-m", "twine", "check", "--strict", *packages], folder)
@@ -49,7 +49,7 @@ def build(folder: Path) -> list[Path]:
 
 
 def attempt(python: str, package: Path, folder: Path) -> list[str]:
-    """Install the package and use it; what to print of it."""
+    """Install the package and use it; the cells of its row."""
     run([python, "-m", "venv", folder / "env"], folder)
     bin_folder = binaries(folder)
     run([bin_folder / "python", "-m", "pip", "install", "--quiet", package], folder)
@@ -89,7 +89,7 @@ def open_demo(kalscope: Path, folder: Path) -> str:
 
 
 def largest(python: Path) -> str:
-    """What the largest packages of an environment take, compiled Python included."""
+    """The size of the largest packages of an environment, compiled Python included."""
     sizes = [line.split() for line in run([python, "-c", WEIGH], python.parent).splitlines()]
     found = sorted(((int(size), name) for size, name in sizes if int(size) >= MIN_WEIGHT), reverse=True)
     return ", ".join(f"{name} {size / 1e6:.0f} MB" for size, name in found)
@@ -108,7 +108,7 @@ def run(command: Sequence[str | Path], folder: Path, *, expected: int = 0) -> st
 def main() -> None:
     """Print one line for each installation."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--python", action="append", help="an interpreter; default: each supported one at hand")
+    parser.add_argument("--python", action="append", help="an interpreter; default: every supported one found")
     pythons = parser.parse_args().python or interpreters()
     print("| Python | package | environment | tune demo --lag-ms 50 | open demo |\n|---|---|---|---|---|")
     weights = ""

@@ -1,15 +1,15 @@
-// kalscope_stream: sends what sensors say to Kalscope, over the USB cable, at a steady rate.
+// kalscope_stream: sends sensor readings to Kalscope, over the USB cable, at a steady rate.
 //
 // 1. Set the values below. 2. Upload. 3. Close the Serial Monitor. 4. Open the port in Kalscope at the same BAUD.
 // How to wire a sensor, and more on each step: docs/boards/arduino.md of Kalscope.
 //
-// A line a sample, the name of each channel before its value, so Kalscope can begin to listen at any moment:
+// One line per sample, the name of each channel before its value, so Kalscope can start listening at any moment:
 //   light:512*72
 // Lines that begin with # are remarks. Runs on every board that has analogRead() and micros().
 
 const unsigned long BAUD = 115200;             // the same number as in Kalscope
 const unsigned long SAMPLES_PER_SECOND = 200;  // 1 to 1000 or so: the board says when it cannot keep up
-const bool CHECKSUM = true;                    // *72 ends each line: damaged lines are found, not believed
+const bool CHECKSUM = true;                    // *72 ends each line: damaged lines are rejected
 const bool BOARD_TIME = false;                 // time_us: begins each line: the board's clock, in microseconds
 
 struct Channel {
@@ -23,7 +23,7 @@ const Channel CHANNELS[] = {
 };
 const uint8_t CHANNEL_COUNT = sizeof(CHANNELS) / sizeof(CHANNELS[0]);
 
-// Prints on the serial port and takes the checksum on the way: all bytes of the line, XORed.
+// Prints to the serial port and computes the checksum: all bytes of the line, XORed.
 class CheckedLine : public Print {
  public:
   using Print::write;
@@ -34,12 +34,12 @@ class CheckedLine : public Print {
   uint8_t sum = 0;
 };
 
-unsigned long due_us;    // when the next sample must be taken
-unsigned long fraction;  // of a microsecond, in 1/SAMPLES_PER_SECOND: 300 samples/s do not divide a second
-unsigned long left_out;  // samples that could not be taken in time
-unsigned long said_ms;   // when that was last said
+unsigned long due_us;       // when the next sample must be taken
+unsigned long fraction;     // of a microsecond, in 1/SAMPLES_PER_SECOND: 300 samples/s do not divide a second
+unsigned long left_out;     // samples that could not be taken in time
+unsigned long reported_ms;  // when that was last reported
 
-// Counts on from when the sample was due, not from when it was taken: no delay adds up.
+// Counts from when the sample was due, not from when it was taken: delays do not add up.
 void nextDue() {
   due_us += 1000000 / SAMPLES_PER_SECOND;
   fraction += 1000000 % SAMPLES_PER_SECOND;
@@ -75,12 +75,12 @@ void sendSample() {
   Serial.println();
 }
 
-void sayHowMany() {
+void reportLeftOut() {
   Serial.print(F("# too slow: "));
   Serial.print(left_out);
   Serial.println(F(" samples left out; raise BAUD, or lower SAMPLES_PER_SECOND"));
   left_out = 0;
-  said_ms = millis();
+  reported_ms = millis();
 }
 
 void setup() {
@@ -90,12 +90,12 @@ void setup() {
 }
 
 void loop() {
-  if ((long)(micros() - due_us) < 0) return;  // written so, it also works when micros() starts again at 0
+  if ((long)(micros() - due_us) < 0) return;  // in this form it also works when micros() wraps around to 0
   while (micros() - due_us >= 1000000 / SAMPLES_PER_SECOND) {  // late by a whole sample: leave that one out
     nextDue();
     left_out++;
   }
   sendSample();
   nextDue();
-  if (left_out > 0 && millis() - said_ms >= 1000) sayHowMany();
+  if (left_out > 0 && millis() - reported_ms >= 1000) reportLeftOut();
 }

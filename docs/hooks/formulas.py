@@ -18,13 +18,13 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 FONT = FontProperties(math_fontfamily="stix", size=100)
 EM = 90.0
 """Units of a drawing for one em of the text around it: letters of this font are smaller than those of the theme."""
-ROOM = 4.0
+MARGIN = 4.0
 """Units around a drawing: a stroke may go beyond its box."""
 COMMANDS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C", Path.CLOSEPOLY: "Z"}
 
 
 def on_page_content(page_html: str, **_: object) -> str:
-    """What mkdocs asks of a hook."""
+    """Called by mkdocs."""
     return FORMULA.sub(drawn, page_html)
 
 
@@ -32,13 +32,13 @@ def drawn(found: re.Match[str]) -> str:
     """A formula as an <svg> on the baseline of its sentence.
 
     Raises:
-        ValueError: It is no formula that matplotlib's mathtext can draw.
+        ValueError: matplotlib's mathtext cannot draw the formula.
     """
     kind, formula = found[1], " ".join(html.unescape(found[2]).split())
     text = f"${formula}$"
     width, height, depth, *_ = MathTextParser("path").parse(text, dpi=72, prop=FONT)
-    box = (-ROOM, -height + depth - ROOM, width + 2 * ROOM, height + 2 * ROOM)
-    size = f"width:{box[2] / EM:.3f}em;height:{box[3] / EM:.3f}em;vertical-align:{-(depth + ROOM) / EM:.3f}em"
+    box = (-MARGIN, -height + depth - MARGIN, width + 2 * MARGIN, height + 2 * MARGIN)
+    size = f"width:{box[2] / EM:.3f}em;height:{box[3] / EM:.3f}em;vertical-align:{-(depth + MARGIN) / EM:.3f}em"
     view = " ".join(f"{edge:.1f}" for edge in box)
     path = f'<path fill="currentColor" d="{outline(text)}"/>'
     svg = f'<svg role="img" aria-label="{html.escape(formula)}" style="{size}" viewBox="{view}">{path}</svg>'

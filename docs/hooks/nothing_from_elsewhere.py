@@ -1,4 +1,4 @@
-"""Each page forbids the browser to load anything from another host: reading the documentation tells nobody."""
+"""Each page forbids the browser to load anything from another host, so no other host learns who reads it."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ POLICY = "default-src 'self' 'unsafe-inline' data: blob:"
 
 
 def on_post_page(output: str, **_: object) -> str:
-    """What mkdocs asks of a hook."""
+    """Called by mkdocs."""
     return output.replace("<head>", f'<head><meta http-equiv="Content-Security-Policy" content="{POLICY}">', 1)

@@ -1,7 +1,7 @@
 """Pages of the site that are kept at the top of the repository, and links to its other files.
 
-A page is read in the repository, where its links are files, and on the site. Links to what the site does not hold
-lead to the repository.
+A page is read in the repository, where its links are files, and on the site. Links to files that the site does not
+have point to the repository.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
-    """Lead links that leave docs to the page or the repository."""
+    """Point links that leave docs to the page or the repository."""
     if page.file.generated_by:
         return markdown
     return _on_site(markdown, f"docs/{page.file.src_uri}", page.file.src_uri, config)
@@ -47,13 +47,13 @@ def _on_site(text: str, source: str, page: str, config: MkDocsConfig) -> str:
     """The text of a file of the repository, with the links that it needs as a page of the site.
 
     Raises:
-        FileNotFoundError: A link leads to no file: a wrong link to the repository would break only there.
+        FileNotFoundError: A link points to no file: a wrong link to the repository would break only there.
     """
 
     def link(found: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), found[1]))
         if not (ROOT / target).exists():
-            raise FileNotFoundError(f"link to {found[1]} in {source} leads to no file")
+            raise FileNotFoundError(f"link to {found[1]} in {source} points to no file")
         on_site = target.removeprefix("docs/") if target.startswith("docs/") else OUTSIDE.get(target)
         if on_site is None:
             return f"{config.extra['repository']}/blob/main/{target}"

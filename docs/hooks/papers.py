@@ -61,6 +61,6 @@ def _checks(done: Reproduction) -> str:
 
 
 def _paragraph(text: str, kind: str = "") -> str:
-    """A paragraph whose text is no Markdown."""
+    """A paragraph whose text is not Markdown."""
     css = f' class="{kind}"' if kind else ""
     return f"<p{css}>{escape(text)}</p>"

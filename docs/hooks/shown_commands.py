@@ -1,4 +1,4 @@
-"""Commands on pages of the site, run while it is built: their answers and pictures are those of this version.
+"""Commands on pages of the site, run while it is built: their output and pictures are those of this version.
 
 A block that begins with ```sh run holds commands of kalscope, one that begins with ```python run a program; the
 site shows below it what it prints. A command that ends with & runs beside the others until the page is done, and
@@ -33,18 +33,18 @@ SPEED = re.compile(r" in [^,\n]+, [^,\n]+ rows/s[^\n]*")
 """What depends on the machine that builds the site."""
 PROGRAM = (sys.executable, "-m", "kalscope.cli")
 APART = ("fleet",)
-"""Commands with workers of their own, which would begin as this process did, by building the site."""
+"""Commands that start worker processes: each worker would start like this process, by building the site."""
 DRAWN = 500
-"""Samples of a picture."""
+"""Samples drawn in a picture."""
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """What mkdocs asks of a hook."""
+    """Called by mkdocs."""
     return with_answers(markdown)
 
 
 def with_answers(markdown: str) -> str:
-    """The page with the answer of each block below it, and its pictures.
+    """The page with the output of each block below it, and its pictures.
 
     Raises:
         RuntimeError: A command has failed.
@@ -87,7 +87,7 @@ def answers(block: str, beside: contextlib.ExitStack) -> str:
 
 
 def _here(arguments: list[str]) -> tuple[int, str, str]:
-    """Status, output and errors of a command that runs in this process: to start one takes two seconds."""
+    """Status, output and errors of a command, run in this process because starting another takes two seconds."""
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = run(arguments)
@@ -124,13 +124,13 @@ def picture(tuning_file: Path, name: str) -> str:
     raw, filtered = recording.values[:, at], kalman_filter(recording.values[:, at], one.params).x
     truth = None if recording.truth is None else recording.truth[:, at]
     low, high = np.nanpercentile(raw[:DRAWN], [1, 99])
-    room = 0.2 * (high - low)
+    margin = 0.2 * (high - low)
     panel = Panel(
         title="" if truth is None else _errors(raw, filtered, truth),
         lines=_lines(recording, raw, filtered, truth),
         x_label="time (s)",
         y_label="value",
-        y_range=(float(low - room), float(high + room)),
+        y_range=(float(low - margin), float(high + margin)),
     )
     drawn = draw_svg([panel], name, height=300).replace("\n", " ")  # Markdown ends HTML at an empty line
     return f"<figure>{drawn}</figure>"
