@@ -1,7 +1,7 @@
 """A move of the q slider in Kalscope, in bare viser and in Dash, the latter two with the same two lines alone.
 
 All run at once in processes of their own and take turns, a fresh page each, by the clock of `press_clock.py`: key
-press -> changed line drawn -> painted. A line for each target tells whether it is met; exit status 1 otherwise.
+press -> changed line drawn -> painted. A line for each target says whether it is met; exit status 1 otherwise.
 
     python benchmarks/beside_others.py [--json] [--presses 60] [--samples 100000,1000000,10000000]
 """

@@ -1,8 +1,8 @@
 """A sketch that measures r, in a simulated Uno: 20 noise levels at 5 resolutions, against the host on its rows.
 
-One sketch has five channels, each with a converter of another step, and measures all at once, in a run a level. The
-rows that it prints are what the host computes with. Exit status 1 where a figure differs by more than 1 % from the
-host's or by a bit from the model, or one of twenty is refused. Needs what the device tests need: avr-gcc,
+One sketch has five channels, each with a converter of another step, and measures all at once, one run per level.
+The rows that it prints are what the host computes with. Exit status 1 where a figure differs by more than 1 % from
+the host's or by a bit from the model, or one of twenty is refused. Needs what the device tests need: avr-gcc,
 arduino-core-avr, libsimavr-dev.
 
     python benchmarks/board_noise.py [--quick]

@@ -1,7 +1,7 @@
 """What `slider_budget.py` notes inside the browser: in viser's websocket worker and on the page.
 
-Marks as those of `budget_server.py`, [seconds since 1970, name, size]; the size of a message is its bytes, that of
-work its microseconds.
+Marks like those of `budget_server.py`, [seconds since 1970, name, size]; the size of a message is its bytes, that
+of work its microseconds.
 """
 
 from __future__ import annotations

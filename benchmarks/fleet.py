@@ -9,8 +9,8 @@ again; a million series of 1,000 samples take 8 GB there, and are written and fi
 
     python benchmarks/fleet.py --series 1000000 --kills 0 --keep FOLDER
 
-With KILLS above 0 then the same once more while KILLS workers and at last the driver are killed (kill -9) at
-random moments and the run is started again: the table must be equal, each id once, no temporary file left (exit
+With KILLS above 0, it runs once more while KILLS workers and finally the driver are killed (kill -9) at
+random moments, and is started again: the table must be equal, each id once, no temporary file left (exit
 status 1 otherwise, and where more than 2 % of the work may have been done twice).
 """
 

@@ -1,4 +1,4 @@
-"""How well several sensors of one quantity are told apart: the coverage of the intervals, and the fused value.
+"""How well several sensors of one quantity are estimated: the coverage of the intervals, and the fused value.
 
     python benchmarks/fusion_exam.py [--records 400] [--seed 20] [--json] [--speed]
 

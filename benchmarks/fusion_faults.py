@@ -4,9 +4,9 @@
 
 Each recording is a random walk, or one that keeps its direction, seen by two or three sensors of random noise and
 offset; a third of the recordings has missing readings. `estimate_fusion` and `judge_fusion` get the readings only.
-A fault is found where the sensor that has it is said to have it; of two sensors nothing tells which one drifts or
-changes its noise, so both are said to. A sensor that has no fault but is said to have one is a false alarm. Exit
-status 1 where a fault is found in less than 85 % of the recordings, or more than 2 % of good sensors are accused.
+A fault is found where it is reported for the sensor that has it; of two sensors it is unknown which one drifts or
+changes its noise, so it is reported for both. A fault reported for a sensor that has none is a false alarm. Exit
+status 1 where a fault is found in less than 85 % of the recordings, or more than 2 % of good sensors are blamed.
 Noise that grows in the quieter of two sensors can hide in that of the other: that is what is missed.
 """
 

@@ -7,7 +7,7 @@ judged on the second:
 - *hidden stretch*: the sensor is hidden in every second stretch of rows and predicted there: by its own filter,
   which holds its last value, by the other sensors alone, and by the fused filter;
 - *reference*: error of the filtered values against an independent sensor, where the recording has one. Its scale
-  and zero are those that suit each best, so that no one gains from its offset.
+  and zero are those that suit each best, so that none gains from its offset.
 
 Run: python benchmarks/fusion_real.py [FOLDER], the folder of the recordings (see Case.path); missing ones are left
 out. With --picture FILE.svg the first case is drawn.

@@ -1,4 +1,4 @@
-"""What fusing costs: `fuse` of k sensors against k runs of `kalman_filter`, one a sensor.
+"""What fusing costs: `fuse` of k sensors against k runs of `kalman_filter`, one per sensor.
 
     python benchmarks/fusion_speed.py [--readings 1000000] [--turns 7] [--json]
 

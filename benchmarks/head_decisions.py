@@ -2,7 +2,7 @@
 
     python benchmarks/head_decisions.py [FOLDER] [--json]
 
-Of every text file of a folder (`../shared/data` where it is beside the project, else of logs that are made up): the
+Of every text file of a folder (`../shared/data` where it is beside the project, else of generated logs): the
 processor time of the best of five. Exit status 1 where one takes 50 ms or more.
 """
 

@@ -1,9 +1,9 @@
-"""Hostile files and boards: what comes of each, and the time and the memory that it takes.
+"""Hostile files and boards: the result of each, and the time and the memory that it takes.
 
     python benchmarks/hostile.py [--small] [--only WORD] [--files | --boards]
 
 The table of `tests/support/hostile`, as in `make soak`; each file and board in a process of its own. Prints
-markdown, with seconds of the processor. Exit status 1 where another thing comes of one than must, or where it
+markdown, with processor time in seconds. Exit status 1 where a result is not as it must be, or where it
 takes more memory than it may.
 """
 

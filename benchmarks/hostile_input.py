@@ -1,6 +1,6 @@
-"""What comes at the program in benchmarks/soak_hostile.py: hostile files, boards and web requests, step by step.
+"""The input of benchmarks/soak_hostile.py: hostile files, boards and web requests, step by step.
 
-Each has a `step`, which `Repeated` calls on a thread of its own, again and again; what must not be is a fault.
+Each has a `step`, which `Repeated` calls on a thread of its own, again and again; what must not happen is a fault.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ class HostileFiles:
 
 
 class HostileBoards:
-    """Connects board after board with `kalscope record`, which is told to end in the middle or when it has all."""
+    """Connects board after board with `kalscope record`, which is ended in the middle or when it has all."""
 
     def __init__(self, folder: Path, environment: Mapping[str, str], tally: Tally) -> None:
         """Args: a folder for the recordings; variables of the programs; what came of them."""

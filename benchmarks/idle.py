@@ -1,4 +1,4 @@
-"""What a page costs that is left alone, beside bare viser with the same two lines and a slider.
+"""What an idle page costs, beside bare viser with the same two lines and a slider.
 
 Processor time of all processes of the browser, and of the server, while nothing moves. The cases take turns, each
 on a fresh page: the map closed, the map open, three tabs at once, and a board that has stopped sending.
@@ -113,7 +113,7 @@ def measure(rounds: int, seconds: float, samples: int) -> dict[str, dict[str, An
 
 
 def kept(found: dict[str, dict[str, Any]]) -> bool:
-    """Whether every case of ours stays within the promise."""
+    """Whether every case of Kalscope meets its target."""
     ours = [one for name, one in found.items() if name not in BARE]
     return all(one["ratio"] <= BROWSER_LIMIT and one["server_percent"] <= SERVER_LIMIT for one in ours)
 

@@ -1,12 +1,12 @@
-"""Kill a recorder at random moments, again and again: what is lost, and is anything invented?
+"""Kill a recorder at random moments, again and again: what is lost, and is any value wrong?
 
     .venv/bin/python benchmarks/kill_recorder.py --kills 200 [--rate 1000] [--json]
 
 A thread streams numbered lines `number,half of it` through a pseudo-terminal into `kalscope record`, which gets
 SIGKILL at a random moment. What it had read and not yet written is lost: the number of the first line that it left
-unread, less the last that is in the file. Beside it stands how long the machine kept the recorder waiting for a
+unread, less the last that is in the file. Beside it is how long the machine kept the recorder waiting for a
 processor in its last half second: the longest wait of one of its threads, or of a process that only sleeps. Exit
-status 1 where more than 0.25 s of lines and that wait is lost, a row is missing or repeated, or a value is wrong.
+status 1 where more than 0.25 s of lines plus that wait is lost, a row is missing or repeated, or a value is wrong.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Each source is opened in a program of its own; its window is changed, a move undone, a report made, and q is moved
 in turns with bare viser that shows the same two lines (`peer_servers.py`). The clock is that of `press_clock.py`.
 Memory is the most that the program ever held, with all that is computed while idle, less that of the same steps
-with a record of a thousand samples; it stands beside the bytes of the values and the time.
+with a record of a thousand samples; it is printed beside the bytes of the values and the time.
 
     python benchmarks/large_record.py [--json] [--samples 10000000] [--presses 9] [--kinds synthetic,csv,timed]
 """

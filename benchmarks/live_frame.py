@@ -2,8 +2,8 @@
 
 The real engine and all views, without a browser: 55 samples of three channels come between two frames, as at 1,000
 lines/s, and the frame is made as the program makes it. The lengths take turns. Times are processor time of the
-thread, which a busy machine does not lengthen as it does the clock's. What is slower at more samples is told by the
-ratio to the first; the studies are left out (they look at the newest 100,000 samples, on another thread).
+thread, which a busy machine does not lengthen as it does the clock's. What is slower at more samples is shown by
+the ratio to the first; the studies are left out (they look at the newest 100,000 samples, on another thread).
 
     python benchmarks/live_frame.py [--json] [--frames 200] [--samples 10000,100000,1000000] [--profile]
 """

@@ -1,9 +1,9 @@
 """A live board in a real Chromium: from a byte written to the chart drawn, and how often it is redrawn.
 
-The board's lines bear their number, and the drawn value of the newest one tells it back (`numbered_board.py`). The
-lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it or
-a later one, by one clock. First with a window of 10 s, then with all once 100,000 samples are there. With `--slow`
-the page computes so many times slower, and passes if no line is drawn later than 10 s.
+The board's lines have a number, which is read back from the drawn value of the newest one (`numbered_board.py`).
+The lag is that of every line: from its writing into the pseudo-terminal to the end of the first draw that shows it
+or a later one, by one clock. First with a window of 10 s, then with all once 100,000 samples are there. With
+`--slow` the page computes so many times slower, and passes if no line is drawn later than 10 s.
 
     python benchmarks/live_latency.py [--slow 1] [--seconds 30] [--rate 1000] [--channels 3] [--least 100000]
 """

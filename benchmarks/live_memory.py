@@ -1,4 +1,4 @@
-"""Memory of a program that listens to a board for long: what the samples that it keeps explain, and what not."""
+"""Memory of a program that reads a board for long: how much the samples that it keeps explain, and the rest."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@
 
 Of every column with noise or movement in the files of a folder (`../shared/data` beside the project) the middle
 4,000 samples are taken. `estimate` sees the first half, once as it is and once with `momentum=0`; both answers then
-predict the second half sample by sample, and the ratio of their errors counts. Refused is a column in whose first
-half `estimate` finds no noise. Exit status 1 where one of the targets below is missed; they were set for 107
+predict the second half sample by sample, and the ratio of their errors counts. A column is refused if `estimate`
+finds no noise in its first half. Exit status 1 where one of the targets below is missed; they were set for 107
 columns of the shared data, and hold in proportion for other folders.
 """
 

@@ -2,12 +2,12 @@
 
     python benchmarks/momentum_speed.py [--samples 10000000] [--fitted 100000] [--turns 5] [--json]
 
-`denoise` writes into an array that is there, with and without momentum, in turns; the first samples, until the
-gains have settled, are part of it. The fit over (q/r, τ) with its intervals is held against three of statsmodels
+`denoise` writes into an existing array, with and without momentum, in turns; the first samples, until the
+gains have settled, are part of it. The fit over (q/r, τ) with its intervals is compared with three of statsmodels
 on the same record: the damped trend as a state space and ARIMA(1, 1, 2), which is the same model, both by maximum
 likelihood, and the damped trend by least squares with constant gains. `estimate(z)` also fits the random walk and
-weighs the two by prediction. The times are of the processor; the log-likelihood that each reaches is printed, and
-as they score the start in their own ways, a few units mean nothing. Exit status 1 where `denoise` takes more than
+weighs the two by prediction. The times are processor times; the log-likelihood that each reaches is printed, and
+as each scores the start in its own way, a few units mean nothing. Exit status 1 where `denoise` takes more than
 3 times as long, or the fit is not 50 times as fast as the state space.
 """
 

@@ -4,8 +4,8 @@
 
 A second process sends 1,000 numbered lines a second over a pseudo-terminal; this one reads and records them. A
 thread opens one file after another, as the dashboard does: in the worker process, then the first State. The longest
-time between two reads of the port, and the greatest age of a line when it is written, stand beside each. A machine
-that is busy with something else is late by itself: beside them stand the longest wait of a process that only reads
+time between two reads of the port, and the greatest age of a line when it is written, are printed beside each. A
+busy machine is late by itself: beside them is the longest wait of a process that only reads
 another pseudo-terminal, and how long a thread here was ready to run without a processor in one of them. What a wait
 lasted longer than either at that time is the program's own, and is what counts, in the best of three turns. Exit
 status 1 where it is more than 0.05 s. With --here the files are read in this process, as commands read them.

@@ -1,4 +1,4 @@
-"""What Kalscope is held against: bare viser, and Dash, each with a slider of q over the same two lines of a source.
+"""The peers of Kalscope: bare viser, and Dash, each with a slider of q over the same two lines of a source.
 
     python benchmarks/peer_servers.py viser|dash SOURCE
 

@@ -1,7 +1,7 @@
 """The clock of all slider benchmarks: key press on a slider -> changed line drawn -> painted, in a real Chromium.
 
 It starts at the time stamp of the key event. "Drawn" is the end of the first draw whose filtered line has other
-numbers than before (uPlot's draw hook, plotly's afterplot), "painted" the begin of the frame after next, for which
+numbers than before (uPlot's draw hook, plotly's afterplot), "painted" the start of the frame after next, for which
 the browser must be done with this one.
 """
 
@@ -86,7 +86,7 @@ def press(page: Page, key: str, pause_ms: float) -> Times:
 
 
 def press_often(page: Page, count: int, rng: random.Random) -> list[Times]:
-    """Presses to and fro on the focused slider, those of the warm-up left out."""
+    """Presses back and forth on the focused slider, those of the warm-up left out."""
     keys = ("ArrowLeft", "ArrowRight")
     times = [press(page, keys[i % 2], rng.uniform(*PAUSES_MS)) for i in range(WARM_UP + count)]
     return times[WARM_UP:]

@@ -3,8 +3,8 @@
     python benchmarks/reader_patterns.py [--json] [--only WORD]
 
 Every regular expression that a module of `kalscope.sources` holds is found by importing the modules, so that none
-is forgotten; beside them stand the functions that outside text goes through, and the whole reader on a file with a
-hostile line. Each meets a thousand texts of 1 kB; the three slowest are doubled up to 64 kB. Exit status 1
+is forgotten; with them are the functions that outside text goes through, and the whole reader on a file with a
+hostile line. Each gets a thousand texts of 1 kB; the three slowest are doubled up to 64 kB. Exit status 1
 where the time grows faster than n to the 1.5, or the whole reader takes 50 ms for a hostile line of 64 kB.
 """
 

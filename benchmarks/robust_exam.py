@@ -3,10 +3,10 @@
     python benchmarks/robust_exam.py [--runs 50] [--only spikes clean steps coverage cost]
     python benchmarks/robust_exam.py --data FOLDER [--pictures FOLDER]
 
-Simulated records are a level that moves at random (λ = 0.01) with noise of variance 1, n = 3,000, and spikes of so
-many σ; the targets are those of the issue: r within 10 % and λ within 25 % in the median. With --data every column
-of a folder of recordings is fitted with and without; columns whose q or r differ by more than 20 % are marked, and
-drawn with --pictures. Exit status 1 where a target is missed.
+Simulated records are a level that moves at random (λ = 0.01) with noise of variance 1, n = 3,000, and spikes of
+given height in σ; the targets: r within 10 % and λ within 25 % in the median. With --data every column of a folder
+of recordings is fitted with and without; columns whose q or r differ by more than 20 % are marked, and drawn with
+--pictures. Exit status 1 where a target is missed.
 """
 
 from __future__ import annotations

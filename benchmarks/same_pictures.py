@@ -111,7 +111,7 @@ def photograph(page: Page, name: str) -> Picture:
 
 @contextmanager
 def one_folder() -> Iterator[Path]:
-    """A new folder that bears the same name each time, because it stands on the screen."""
+    """A new folder of the same name each time, because the name is on the screen."""
     folder = Path(tempfile.gettempdir()) / "kalscope-pictures"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()

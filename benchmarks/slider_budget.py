@@ -2,7 +2,7 @@
 
 Both programs run at once in processes of their own and take turns, a fresh page each. The clock is that of the
 machine; it starts at the time stamp of the key event. A part lasts from the end of the part above it. Below the
-parts stands all that a move leads to until the next one: messages, bytes and drawing of each chart, frames of the
+parts is all that a move causes until the next one: messages, bytes and drawing of each chart, frames of the
 scene, processor time.
 
     python benchmarks/slider_budget.py [--json] [--presses 30] [--samples 100000] [--map]

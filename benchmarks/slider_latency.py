@@ -1,8 +1,8 @@
 """Key press on the slider of q or momentum -> changed line drawn, in a real Chromium, for records of some lengths.
 
 The lengths take turns (a fresh page each, ten presses a turn), and on each page the two sliders do, so that a noisy
-machine hurts all of them. The momentum moves around some ten samples, where each press filters the record again.
-The clock is that of `press_clock.py`.
+machine affects all of them alike. The momentum moves around some ten samples, where each press filters the record
+again. The clock is that of `press_clock.py`.
 
     python benchmarks/slider_latency.py [--json] [--presses 30] [--samples 4000,100000,1000000] [--map]
 """

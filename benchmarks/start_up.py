@@ -1,10 +1,10 @@
 """Start-up, warm: `import kalscope`, commands, and `kalscope open` until its first picture in a running browser.
 
 Whole processes, wall clock and processor time, medians; the first run of each is not counted, because it fills the
-file cache, the modules' byte code and the cache of compiled kernels. All take turns. Commands are held against a
-bare `python -c "import numpy, viser"`, the dashboard against bare viser with a raw and a filtered line of as many
-samples. A Chromium is up, and an empty tab goes to the link as soon as it is printed; the picture is there when the
-chart holds the lines. The program's processor time is what it has used by then.
+file cache, the modules' byte code and the cache of compiled kernels. All take turns. Commands are compared with a
+bare `python -c "import numpy, viser"`, the dashboard with bare viser with a raw and a filtered line of as many
+samples. A Chromium is running, and an empty tab goes to the link as soon as it is printed; the picture is there
+when the chart holds the lines. The program's processor time is what it has used by then.
 
     python benchmarks/start_up.py [--json] [--runs 7]
 """

@@ -1,7 +1,7 @@
 """How long each command takes to end after Ctrl+C, SIGTERM and SIGHUP, whatever comes in and whatever it is doing.
 
-Each command is a true start, is told in the middle of its work or while it starts, and must end within 2 s with the
-right status, without a traceback, an unfinished file or a process left behind (exit status 1 otherwise).
+Each command is really started, gets the signal in the middle of its work or while it starts, and must end within 2
+s with the right status, without a traceback, an unfinished file or a process left behind (exit status 1 otherwise).
 
     python benchmarks/stopping.py [--only filter] [--quick] [--json]
 """
@@ -39,7 +39,7 @@ INTO_THE_WORK_S = 1.0
 
 @dataclass(frozen=True)
 class Case:
-    """A command, what comes in, and when it is told to end."""
+    """A command, its input, and when it gets the signal."""
 
     command: str
     """Its arguments; {port} is the address of the flood, {folder} a folder with recordings."""
@@ -139,12 +139,12 @@ def run(case: Case, number: signal.Signals, logs: Path) -> Row:
 
 
 def when(case: Case) -> str:
-    """When it is told to end, in a word."""
+    """When it gets the signal, in a word."""
     return case.until or f"{case.after:g} s work"
 
 
 def wait_for(case: Case, process: subprocess.Popen[bytes], folder: Path) -> None:
-    """Wait until the command is where it is told to end; not for what does not come."""
+    """Wait until the command is where it gets the signal; not for what does not come."""
     end = time.monotonic() + (5.0 if case.flood == "nothing" else PATIENCE_S)
     while process.poll() is None and time.monotonic() < end:
         made = any(path.stat().st_size for path in folder.glob(case.until)) if case.until else False

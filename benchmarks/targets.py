@@ -1,4 +1,4 @@
-"""A promise of the project as one printed line: kept or missed."""
+"""A target of the project as one printed line: met or missed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Target:
-    """One promise, and what was measured."""
+    """One target, and what was measured."""
 
     what: str
-    """What is promised."""
+    """What is to be reached."""
     got: float
     """The measured value."""
     limit: float
-    """The promised value."""
+    """The value of the target."""
     unit: str
     """Unit of both."""
     at_least: bool = False
@@ -22,7 +22,7 @@ class Target:
 
     @property
     def met(self) -> bool:
-        """Whether it is kept."""
+        """Whether it is reached."""
         return self.got >= self.limit if self.at_least else self.got <= self.limit
 
     def __str__(self) -> str:

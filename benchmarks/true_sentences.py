@@ -1,10 +1,10 @@
-"""What does `kalscope tune` say of records whose true state is known? To be judged by eye, one after the other.
+"""What does `kalscope tune` say of records whose truth is known? To be judged by eye, one after the other.
 
     python benchmarks/true_sentences.py [--data FOLDER] [--only WORD] [--details]
 
-Twenty-seven records are simulated with fixed seeds. Each is printed with its true state of affairs and the lines
-that the command prints, with --details all others too. The default channels of recordings of real sensors follow
-(FOLDER, or `../shared/data` beside the project, where it is there).
+Twenty-seven records are simulated with fixed seeds. Each is printed with what is known to be true of it and the
+lines that the command prints, with --details all others too. The default channels of recordings of real sensors
+follow (FOLDER, or `../shared/data` beside the project, where it is there).
 """
 
 from __future__ import annotations

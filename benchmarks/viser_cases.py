@@ -1,6 +1,6 @@
-"""What viser itself costs a slider over a chart, one small case each: docs/project/viser-performance.md.
+"""What viser itself costs when a slider redraws a chart, one small case each: docs/project/viser-performance.md.
 
-A stock viser server runs in this process, a Chromium beside it; nothing of the dashboard is in the way. Each case
+A stock viser server runs in this process, a Chromium beside it; nothing of the dashboard is involved. Each case
 prints its own table.
 
     python benchmarks/viser_cases.py [CASE …] [--updates 20]
@@ -213,7 +213,7 @@ def arrow_keys(browser: Browser, updates: int) -> None:
 
 
 def note(heard: list[float], _: object) -> None:
-    """When a slider was heard of."""
+    """When the server got a value of the slider."""
     heard.append(time.time())
 
 
