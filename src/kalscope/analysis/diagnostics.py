@@ -98,7 +98,7 @@ class Diagnostics:
     nis_before: float = 1.0
     """Of `diagnose_held_out`: the mean of e² on the first half; 1 where that is not known."""
     findings: Findings = field(default_factory=lambda: Findings(0))
-    """What speaks against the filter, for `analysis.judgement`; found in all samples."""
+    """The evidence against the filter, for `analysis.judgement`; found in all samples."""
 
 
 def diagnose(

@@ -148,7 +148,7 @@ def _no_verdict(lag: float, samples: int) -> str:
     needed = MIN_BLOCKS * block_of(lag)
     if samples < needed:
         return (
-            "The stretch is too short for a verdict: the errors of your filter follow each other for about "
+            "The stretch is too short for a verdict: the errors of your filter are correlated over about "
             f"{number(lag)} samples, so {count(needed)} are needed, {MIN_BLOCKS} blocks of {count(block_of(lag))}, "
             f"and {count(samples)} were judged. Record longer, or compare a faster filter."
         )

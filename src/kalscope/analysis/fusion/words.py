@@ -108,7 +108,7 @@ class Words:
     def dropped(self, sensor: SensorVerdict, error: float) -> str:
         """What happens when it drops out."""
         if math.isinf(sensor.error_without):
-            return f"Without {sensor.name} nothing is left to go by."
+            return f"Without {sensor.name} no reading is left."
         without = sensor.error_without
         more = without / error - 1.0 if error > 0.0 else 0.0
         change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"

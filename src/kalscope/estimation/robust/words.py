@@ -36,7 +36,7 @@ def only_spikes(params: FilterParams) -> str:
     return (
         "Apart from the spikes, no noise can be identified: every other change looks like movement. "
         f"r = {number(scalar(params.r))} is the largest that the record allows (95 %), so the gate removes the "
-        f"spikes and nearly all else passes: it settles at gain {number(float(steady_state(params).gain))}."
+        f"spikes and nearly everything else passes: it settles at gain {number(float(steady_state(params).gain))}."
     )
 
 
