@@ -79,5 +79,5 @@ class Jobs:
                 self._tell(f"{error}.", good=True)
             except (KalscopeError, OSError) as error:
                 self._tell(describe(error), failed=failed)
-            except Exception as error:  # the dashboard goes on
+            except Exception as error:  # the dashboard continues
                 self._tell(error)

@@ -41,7 +41,7 @@ class RequestFilter:
         """Whether viser's socket was really opened behind this filter."""
 
     def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
-        """The `process_request` of websockets: None goes on to the websocket handshake."""
+        """The `process_request` of websockets: None continues with the websocket handshake."""
         try:
             request.path = rules.below_home(self._policy, request.path)
             head = _head_of(request)

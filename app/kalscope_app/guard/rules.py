@@ -108,7 +108,7 @@ class Allow:
 
 @dataclass(frozen=True)
 class SetCookie:
-    """The link was right: answer with the small page that keeps the token and goes on to `Policy.home`."""
+    """The link was right: answer with the small page that keeps the token and leads to `Policy.home`."""
 
     cookie: str
     """The value of the Set-Cookie header."""

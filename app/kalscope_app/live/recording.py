@@ -71,12 +71,12 @@ class BoardRecording:
 
     def _watch(self, source: LiveSource, recorder: Recorder) -> None:
         """Report at once what prevents lines from being written, and at the end what was recorded."""
-        told, pause = "", threading.Event()
+        reported, pause = "", threading.Event()
         while source.recorder is recorder:
             problem = recorder.error or recorder.warning
-            if problem and problem != told:
+            if problem and problem != reported:
                 self._tell(f"{recorder.path.name}: {problem}", failed=Failed.RECORD)
-            told = problem
+            reported = problem
             self.on_change(source.status().recording)
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed

@@ -34,35 +34,35 @@ def send_setting(state: State, source: LiveSource) -> Sent:
         raise BadSetting(why)
     wanted = float32_tuning(state.tuning) or float32_params(state.params)
     names = state.recording.names
-    said = values_in_use(source)
-    its = board_filter(names, state.channel, len(said))
-    if (its.number or 1) > len(said):
-        raise BadDevice(f"the board answered for only {len(said)} of its channels: send again")
-    used = _used(said[(its.number or 1) - 1], wanted.median)
-    *values, restart = commands(wanted, its.number, knows_momentum=used.momentum is not None)
+    answers = values_in_use(source)
+    target = board_filter(names, state.channel, len(answers))
+    if (target.number or 1) > len(answers):
+        raise BadDevice(f"the board answered for only {len(answers)} of its channels: send again")
+    used = _used(answers[(target.number or 1) - 1], wanted.median)
+    *values, restart = commands(wanted, target.number, knows_momentum=used.momentum is not None)
     for line in values:
         values_in_use(source, line)
     row = _rows(source.snapshot())
     answer = _used(values_in_use(source, restart)[-1], wanted.median)
     # x0 and gate stay those of the export; the settled gain belonged to the previous values.
-    return Sent(state.record_key, state.channel, its.filtered, state.params, answer.applied_to(wanted), row)
+    return Sent(state.record_key, state.channel, target.filtered, state.params, answer.applied_to(wanted), row)
 
 
-def _used(said: BoardAnswer | FixedFilter, median: int) -> BoardAnswer:
+def _used(answer: BoardAnswer | FixedFilter, median: int) -> BoardAnswer:
     """What a Kalman filter of the board uses.
 
     Raises:
         BadSetting: it is another filter, or its median is not of `median` samples.
     """
     again = "export the sketch with this tuning and flash it"
-    if isinstance(said, FixedFilter):
-        raise BadSetting(f"the filter of {said.name} on this board is not Kalman's and takes no values: {again}")
-    if said.median != median:
+    if isinstance(answer, FixedFilter):
+        raise BadSetting(f"the filter of {answer.name} on this board is not Kalman's and takes no values: {again}")
+    if answer.median != median:
         raise BadSetting(
-            f"the median must be that of the board, {said.median} samples, which no command changes"
+            f"the median must be that of the board, {answer.median} samples, which no command changes"
             f" (got {median}): {again}"
         )
-    return said
+    return answer
 
 
 def _rows(snapshot: Snapshot | None) -> int:

@@ -1,4 +1,4 @@
-"""The fleet that is looked at: its arrays, how its devices are sorted and coloured."""
+"""The open fleet: its arrays, how its devices are sorted and coloured."""
 
 from __future__ import annotations
 

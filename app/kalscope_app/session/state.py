@@ -110,7 +110,7 @@ class State:
     live: Live | None = None
     """The live board that the recording grows from; None for a finished recording."""
     fleet: OpenFleet | None = None
-    """The fleet that is looked at beside the recording; like the view, it outlives the recording."""
+    """The fleet that is open beside the recording; like the view, it outlives the recording."""
 
     def with_open(self, **values: Any) -> State:
         """The state with other fields of `open`."""

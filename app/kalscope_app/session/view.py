@@ -1,4 +1,4 @@
-"""How the open recording is looked at."""
+"""How the open recording is shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
 
 @dataclass(frozen=True)
 class View:
-    """How it is looked at. It outlives the recording, and Undo leaves it alone."""
+    """How it is shown. It outlives the recording, and Undo does not change it."""
 
     dark: bool = False
     """Dark theme."""
@@ -34,7 +34,7 @@ class View:
     search_method: str = "maximum lag"
     """How q and r are searched, one of the search methods of the dashboard."""
     preset: str = ""
-    """Title of the preset that is looked at; "" = the first."""
+    """Title of the preset that is selected; "" = the first."""
     window: tuple[float, float] | None = None
     """First and last time on screen, s; None = the whole recording."""
     resets: int = 0

@@ -11,7 +11,7 @@ MEDIANS = ("off", "3 samples", "5 samples")
 
 
 def median_words(window: int) -> str:
-    """A median of so many samples as the menu names it."""
+    """A median of `window` samples as the menu names it."""
     return "off" if window == 1 else f"{window} samples"
 
 

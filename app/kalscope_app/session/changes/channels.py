@@ -11,7 +11,7 @@ ALL_OTHERS = "all other channels"
 
 
 def select_channel(name: str) -> Change:
-    """Look at another channel, with its own parameters, or at the fused value."""
+    """Show another channel, with its own parameters, or the fused value."""
 
     def change(state: State) -> State:
         fusion = state.settings.fusion

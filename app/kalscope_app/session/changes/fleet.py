@@ -1,4 +1,4 @@
-"""Changes of the fleet that is looked at, and the step from one of its devices to the recording on screen."""
+"""Changes of the open fleet, and the step from one of its devices to the recording on screen."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ MAX_FIND = 200
 
 
 def open_fleet(fleet: Fleet) -> Change:
-    """Look at a fleet; the map, on which its devices are, opens."""
+    """Open a fleet, and the map, which shows its devices."""
     return lambda state: replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
 
 
 def renew_fleet(fleet: Fleet) -> Change:
-    """The newer state of a fleet that is still looked at."""
+    """The newer state of a fleet that is still open."""
 
     def change(state: State) -> State:
         if state.fleet is None or state.fleet.fleet.folder != fleet.folder:
@@ -35,7 +35,7 @@ def renew_fleet(fleet: Fleet) -> Change:
 
 
 def close_fleet(state: State) -> State:
-    """Look at no fleet."""
+    """Close the fleet."""
     return replace(state, fleet=None)
 
 

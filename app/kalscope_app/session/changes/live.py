@@ -197,7 +197,7 @@ def _part(recording: Recording, first: int, last: int) -> Recording:
 
 
 def follow(state: State) -> State:
-    """The Live button: go on, at the newest sample."""
+    """The Live button: continue, at the newest sample."""
     if state.live is None:
         return state
     live = replace(state.live, following=True, paused=False)

@@ -120,7 +120,7 @@ PRESETS = {preset.title: preset for preset in _all()}
 
 
 def choose_preset(title: str) -> Change:
-    """Look at what a preset would do."""
+    """Show what a preset would do."""
     preset = _known(title)
     return lambda state: state.with_view(preset=preset.title)
 

@@ -95,7 +95,7 @@ class WindowView:
         if frame.serial < self._serial:
             return
         window = live_window(frame.state) or (begin, end)
-        value = tuple(min(max(moment * self._scale.factor, low), high) for moment in window)
+        value = tuple(min(max(end * self._scale.factor, low), high) for end in window)
         self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
         self._range.value = value
 

@@ -14,7 +14,7 @@ from kalscope_app.engine.decimation import DrawnSamples
 class Palette:
     """Colours of one theme; hues from the colour-blind-safe set of the Arduino plotter.
 
-    Every line stands out from its background by 3 : 1, as WCAG 2.2 asks of graphics (1.4.11).
+    Every line has a contrast of 3 : 1 with its background, as WCAG 2.2 requires of graphics (1.4.11).
     """
 
     raw: str

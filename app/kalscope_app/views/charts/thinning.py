@@ -1,6 +1,6 @@
 """Fewer points for a chart that is drawn at every step of a control that moves.
 
-They are some of those that are drawn once it stands still, the first and the last among them: neither the axes nor
+They are some of those that are drawn once it has stopped, the first and the last among them: neither the axes nor
 the raw signal move when the others follow.
 """
 

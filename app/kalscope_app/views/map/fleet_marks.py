@@ -70,7 +70,7 @@ def draw_shared(pen: Pen, at: Point, palette: MapPalette) -> None:
 def write_fleet_legend(
     pen: Pen, layer: FleetLayer, palette: MapPalette, at: Point, width: float, unit: str
 ) -> float:
-    """Say what the marks are, the colours two in a row; returns where it ends. `unit` is that of the recording."""
+    """Write what the marks are, two colours per row; returns where it ends. `unit` is that of the recording."""
     x, y = at
     if layer.unit != unit:
         pen.text((x + 20, y), f"devices: q and r in {squared(layer.unit)[:24]}", palette.ink, 12, "lm")

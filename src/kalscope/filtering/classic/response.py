@@ -33,7 +33,7 @@ MAX_SAMPLES = 200_000
 
 MIN_SLOW, WINDOWS_OF_SLOW = 100.0, 10.0
 """A lag above this many samples, and above this many windows of the median before it, is slow: a median changes the
-noise that a slow filter passes by the same factor, whichever filter it is."""
+noise that any slow filter passes by the same factor."""
 
 BUTTERWORTH_SETTLED, BUTTERWORTH_TURN = 4.6573, 1.2396
 """When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and when it passes 63 %, in lags."""

@@ -68,7 +68,7 @@ class Stretch:
 
 
 def cycle_of(p: Array, k: Array, s: Array) -> Cycle | None:
-    """What repeats itself at the end of these rows; None = the filter has not settled, or stands still."""
+    """What repeats itself at the end of these rows; None = the filter has not settled, or its gain is 0."""
     for period in PERIODS:
         if len(p) > period and p[-1] == p[-1 - period] and (k[-period:] > 0.0).all():
             return Cycle(p[-period:].copy(), k[-period:].copy(), s[-period:].copy())

@@ -1,8 +1,8 @@
 """Parquet data sets in the long form, id, time, value: which row groups make up a unit.
 
-A unit owns a span of ids, and reads every row group in which one of them lies: each series is whole, and no id has
+A unit owns a span of ids, and reads every row group that contains one of them: each series is whole, and no id has
 two owners. Where the rows are sorted by id a unit owns the ids of a row group up to its largest, and only footers
-are read here. Where they are mixed, the ids are counted and cut into spans of like size, each of which reads all.
+are read here. Where mixed, the ids are counted and cut into spans of about equal size, each of which reads all.
 """
 
 from __future__ import annotations

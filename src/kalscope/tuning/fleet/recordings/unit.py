@@ -40,7 +40,7 @@ class Unit:
     reason: str = ""
     """Why it cannot be read, where that is known without opening it."""
     span: tuple[Any, Any] | None = None
-    """Of a data set in the long form: its ids lie above the first and up to the second; None = a recording."""
+    """Of a data set in the long form: its ids are above the first and up to the second; None = a recording."""
     data_set: str = ""
     """Folder of the data set in the table, with which the ids of its series begin."""
 
