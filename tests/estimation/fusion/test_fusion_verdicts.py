@@ -119,7 +119,7 @@ def test_readings_that_a_logger_repeats_are_noticed_but_not_those_of_a_coarse_se
     z = walk(n=400, q=1.0)[:, None] + noise(1.0, 3.0, n=400)
     held, coarse = z.copy(), np.round(z * [1.0, 0.2]) * [1.0, 5.0]
     held[:, 1] = z[np.arange(400) // 4 * 4, 1]
-    about = "Each reading of sensor 2 stands in about 4 rows"
+    about = "Each reading of sensor 2 fills about 4 rows"
     assert said(estimate_fusion(held, momentum=0.0, robust=False), about)
     assert not said(estimate_fusion(coarse, momentum=0.0, robust=False), "Each reading of")
     ramp = np.round(0.3 * np.arange(400.0))
