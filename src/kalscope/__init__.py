@@ -205,16 +205,16 @@ _NAMES = {
 }
 """The names by the module that they come from."""
 
-_HOMES = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
+_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
 
 
 if not TYPE_CHECKING:  # with it, a type checker would accept every mistyped name
 
     def __getattr__(name: str) -> object:
         """A name of `__all__`, imported at its first use (PEP 562)."""
-        if name not in _HOMES:
+        if name not in _MODULE_OF:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+        value = globals()[name] = getattr(import_module(_MODULE_OF[name]), name)
         return value
 
     def __dir__() -> list[str]:

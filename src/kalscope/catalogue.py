@@ -3,6 +3,7 @@ r"""Everything that can become a Recording, and the one grammar that names it.
     demo                                     the sample for a first look
     sample:NAME                              a recording of sample_data
     synthetic:SHAPE?n=2000&sigma=1.5&seed=3  a simulated sensor
+    experiment:NAME                          a figure of a source document
     file:PATH                                a file that is followed elsewhere: read once, as far as it is written
     anything else                            the path of a file (C:\x.csv is one)
 

@@ -139,7 +139,7 @@ class MessageFilter:
         except Exception as error:
             if isinstance(message, BROWSER_MESSAGES):
                 raise  # the message was valid, so this is a bug in Kalscope
-            self._disconnect(client_id, f"{type(message).__name__} that viser could not take ({error!r})")
+            self._disconnect(client_id, f"{type(message).__name__} that viser could not handle ({error!r})")
 
     def _disconnect(self, client_id: int, reason: str) -> None:
         connection = self._connections.get(client_id)

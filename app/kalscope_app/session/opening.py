@@ -166,7 +166,7 @@ def opened_experiment(name: str, before: State | None = None) -> State:
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
-    """The parameters of a figure; of Khan et al. its filter beside the starting values; else only these."""
+    """The setting of a figure: its q and r, or its Khan et al. filter; the starting values for any other filter."""
     if isinstance(chosen, GeneralizedParams):
         return with_paper_filter(start, chosen)
     if not isinstance(chosen, StandardFilter):

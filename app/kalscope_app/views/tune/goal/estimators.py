@@ -54,8 +54,8 @@ class EstimatorsView:
         state.require_one_channel()
         z = samples_to_compare(state)
         with SlowJobProgress(self._progress, self._cancel) as shown:
-            opinions = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
-        self._session.request(set_method_comparison(state.recording, state.channel, opinions))
+            estimates = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
+        self._session.request(set_method_comparison(state.recording, state.channel, estimates))
 
     def show(self, frame: Frame) -> None:
         """Write the table; fused sensors have none."""

@@ -16,7 +16,7 @@ from kalscope.tuning.fleet.recordings.unit import Piece, Unit, unit_of
 
 ENDINGS = (".parquet", ".pq")
 """Endings of Parquet files."""
-_TOLD = 1000
+_REPORT_EVERY = 1000
 """Files between two reports of how many were found."""
 
 
@@ -52,7 +52,7 @@ def find_units(
         for path, reason in _below(root, skipped):
             unit = unit_of(path, _name(path, base)) if not reason else _unreadable(path, base, reason)
             units.setdefault((unit.pieces[0].path, None), unit)
-            if looked is not None and len(units) % _TOLD == 0:
+            if looked is not None and len(units) % _REPORT_EVERY == 0:
                 looked(len(units))
     for path, channel in listed:
         unit = unit_of(path, _name(path, base), channel)
