@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def reproduce_command(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, not as a table.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
 ) -> None:
     """Reproduce the results of the three source documents.

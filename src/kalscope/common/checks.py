@@ -30,7 +30,7 @@ def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> 
 
 
 def _number(value: object) -> float:
-    """`value` as a float; NaN where it is not a number; a string is none."""
+    """`value` as a float; NaN where it is not a number; a string counts as none."""
     if isinstance(value, str):
         return math.nan
     try:

@@ -40,7 +40,7 @@ def _left_in_groups() -> Iterator[int]:
         for group in (folder, *folder.parents):
             if not group.is_relative_to(_GROUPS):
                 return
-            with suppress(OSError, ValueError):  # "max" is no limit, and the root group has no such file
+            with suppress(OSError, ValueError):  # "max" is not a limit, and the root group has no such file
                 most = int((group / "memory.max").read_text())
                 kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
                 yield most - int((group / "memory.current").read_text()) + int(kept["file"])

@@ -61,7 +61,7 @@ def filtered_csv_chunks(recording: Recording, params: Tuning | Filters) -> Itera
         empty. The filter has run when this returns, so an error comes before any text.
 
     Raises:
-        BadSetting: A name in `params` is no channel of the recording; "dt" was asked for without time.
+        BadSetting: A name in `params` is not a channel of the recording; "dt" was asked for without time.
     """
     chosen = params if isinstance(params, Mapping) else {c.name: c.filter for c in params.channels}
     order = sorted(chosen, key=recording.index)
@@ -91,7 +91,7 @@ def fused_csv_chunks(recording: Recording, fusion: FusionTuning) -> Iterator[str
         rows. The filter has run when this returns, so an error comes before any text.
 
     Raises:
-        BadSetting: a sensor is no channel of the recording; "dt" was asked for without time.
+        BadSetting: a sensor is not a channel of the recording; "dt" was asked for without time.
     """
     columns = [recording.index(name) for name in fusion.sensors]
     z = recording.values[:, columns]

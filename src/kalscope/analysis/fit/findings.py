@@ -35,7 +35,7 @@ class Findings:
     momentum: bool = False
     """Whether the filter has momentum."""
     start: float = 0.0
-    """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is no misfit."""
+    """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is not a misfit."""
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
     burst: tuple[int, int] | None = None
@@ -91,7 +91,7 @@ def find_misfits(
     record = Record.of(run, seen, seen[outliers])
     if not record.moves and not len(outliers):  # what is left is the approach from a given x0
         return replace(found, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
-    if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are no outliers
+    if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
         record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
     correction = find_scale(e, outliers) if run.momentum else find_correction(record, e, outliers)
     structure, change = _left(correction, record, lags, steps=steps, momentum=run.momentum)

@@ -86,7 +86,7 @@ class Choice:
 
 
 def request_in(how: str, r: float) -> Request | None:
-    """What a tuning says of the origin of its q and r, where the search is no longer known; None = no choice.
+    """What a tuning says about the origin of its q and r, where the search is no longer known; None = no choice.
 
     Args:
         how: as `Found.how` or a tuning file says it. Its numbers have four digits: for words, not for a search.

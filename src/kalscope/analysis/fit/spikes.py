@@ -124,7 +124,7 @@ def _mark_excursions(kind: NDArray[np.int8], step: Array) -> NDArray[np.int64]:
 
 
 def _unmark_slopes(kind: NDArray[np.int8], step: Array) -> None:
-    """Unmark three or more jumps of one sign close together: the filter lags behind a slope, which is no step."""
+    """Unmark three or more close jumps of one sign: the filter lags behind a slope, which is not a step."""
     jumps = np.flatnonzero(kind == residual_kernels.STAYS)
     joined = (np.diff(jumps) <= SLOPE) & (np.diff(np.sign(step[jumps])) == 0.0)
     for run in np.split(jumps, np.flatnonzero(~joined) + 1):

@@ -58,7 +58,7 @@ def filter_command(
 
     --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
     from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
-    which the filter predicts over, and for a comment (# % //), which is no sample.
+    which the filter predicts over, and for a comment (# % //), which is not a sample.
     """
     from kalscope.cli.filter.chosen import filtered, filters_of_lines, fusion_given
     from kalscope.common.text import plain

@@ -23,7 +23,7 @@ class LineFilter:
 
     A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. Fused
     channels have one answer, empty where all of them are missing. A line that cannot be read is a missing sample of
-    all channels; a comment (# % //) is no sample, and its answer is empty.
+    all channels; a comment (# % //) is not a sample, and its answer is empty.
     """
 
     def __init__(self, params: Filters) -> None:

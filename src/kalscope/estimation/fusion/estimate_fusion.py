@@ -49,7 +49,7 @@ def estimate_fusion(
         momentum: τ in nominal sample periods, 0 … 1e5. "auto" = find it, and take it where the rule of `estimate`
             takes it for the fused value as one signal, and the likelihood of all sensors is for it too.
         robust: whether spikes are set aside before the fit, as `estimate` does for each sensor: True, False, or
-            "auto" where there are any. What most sensors show at once is no spike.
+            "auto" where there are any. What most sensors show at once is not a spike.
         gains: whether the gains c_i are searched too; else they are 1.
         reference: the sensor, by its index or its name, whose offset is 0 and whose gain is 1; None = the offsets
             add up to 0, each with the sign of its gain, and the sizes of the gains multiply to 1: what all sensors

@@ -55,7 +55,7 @@ def grid_for(m: int, highest: float = 24.0) -> Array:
 def find_peak(loglik: LogLik, grid: Array, at_infinity: float, progress: Progress) -> Peak:
     """Search `loglik` (a function of ln λ, −inf allowed) over the grid, the point λ = 0, and λ = ∞.
 
-    `at_infinity` is the log-likelihood at λ = ∞, −inf where that is no candidate.
+    `at_infinity` is the log-likelihood at λ = ∞, −inf where that is not a candidate.
     """
     progress(0.0, "likelihood over all ratios q/r")
     values = loglik(np.append(grid, -math.inf))
