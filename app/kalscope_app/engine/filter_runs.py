@@ -25,7 +25,7 @@ from kalscope_app.session.state import State
 R = TypeVar("R", RunningFilter, GrowingFusion)
 
 MAX_KEPT = 1_000_000
-"""Samples of a finished recording up to which a whole run is kept: it takes 40 bytes a sample."""
+"""Samples of a finished recording up to which a whole run is kept: it takes 40 bytes per sample."""
 
 
 @dataclass(frozen=True)

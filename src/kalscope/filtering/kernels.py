@@ -34,7 +34,7 @@ Step = tuple[float, float, float, float, float, int]
 
 @compiled(plain=True, inline="always")
 def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: float, rejected: int) -> Step:
-    """One sample: predict over `dt` periods, then update; `rejected` counts gate refusals in a row.
+    """One sample: predict over `dt` periods, then update; `rejected` counts gate rejections in a row.
 
     Returns x, p, k, v (innovation), s (its variance) and what was done. Interactive matter (2009), C listing;
     Ma'arif et al. (2019), equations (11)-(15).
@@ -71,8 +71,8 @@ def filter_channel(
 ) -> tuple[float, int, int, int]:
     """Filter one channel into `out` = (x, p, k, v, s); `dt` empty means regular sampling.
 
-    `in_a_row` counts the gate refusals right before the first sample. Returns the log-likelihood over the m scored
-    innovations, m, the number of gate refusals, and those right at the end. Where the variance repeats itself to
+    `in_a_row` counts gate rejections right before the first sample. Returns the log-likelihood over the m scored
+    innovations, m, the number of gate rejections, and those right at the end. Where the variance repeats itself to
     the last bit, the gain is kept instead of computed again: the same numbers.
     """
     out_x, out_p, out_k, out_v, out_s = out

@@ -233,7 +233,7 @@ class OneEuro:
     cutoff: float
     """Cut-off at speed 0, cycles per sample, 1e-12 … 1e9."""
     beta: float
-    """How much it grows for a speed of 1 unit a sample, cycles a unit, 0 … 1e300."""
+    """How much it grows for a speed of 1 unit per sample, cycles per unit, 0 … 1e300."""
     speed_cutoff: float
     """Cut-off of the speed itself, cycles per sample, 1e-12 … 1e9."""
     name: ClassVar[str] = "One-euro"

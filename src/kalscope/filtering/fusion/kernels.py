@@ -23,7 +23,7 @@ Counts = NDArray[np.int64]
 Sensors = tuple[Array, Array, Array]
 """Of each sensor, shape (sensors,): offset, gain, and noise variance on the scale of x."""
 Tally = tuple[Counts, Counts, Counts]
-"""Of each sensor, shape (sensors,): gate refusals in a row before the next reading; in all; scored readings."""
+"""Of each sensor, shape (sensors,): gate rejections in a row before the next reading; in all; scored readings."""
 Columns = tuple[Array, Array, Array]
 """k, innovation and s of each reading on the scale of x, shape (rows, sensors)."""
 

@@ -7,7 +7,7 @@ position gains the variance q per sample in the long run: v has the stationary v
 
 (the continuous-time correlated random walk: Johnson et al. 2008, Ecology 89(5), equations 5 and 6; Singer 1970 is
 one derivative higher). The variances of x and v are p and w, their covariance is g. Time counts in nominal sample
-periods and velocity in units a period.
+periods and velocity in units per period.
 
 `step` is the only place where the update is written; every driver below calls it.
 """
@@ -73,7 +73,7 @@ def predict(over: Transition, state: State) -> State:
 def step(
     z: float, over: Transition, r: float, gate: float, state: State, rejected: int
 ) -> tuple[State, float, float, float, int]:
-    """One sample: predict, then update; `rejected` counts gate refusals in a row.
+    """One sample: predict, then update; `rejected` counts gate rejections in a row.
 
     Returns the state, k, the innovation, its variance s and what was done, as the `step` of the five lines does. An
     infinite p is the exact diffuse start: the limit p → ∞, in which v keeps its stationary distribution.
@@ -110,8 +110,8 @@ def filter_channel(
 ) -> tuple[State, float, int, int, int]:
     """Filter one channel into `out` = (x, p, k, innovation, s, v, w); `dt` empty means regular sampling.
 
-    Returns the last state, the log-likelihood over the m scored innovations, m, the gate refusals, and those right
-    at the end.
+    Returns the last state, the log-likelihood over the m scored innovations, m, the gate rejections, and those
+    right at the end.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0

@@ -23,7 +23,7 @@ from kalscope.sources.samples import open_sample
 TRUE_Q, TRUE_R = 0.125, 9.0
 """The document's q and the noise of the re-created board, counts²: what the estimates should find."""
 RECORD = 2000
-"""Samples a recording: 20 s."""
+"""Samples per recording: 20 s."""
 SENSOR_R = (9.0, 25.0)
 """Noise variances of the two sensors of one quantity, counts²."""
 
