@@ -272,7 +272,7 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
     ("path", "said"),
     [
         ("x,-x", "look at a and b; sensors of different scales seem to drift too: --sensor-gains"),
-        ("x,x", "-o tuning.toml keeps it"),
+        ("x,x", "-o tuning.toml saves it"),
         ("x,x spiky", "with --gate 16: refuse readings beyond 4 σ"),
     ],
 )

@@ -85,7 +85,7 @@ def checked_name(name: str, others: Iterable[str]) -> str:
     """
     bare = " ".join(name.split())
     if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
-        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} letters (got {name[:40]!r})")
+        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} characters (got {name[:40]!r})")
     if bare in DRAWN_NAMES:
         raise BadSetting(f"the name must differ from those of the lines in the chart (got {bare!r})")
     if bare in set(others):

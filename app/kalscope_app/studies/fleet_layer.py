@@ -26,7 +26,7 @@ CELLS = (142, 213)
 """Cells of the density along q and r, each about two pixels of the page wide."""
 LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
-LOSS_WORDS = ("loses below 10 %", "10 to 30 %", "above 30 %", "not judged")
+LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "not judged")
 """What the colours mean."""
 MAX_VERDICTS = 3
 """Verdicts with a colour of their own."""

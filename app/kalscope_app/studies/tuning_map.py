@@ -103,7 +103,7 @@ class MapMaker:
     def __call__(self, state: State) -> TuningMap:
         """The map of a state; the same object while nothing of it has changed."""
         if not state.is_standard:
-            fused = "The tuning map is that of one channel: choose one above the tabs."
+            fused = "The tuning map is for one channel: choose one above the tabs."
             other = "The tuning map is that of the Kalman filter alone: another filter runs now."
             return nothing(other if state.fusion is None else fused)
         signal = state.recording, state.channel, state.tuning.momentum
@@ -217,7 +217,7 @@ def limits_of(state: State) -> str:
     said = [f"Drawn without {' and '.join(left_out)}."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
     if elsewhere:
-        said.append(f"This map does not hold for {', '.join(elsewhere)}: pinned at another momentum.")
+        said.append(f"This map does not apply to {', '.join(elsewhere)}: pinned at another momentum.")
     return " ".join(said)
 
 

@@ -162,7 +162,7 @@ def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice
     misfit = small_misfit(residuals, held_out)
     if n < FEW:
         headline = (
-            f"Nothing in the {count(n)} residuals speaks against the filter, but so few show only gross misfits."
+            f"Nothing in the {count(n)} residuals contradicts the filter, but so few show only gross misfits."
         )
     elif misfit:
         headline = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
@@ -196,7 +196,7 @@ def _headline(status: Status, found: Findings, choice: Choice) -> str:
         return f"Too few samples to judge the filter: {count(found.n)} were scored, {MIN_SAMPLES} are needed."
     if status == "band":
         is_wrong, errors = _band_word(found).replace("band", "band is"), _by_factor(found, "smaller", "larger")
-        return f"The ± {is_wrong}: it promises {errors} errors. No other q/r fits clearly better."
+        return f"The ± {is_wrong}: it predicts {errors} errors. No other q/r fits clearly better."
     return f"{_chosen(choice) if WORDS[status][1] == 'note' else ''}{HEADLINES[status]}"
 
 

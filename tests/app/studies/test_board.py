@@ -206,7 +206,7 @@ def test_a_board_with_other_values_is_said_to_differ(state):
     other = replace(state.sent, params=replace(state.sent.params, q=np.float32(0.04)))
     text = compared(replace(state, sent=other))
     assert "of 400 rows differ since the board took q = 0.04" in text
-    assert "send once more" in text
+    assert "send again" in text
 
 
 def test_a_live_board_is_no_file_to_filter(state):

@@ -239,5 +239,5 @@ def test_a_pin_at_another_momentum_is_named_below_the_map():
     state = pin_present(opened(walk()))
     assert limits_of(state) == ""
     moved = set_momentum_text("momentum", "30")(state)
-    assert limits_of(moved) == "This map does not hold for A: pinned at another momentum."
+    assert limits_of(moved) == "This map does not apply to A: pinned at another momentum."
     assert limits_of(pin_present(moved)) == limits_of(moved)

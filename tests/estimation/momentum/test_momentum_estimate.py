@@ -142,13 +142,13 @@ def test_a_walk_keeps_the_answer_without_momentum():
     plain, chosen = estimate(z, momentum=0), estimate(z)
     assert chosen.momentum == 0.0
     assert (chosen.q, chosen.r, chosen.loglik, chosen.params) == (plain.q, plain.r, plain.loglik, plain.params)
-    assert chosen.message == f"{plain.message} No momentum: it would explain no more."
+    assert chosen.message == f"{plain.message} No momentum: it would not fit better."
 
 
 def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():
     found = estimate(np.random.default_rng(1).normal(0.0, 1.0, 400))
     assert found.params is None
-    assert found.message.endswith("No momentum: it would explain no more.")
+    assert found.message.endswith("No momentum: it would not fit better.")
 
 
 @pytest.mark.slow

@@ -107,7 +107,7 @@ def test_nothing_unprintable_of_a_file_is_said():
 
 def test_many_lines_that_hold_no_samples_are_counted(read):
     assert summary(read(["# a remark", *ROWS])) == "200 rows, 2 channels, 50.0 Hz"
-    assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 lines of comments and text")
+    assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 comment and text lines")
 
 
 def test_a_single_line_is_no_warning_however_short_the_file(read):

@@ -104,7 +104,7 @@ def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
     assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
     assert (axis.timing.stamps, axis.timing.resolution, axis.timing.pauses) == ("coarse", 1.0, 0)
     assert not any("repeat" in note or "gap" in note for note in axis.notes)
-    assert axis.notes[-1].startswith("the clock is one of whole seconds: samples were placed evenly between its")
+    assert axis.notes[-1].startswith("the clock has a resolution of 1 s: samples were placed evenly between its")
     assert "67.0 Hz" in axis.notes[-1]
 
 
@@ -117,7 +117,7 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
     [
         (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
         (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
-        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock is one of whole seconds"),
+        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock has a resolution of 1 s"),
         (np.arange(500) * 10.0, GivenPeriod(file=0.0101), "stamps", 100, "stamps are read as ms"),
         (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
         (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
@@ -139,7 +139,7 @@ def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
     assert counted_time(4, GivenPeriod()).time.tolist() == [0, 1, 2, 3]
     axis = counted_time(4, GivenPeriod(file=0.5), offset=-1.0, start=1.5e9)
     assert axis.time.tolist() == [-1, -0.5, 0, 0.5]
-    assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as the file says")
+    assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as stated in the file")
     assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
 
 

@@ -24,7 +24,7 @@ def use_chain(chain: Chain) -> Change:
             return state
         after = state.with_standard_filter().with_tuning(chain=chain)
         words = f"{chain.words[:1].upper()}{chain.words[1:]}"
-        return after.with_answers(note=f"{words} runs now; Undo takes it back.")
+        return after.with_answers(note=f"{words} runs now; Undo reverts it.")
 
     return change
 

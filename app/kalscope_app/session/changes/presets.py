@@ -112,7 +112,7 @@ def _of_picture(key: str, q: float, r: float) -> str:
 
 
 def _assumed(key: str) -> str:
-    return f" It does not print r; {ASSUMED_R:g} is assumed." if key.startswith("q_") else " q = 0.125."
+    return f" It does not give r; {ASSUMED_R:g} is assumed." if key.startswith("q_") else " q = 0.125."
 
 
 PRESETS = {preset.title: preset for preset in _all()}

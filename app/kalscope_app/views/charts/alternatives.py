@@ -45,7 +45,7 @@ COLOURS = {
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 
-EXPORT_HINT = "Runs the drawn filter in place of yours, and opens the Export tab. Undo takes it back."
+EXPORT_HINT = "Uses the drawn filter instead of yours, and opens the Export tab. Undo reverts it."
 
 NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
@@ -168,7 +168,7 @@ def text_of(compared: Compared) -> str:
     said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
     return (
         f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
-        "The intervals in brackets hold together in 95 % of cases. Cut-offs are in cycles per sample."
+        "The intervals in brackets hold jointly in 95 % of cases. Cut-offs are in cycles per sample."
     )
 
 

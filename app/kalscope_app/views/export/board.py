@@ -80,7 +80,7 @@ def compared(state: State) -> str:
         text = (
             f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
             f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset uses "
-            "the exported values again: send once more."
+            "the exported values again: send again."
         )
     if float32_params(sent.asked).settled_gain > 0.0:
         text += " The board's gain stays larger than on screen: only the exported code can use so small a q/r."

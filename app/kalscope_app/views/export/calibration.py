@@ -41,11 +41,11 @@ class CalibrationView:
         self._running: float | None = None  # length of the running measurement, s
         with gui.add_folder("Noise measured by the board", visible=False) as self._folder:
             self._seconds = gui.add_text(
-                "measure for (s)", "10", hint="Keep what the sensor measures constant for so long."
+                "measure for (s)", "10", hint="Keep what the sensor measures constant for this long."
             )
             self._start = gui.add_button(
                 "Let the board measure r",
-                hint="It then uses that r, and the q that keeps the lag of its export. Its filter goes on.",
+                hint="It then uses that r, and the q that keeps the lag of its export. Its filter keeps running.",
             )
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._text = gui.add_markdown("", visible=False)
@@ -56,7 +56,7 @@ class CalibrationView:
             self._keep = gui.add_button(
                 KEEP,
                 visible=False,
-                hint="In its EEPROM, for all channels: else a reset brings those of the export.",
+                hint="In its EEPROM, for all channels: otherwise a reset restores those of the export.",
             )
         on_user(self._start.on_click, lambda _client: self._on_start())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
@@ -98,7 +98,7 @@ class CalibrationView:
         set_kept(self._connection.source_of(state), kept=kept)
         self._session.request(changes.set_kept(kept))
         starts = "these values" if kept else "the values of its export"
-        self._tell(f"From its next start on the board uses {starts}.", good=True)
+        self._tell(f"The board uses {starts} from its next start.", good=True)
 
     def show(self, frame: Frame) -> None:
         """Only a live board can measure, and only the noise of one channel."""

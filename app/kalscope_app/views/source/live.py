@@ -66,7 +66,7 @@ class LiveView:
 
     def _add_port(self, gui: viser.GuiApi) -> None:
         self._port = gui.add_dropdown(
-            "port", list[str]([TYPED]), hint="A board that is plugged in now appears here by itself."
+            "port", list[str]([TYPED]), hint="A board that is plugged in appears here automatically."
         )
         self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
         self._baud = gui.add_dropdown(

@@ -23,7 +23,7 @@ HOW = "Tick the channels that measure the same quantity. Their noise and offsets
 
 NO_REFERENCE = "none"
 
-REFERENCE_HINT = "A sensor that reads right: its offset is 0. None: the offsets add up to 0."
+REFERENCE_HINT = "A sensor that reads correctly: its offset is 0. None: the offsets add up to 0."
 
 
 class FusionView:

@@ -28,7 +28,7 @@ class ParametersView:
                 "",
                 tuple(STEPS),
                 hint="Pin: keep this setting as A, B, C … in the Compare tab. Reset: r = var(Δz)/2, q = r/100; "
-                "of fused sensors what was found.",
+                "for fused sensors, the values found.",
             )
         on_user(self._steps.on_click, lambda _client: session.request(STEPS[self._steps.value]))
         for command, change in (

@@ -47,7 +47,7 @@ class VariantsView:
                     hint="Use: tune with its q, r, momentum and initial state. Undo reverts both.",
                 )
                 self._name = gui.add_text(
-                    "new name", "", hint=f"At most {MAX_NAME_LENGTH} letters; press Enter to rename the setting."
+                    "new name", "", hint=f"At most {MAX_NAME_LENGTH} characters; press Enter to rename the setting."
                 )
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
         on_user(form.on_submit, lambda _client: self._rename())

@@ -102,4 +102,4 @@ def _next(answer: Answer, recording: Recording) -> Iterator[str]:
             "--no-robust keeps them"
         )
     elif not advice:
-        yield "Next: nothing to correct; -o tuning.toml keeps it, --details says more"
+        yield "Next: nothing to correct; -o tuning.toml saves it, --details shows more"

@@ -54,7 +54,7 @@ def _kept(choice: Choice) -> str:
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
     if choice.gain <= MIN_GAIN:
-        return "No momentum: it would explain no more."
+        return "No momentum: it would not fit better."
     if math.isnan(choice.error):
         return "No momentum: it raises the likelihood, but not by enough to be sure."
     less = 1.0 - choice.error

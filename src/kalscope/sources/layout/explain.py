@@ -50,7 +50,7 @@ def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberFor
     word = "comma" if rival.decimal == "," else "point"
     return (
         f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'
-        f" It was read as the first; --decimal {word} takes the second"
+        f" The first was used; --decimal {word} selects the second"
     )
 
 

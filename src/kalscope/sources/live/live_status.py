@@ -133,11 +133,11 @@ def hint_of(state: PortState, spec: PortSpec, counts: LineCounts, *, noise: bool
         return state.reason
     if noise:
         cause = f": is {spec.baud} the right baud rate?" if spec.transport.has_baud else ""
-        return f"the data are not text{cause}"
+        return f"the data is not text{cause}"
     if state.word != "connected":
         return ""
     if endless:
-        return "megabytes arrive without the end of a line: is this a board that prints lines?"
+        return "megabytes arrive without a line end: is this a board that prints lines?"
     if counts.received - counts.overrun > _MIN_LINES_JUDGED and not counts.accepted:
         return "lines arrive, but none has numbers"
     return overrun_text(counts.overrun)

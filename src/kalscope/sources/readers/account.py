@@ -38,7 +38,7 @@ def summary(recording: Recording) -> str:
     if report.bad_cells:
         line += f"; {_many(report.bad_cells, 'cell')} without a number"
     if report.comments > max(1.0, MAX_SHARE * report.lines):
-        line += f"; {_many(report.comments, 'line')} of comments and text"
+        line += f"; {_many(report.comments, 'comment and text line')}"
     return _plain(line)
 
 

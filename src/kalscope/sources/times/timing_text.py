@@ -42,7 +42,7 @@ def _summary(timing: Timing) -> str:
     if timing.source == "option":
         return f"{rate} as requested"
     if timing.source == "file":
-        return f"{rate} as the file says"
+        return f"{rate} as stated in the file"
     return f"{rate}{_STAMPS[timing.stamps]}{_sure(timing)}"
 
 

@@ -24,7 +24,7 @@ MAX_NAME = 24
 
 R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."
 
-OFFSET_HINT = "How much too high this sensor reads, beside the others. It is taken off."
+OFFSET_HINT = "How much higher this sensor reads than the others. It is subtracted."
 
 
 class SensorControl(SliderWithText):

@@ -109,7 +109,7 @@ def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) ->
         return f"{text}{compare if len(answer.sensors) > 2 else ''}"
     if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
         return "Next, with --gate 16: refuse readings beyond 4 σ"
-    return "Next: -o tuning.toml keeps it for kalscope filter, report and export; --details says more"
+    return "Next: -o tuning.toml saves it for kalscope filter, report and export; --details shows more"
 
 
 def _page(*texts: str) -> list[str]:
