@@ -140,7 +140,7 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monke
     assert re.match(r"kalscope: 10 of \d+ numbers are outside their tolerance: Table 1, row 1 .*got 26\.", err)
     assert "26.0677" in out
     assert not json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["passed"]
-    assert "numbers left their tolerance" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "numbers are outside their tolerance" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

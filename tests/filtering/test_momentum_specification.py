@@ -134,7 +134,7 @@ def test_more_overshoot_never_gives_more_lag_at_equal_noise(noise_reduction_db):
         ({"lag_samples": 5.0, "overshoot": math.nan}, r"overshoot must be a share .* \(got nan\)"),
         ({"lag_samples": 5.0, "overshoot": math.inf}, r"overshoot must be a share .* \(got inf\)"),
         ({"overshoot": 0.1}, "exactly one of"),
-        ({"lag_samples": 5.0, "overshoot": 0.1, "momentum": 3.0}, r"without momentum.*\(got 3 too\)"),
+        ({"lag_samples": 5.0, "overshoot": 0.1, "momentum": 3.0}, r"without momentum.*\(got 3\)"),
         ({"lag_samples": 5.0, "momentum": -1.0}, "momentum must be a number of sample periods"),
         ({"lag_samples": 5.0, "momentum": math.nan}, "momentum must be a number of sample periods"),
     ],

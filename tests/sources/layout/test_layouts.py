@@ -145,7 +145,7 @@ def test_thousands_and_decimals_are_told_apart_by_all_cells_or_asked_about(read)
     rows = "".join(f"{i};{'1.' if i % 2 else ''}{i + 100},25\n" for i in range(30))
     assert read("d;x\n" + rows).channel("x")[:2].tolist() == [100.25, 1101.25]
     asked = read("t,x\n" + "".join(f'{t},"1,{i + 100}"\n' for i, (t, _) in enumerate(PAIRS)))
-    assert "--decimal comma takes the second" in notes_of(asked)
+    assert "--decimal comma selects the second" in notes_of(asked)
     asked = read("".join(f"1.{i + 100},25\n" for i in range(30)))
     assert "it could also be 1 column: --delimiter semicolon" in notes_of(asked)
 
@@ -200,7 +200,7 @@ def test_two_decimal_marks_by_turns_in_one_column_are_no_question(read):
     recording = read("t;a\n" + "".join(f"{t};{1 + i % 7}{'.,'[i % 2]}5\n" for i, (t, _) in enumerate(PAIRS)))
     assert recording.channel("a")[0] == 1.5
     assert recording.report.bad_cells == 15
-    assert "takes the second" not in notes_of(recording)
+    assert "selects the second" not in notes_of(recording)
 
 
 @pytest.mark.parametrize("name", ["row", "sample"])

@@ -115,7 +115,7 @@ def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
 
 def test_it_is_told_how_many_files_were_found(tmp_path, monkeypatch):
     write_devices(tmp_path / "logs", 5)
-    monkeypatch.setattr(find, "_TOLD", 2)
+    monkeypatch.setattr(find, "_REPORT_EVERY", 2)
     told = []
     find.find_units([str(tmp_path / "logs")], tmp_path / "out", looked=told.append)
     assert told == [2, 4]

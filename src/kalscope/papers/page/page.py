@@ -41,9 +41,9 @@ def page(chapters: Sequence[Chapter], disagreements: Sequence[Disagreement], ver
 def _summary(checks: Sequence[Check]) -> str:
     failed = [check for check in checks if not check.passed]
     if not failed:
-        return f'<p class="sum">All {len(checks)} reproduced numbers stay in their stated tolerance.</p>'
+        return f'<p class="sum">All {len(checks)} reproduced numbers are within their stated tolerance.</p>'
     listed = "".join(f"<br>{escape(str(check))}" for check in failed)
-    count = f"{len(failed)} of {len(checks)} numbers left their tolerance:"
+    count = f"{len(failed)} of {len(checks)} numbers are outside their tolerance:"
     return f'<p class="sum"><span class="no">{count}</span>{listed}</p>'
 
 

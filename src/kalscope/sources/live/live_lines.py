@@ -80,8 +80,7 @@ class LiveLines:
         """Lines that were dropped without an event; the caller resets it to 0 after reading it."""
         self._options = options = replace(options, missing=(*options.missing, *_NO_SAMPLE))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
-        missing = (*options.missing, *_NO_SAMPLE)
-        self._parser = LineParser(replace(options, decimal=options.decimal or ".", missing=missing))
+        self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._raw = True  # bytes go to the parser as they arrive
         self._held = bytearray()  # otherwise: the line being received
         self._skip = self._whole = False

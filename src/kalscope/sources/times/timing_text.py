@@ -59,8 +59,8 @@ def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str
     if usual is not None:
         steps = f"nine of ten steps lie between {usual[0]:.6g} and {usual[1]:.6g} s"
     if timing.stamps == "coarse":
-        clock = "of whole seconds" if timing.resolution == 1.0 else f"with steps of {duration(timing.resolution)}"
-        return [f"the clock is one {clock}: samples were placed evenly between its steps, {rate}"]
+        clock = f"the clock has a resolution of {duration(timing.resolution)}"
+        return [f"{clock}: samples were placed evenly between its steps, {rate}"]
     if timing.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
     said: list[str] = []
