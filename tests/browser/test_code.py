@@ -142,9 +142,7 @@ def test_a_tuning_file_is_loaded_in_two_ways_and_undone_and_a_refusal_stays_unti
     button(screen, "Undo").click()
     wait_until(lambda: screen.text_box("process noise q").input_value() == start)
     screen.tab("Export")
-    with screen.page.expect_file_chooser() as chooser:
-        screen.page.get_by_role("button", name="Upload tuning file").click()
-    chooser.value.set_files(tmp_path / "mine.toml")
+    screen.upload("Upload tuning file", tmp_path / "mine.toml")
     screen.tab("Tune")
     wait_until(lambda: screen.text_box("process noise q").input_value() == "0.125")
     screen.tab("Export")

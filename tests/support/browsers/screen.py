@@ -155,6 +155,13 @@ class Screen:
         self.text_box(label).click()
         self.page.get_by_role("option", name=option, exact=True).click()
 
+    def upload(self, button, path):
+        """Choose a file in the dialog that the button of this name opens."""
+        self.pause()
+        with self.page.expect_file_chooser() as chooser:
+            self.page.get_by_role("button", name=button).click()
+        chooser.value.set_files(path)
+
     def notification(self, text):
         return self.page.locator(".mantine-Notification-root", has_text=text)
 
