@@ -54,7 +54,7 @@ class LineFormat:
 
     kind: Literal["table", "labels", "teleplot"] = "table"
     """"table": values in fixed places; "labels": pairs of a name and a value; "teleplot": `>name:ms:value§unit`.
-    A further kind is split in `layout/rows/tables.py` for the head, in `lines/line_reader.py` for each line."""
+    A new kind needs a split in `layout/rows/tables.py` for the head, in `lines/line_reader.py` for each line."""
     delimiter: str = ","
     """Delimiter of the cells of a table: one of `, ; TAB |`, or a space for any run of blanks."""
     decimal: str = "."

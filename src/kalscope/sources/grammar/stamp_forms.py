@@ -45,7 +45,7 @@ class StampHints:
     is_date: bool = False
     """True where the name is one of a date: 19580329 may be one."""
     may_be_spreadsheet: bool = False
-    """True where the name has a word for a date, not just a day: 240331 and a spreadsheet's 45123.5 may be one."""
+    """True where the name says date, not just day or timestamp: 240331 and a spreadsheet's 45123.5 may be one."""
     day_first: bool | None = None
     """`ReadOptions.day_first`."""
     time_format: str | None = None

@@ -33,7 +33,7 @@ HEAD_BYTES = 65_536
 """Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
 
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
-"""How many different lines with words beside numbers, or of any, are enough to take them for rows."""
+"""How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
 
 _SHORT_HEAD = 64
 """A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""

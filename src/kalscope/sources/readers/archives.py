@@ -45,7 +45,7 @@ def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
 
 
 def _unpacked(file: BinaryIO, name: str, kind: str) -> Iterator[bytes]:
-    """The content of all archives that are joined in a file; zeros between them are skipped."""
+    """The content of all archives that are joined in a file; zeros after each are skipped."""
     unpacker, error = _library(name, kind)
     stream = unpacker()
     try:

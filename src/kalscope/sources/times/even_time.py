@@ -19,7 +19,8 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
     """Time of each sample, shape (n,): on the line through the stamps of its stretch.
 
     Where the true rate drifts, so that one line would miss the stamps by more than half a usual delivery, the
-    line bends: it goes through the mean stamp of each block of samples. Those with a step per sample keep theirs.
+    line bends: it goes through the mean stamp of each block of samples. Stretches with a step per sample keep
+    their stamps.
     """
     stretches, n = rate.stretches, len(time)
     local = np.arange(n) - stretches.spread(stretches.starts)

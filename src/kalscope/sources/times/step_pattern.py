@@ -26,7 +26,7 @@ _MAX_BURST_STEP = 0.1
 _GRID_TICKS = 10
 """A step of at least this many clock ticks shows whether longer ones are its multiples."""
 _MIN_REPEATS = 0.15
-"""Share of stamps that repeat the one before, above which the clock is coarse even if they come irregularly."""
+"""Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly."""
 _FEW_REPEATS = 0.03
 """Fewer than this are samples that were written twice."""
 

@@ -1,4 +1,4 @@
-"""HDF5 files, read by h5py: the datasets of one length in a group. Links and external data are skipped."""
+"""HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read."""
 
 from __future__ import annotations
 

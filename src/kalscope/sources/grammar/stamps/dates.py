@@ -2,7 +2,7 @@
 
 It reads numbers (`2022-02-23`, `23.02.22`), names of months (`23-Feb-2022`, `Feb 23, 2022`, `27. Mai 2021`), digits
 alone (`20220223_071847`), the form of C and Java (`Wed Feb 23 07:18:47 GMT+08:00 2022`), a clock before the date.
-A clock and a zone may follow. Each pattern has bounded repeats only, and a cell above 64 characters is not one.
+A clock and a zone may follow. Each pattern has bounded repeats only; a cell above 64 characters is not a stamp.
 """
 
 from __future__ import annotations

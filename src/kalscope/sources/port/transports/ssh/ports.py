@@ -1,9 +1,9 @@
 """ssh://host/path: what it names, and the port or the file that is open.
 
 Nothing is installed there and no port is opened: ssh runs a Python there, which is given `far_side.py` to read. The
-address is data all the way: ssh gets a host and a user of few kinds of characters, the other machine's shell a
-command that is always the same, and the path goes through standard input. Keys, names and proxies are those of the
-user's own ssh settings; there are no prompts, and a host whose key is not known is refused.
+address is data all the way: ssh gets a user and, after `--`, a host of few kinds of characters, the other machine's
+shell a command that is always the same, and the path goes through standard input. Keys, names and proxies are
+those of the user's own ssh settings; there are no prompts, and a host whose key is not known is refused.
 """
 
 from __future__ import annotations
