@@ -1,10 +1,11 @@
 """The q slider dragged back and forth at 30 steps a second, beside bare viser with the same two lines, in turns.
 
-Each drag moves the thumb for some seconds over most of its track and releases it at a random place. It counts the
-pictures with other numbers than the one before, and the time from release to the first picture that belongs to the
-last value, in which every point drawn is that of the filter on all samples, and to the last picture. Half a second
-later the slider of Kalscope must be where it was released, the text box must hold its q, and the line must be that
-of `kalman_filter`, to the last bit. Exit status 1 otherwise, and where a target of the last lines is missed.
+Each drag moves the thumb for some seconds over most of its track and releases it at a random place. Measured are
+the number of pictures with other numbers than the one before, and the time from release to the first picture that
+belongs to the last value, in which every point drawn is that of the filter on all samples, and to the last picture.
+Half a second later the slider of Kalscope must be where it was released, the text box must hold its q, and the line
+must be that of `kalman_filter`, to the last bit. Exit status 1 otherwise, and where a target of the last lines is
+missed.
 
 The page itself sends the steps, as mouse events: a driver outside of it cannot keep 30 a second on a slow machine.
 

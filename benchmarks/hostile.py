@@ -3,7 +3,7 @@
     python benchmarks/hostile.py [--small] [--only WORD] [--files | --boards]
 
 The table of `tests/support/hostile`, as in `make soak`; each file and board in a process of its own. Prints
-markdown, with processor time in seconds. Exit status 1 where a result is not as it must be, or where it
+markdown, with processor time in seconds. Exit status 1 where a result is not as it must be, or a case
 takes more memory than it may.
 """
 

@@ -101,7 +101,7 @@ class BoardConnection:
         return ConnectionState(connected is not None, recording, None if shown is None else shown.status())
 
     def look_at(self, board: BoardId | None) -> None:
-        """This board is on screen now: close any other that is not being recorded; reconnect this one if needed."""
+        """This board is on screen now: close another that is not recorded; reopen this one if that closed it."""
         work: Callable[[], None] | None = None
         with self._lock:
             connected = self._connected

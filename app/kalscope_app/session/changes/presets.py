@@ -1,4 +1,4 @@
-"""Settings to begin with, each with one line of reason: by lag, and those of two source documents. Pure."""
+"""Settings to begin with, each with a reason of one line: by lag, and those of two source documents. Pure."""
 
 from __future__ import annotations
 

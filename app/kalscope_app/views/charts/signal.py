@@ -193,7 +193,7 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def innovation_label(scale: Scale, above: Scale, name: str = "innovation") -> str:
-    """What fits beside the innovation: its name without a unit only if that is the unit of the chart above."""
+    """What fits beside the innovation: its name alone only if the unit is that of the chart above."""
     label = scale.label(name)
     if len(label) <= MAX_LABEL_LETTERS:
         return label

@@ -62,7 +62,7 @@ class FleetView:
                 self._path = gui.add_text(
                     "fleet folder",
                     "",
-                    hint="The output folder (-o) of kalscope fleet, finished or still running.",
+                    hint="The output folder (-o) of a kalscope fleet run, finished or still running.",
                 )
             open_button = gui.add_button("Open fleet", hint="Show its devices here and in the map of q and r.")
             self._about = gui.add_markdown("", visible=False)

@@ -29,7 +29,7 @@ class Notifications:
 
         Args:
             message: the sentence, or an uncaught exception, which is logged.
-            good: whether it reports a success, not an error.
+            good: whether it is not an error.
             failed: the heading of a refusal.
         """
         if not isinstance(message, Exception):
