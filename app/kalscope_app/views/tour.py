@@ -18,8 +18,8 @@ STEPS = (
     (
         "How much lag can you accept?",
         "Grey is the raw signal, orange the filtered one: less noise, but late.\n\n"
-        "The goal is *maximum lag*, 50 ms. Press **Apply**: of all filters that lag by 50 ms or less, you get the "
-        "one that leaves the least noise.",
+        "With the goal *maximum lag*, enter the largest lag that you can accept and press **Apply**: of all "
+        "filters within that lag you get the one that leaves the least noise.",
     ),
     (
         "Then adjust it",
