@@ -16,7 +16,7 @@ from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.array import Array
 
 MAX_SHARE = 0.25
-"""Share of low frequencies above which residuals are correlated for so long that parts differ by chance."""
+"""Share of low frequencies from which residuals are correlated for so long that parts differ by chance."""
 
 MAX_UNCHANGED = 0.6
 """Share of readings equal to the one before, above which rounding determines the residuals."""

@@ -28,7 +28,7 @@ MIN_BURST, MAX_BURST = 8, 0.1
 """Spikes that make a burst, and the share of the record that it may be."""
 
 MAX_JOINED, SLOPE = 2, 50
-"""Maximum number of jumps of one sign that may be steps, if within this many samples; more are a slope."""
+"""Most jumps of one sign, each within this many samples of the one before, that may be steps; more are a slope."""
 
 MAX_EXCURSION = 8
 """A signal that comes back within this many samples has not stepped: it was a longer spike."""

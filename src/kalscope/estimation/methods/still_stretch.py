@@ -49,9 +49,9 @@ MAX_DRIFT = 3.0
 SURE = 3.3
 """Standard deviations up to which a statistic of white noise may be off."""
 _SPIKE = 6.0
-"""Standard deviations from the running median beyond which a sample is ignored."""
+"""Standard deviations from the centred median beyond which a sample is ignored."""
 _NORMAL = 2.1
-"""Standard deviation of white noise over the median distance from its running median of five."""
+"""Standard deviation of white noise over the median distance from its centred median of five."""
 
 
 def find_still_stretch(z: ArrayLike, dt: ArrayLike | None = None) -> tuple[int, int] | None:
@@ -232,7 +232,7 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
-    """The samples far from the running median of five: spikes."""
+    """The samples far from the centred median of five: spikes."""
     away = centred_median(readings, 5)
     np.abs(np.subtract(readings, away, out=away), out=away)
     scale = np.empty(len(readings))

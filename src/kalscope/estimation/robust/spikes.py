@@ -36,13 +36,13 @@ MIN_RUNS = 6
 LIVELY = 1.5
 """Mean v²/s of the samples around one from which the signal counts as lively; of normal noise it is 1 or less."""
 START_SIGMAS = 3.0
-"""Distance from the running median, in standard deviations of the noise, at which the search starts."""
+"""Distance from the centred median, in standard deviations of the noise, at which the search starts."""
 WINDOW = 2 * LONGEST + 1
-"""Samples of the running median: spikes side by side are fewer than half of them."""
+"""Samples of the centred median: spikes side by side are fewer than half of them."""
 FALSE_ALARM = 1e-3
 """Share of records of normal noise in which a spike is found."""
 _NORMAL = 1.8
-"""Standard deviation of white normal noise over the median of its distances from the running median. It is not
+"""Standard deviation of white normal noise over the median of its distances from the centred median. It is not
 1.48: a sample that is the median itself has the distance 0. Where the signal moves fast it is larger."""
 _EQUAL_SHARE = 0.2
 """Share of readings equal to the one before from which the record is called quantised."""
@@ -137,13 +137,13 @@ class Start:
     """Where the search for spikes starts."""
 
     far: Mask
-    """The samples far from the running median, shape (n,)."""
+    """The samples far from the centred median, shape (n,)."""
     looks_spiky: bool
     """Whether they are more, or farther away, than normal noise explains."""
 
 
 def far_from_median(z: Array) -> Start:
-    """The samples of z, shape (n,), that are far from the running median."""
+    """The samples of z, shape (n,), that are far from the centred median."""
     present = np.isfinite(z)
     samples = z if present.all() else z[present]
     away = centred_median(samples, WINDOW)
@@ -167,7 +167,7 @@ def more_than_chance(scores: Array, z: Array) -> bool:
 
 
 def _beyond_chance(distances: Array, least: float) -> bool:
-    """Whether under one record of normal noise in a thousand has one so far away, or so many beyond `least`."""
+    """Whether fewer than one record in a thousand of normal noise has one so far, or so many beyond `least`."""
     n = len(distances)
     expected = n * math.erfc(least / math.sqrt(2.0))
     many = np.count_nonzero(distances > least) > expected + 4.0 * math.sqrt(expected) + 2.0

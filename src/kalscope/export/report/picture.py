@@ -24,7 +24,7 @@ WIDTH = SIZE[0] - 2 * MARGIN
 """Between the margins, px."""
 
 NAMES = {2: 0.42, 4: 0.48, 5: 0.325, 6: 0.2}
-"""Part of a table that its first column takes, by the number of columns; in others all are as wide."""
+"""Part of a table that its first column takes, by the number of columns; in other tables all are equally wide."""
 
 DOTS_PER_INCH = 110
 """Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""

@@ -103,7 +103,7 @@ class FusionParams:
     def as_single(self) -> FilterParams:
         """The scalar filter of the mean of (z − offset)/gain weighted by `shares`: the fused one while all answer.
 
-        Its r is 1/Σ gain²/r. It has no gate, which refuses single readings; and with p0 but no x0 it starts at the
+        Its r is 1/Σ gain²/r. It has no gate, which rejects single readings; and with p0 but no x0 it starts at the
         mean, not at the first reading.
         """
         noise = self.scaled_r

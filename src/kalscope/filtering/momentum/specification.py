@@ -17,7 +17,7 @@ MIN_MOMENTUM = 1.0 / 500.0
 """The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
 
 MAX_LOGIT = 700.0
-"""Gains are searched where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
+"""Gains are searched for where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
 STEPS = 64
 """Bisections of an interval: more than a double has bits."""
 

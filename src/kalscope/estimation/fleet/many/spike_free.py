@@ -1,6 +1,6 @@
 """Which series that look spiky have no spikes after all: the loop of `robust.fit`, for many series at once.
 
-A signal that moves far more than the noise looks spiky to the running median. Each round fits all such series in
+A signal that moves far more than the noise looks spiky to the centred median. Each round fits all such series in
 one compiled call, so that only those with true spikes are left to the fit of a single one.
 """
 

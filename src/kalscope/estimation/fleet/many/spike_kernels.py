@@ -63,7 +63,7 @@ def repeats(samples: Array) -> bool:
 
 @compiled()
 def far_each(values: Array, starts: NDArray[np.int64], far: NDArray[np.bool_], repeated: NDArray[np.bool_]) -> None:
-    """Write which samples of each series are far from the running median, and whether its readings repeat."""
+    """Write which samples of each series are far from the centred median, and whether its readings repeat."""
     for i in range(repeated.shape[0]):
         z = values[starts[i] : starts[i + 1]]
         present = np.isfinite(z)

@@ -1,7 +1,7 @@
 $about//
 // kalmanjs swaps the letters: its R is the process noise q, its Q the measurement noise r.
-// It starts as a diffuse start does: the first sample sets x = z and p = r. By itself it forgets
-// everything after a NaN and starts again; update() below predicts only, and adds a known start and the gate.
+// It starts as a diffuse start does: the first sample sets x = z and p = r. By itself, a NaN makes it forget
+// everything and start again; update() below predicts only, and adds a known start and the gate.
 // Its last digits differ from those of Kalscope (about 1e-12 of the signal), because it multiplies by 1/s.
 import KalmanFilter from "kalmanjs";
 
