@@ -12,7 +12,7 @@ from kalscope_app.views.binding import on_user
 CLASSIC = "This filter has no q and r; those of the Kalman filter are kept."
 BEHIND_MEDIAN = (
     "q and r act on what the median leaves. The search for them and the tests are for the Kalman filter alone: "
-    "a median correlates neighbouring errors."
+    "a median makes neighbouring errors correlated."
 )
 
 
