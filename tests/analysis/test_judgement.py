@@ -235,7 +235,7 @@ def test_the_step_of_a_sensor_is_named_where_its_noise_is_smaller_but_shows():
 
 
 def test_the_size_of_the_errors_is_not_praised_where_bursts_make_it_wrong():
-    """Five bursts: the gate refuses some of them, and half of the squared errors that r promises are left."""
+    """Five bursts: the gate rejects some of them, and half of the squared errors that r promises are left."""
     g = np.random.default_rng(9033)
     z = walk() + 8.0 * g.normal(size=N) * (np.arange(N) % (N // 5) < N // 100)
     found = estimate(z)
@@ -338,7 +338,7 @@ def test_spikes_of_a_plain_fit_are_set_aside_and_those_of_a_robust_fit_left_to_i
     assert first.advice[0].action == actions.SetSpikesAside()
     then = judge(residuals(z, robust.params, fitted=True), None, robust)
     assert then.status == "fits"
-    assert "10 more refused by the gate" in then.headline
+    assert "10 more rejected by the gate" in then.headline
 
 
 def test_the_still_stretch_that_a_record_shows_is_offered_where_r_is_open():

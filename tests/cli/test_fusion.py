@@ -273,7 +273,7 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
     [
         ("x,-x", "look at a and b; sensors of different scales seem to drift too: --sensor-gains"),
         ("x,x", "-o tuning.toml saves it"),
-        ("x,x spiky", "with --gate 16: refuse readings beyond 4 σ"),
+        ("x,x spiky", "with --gate 16: reject readings beyond 4 σ"),
     ],
 )
 def test_the_next_step_suits_what_is_wrong(path: str, said: str, tmp_path: Path, capsys: Captured) -> None:

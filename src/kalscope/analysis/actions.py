@@ -35,7 +35,7 @@ Status = Literal[
 "weak", the best fit hardly filters; "too_few" or "constant", nothing to judge; "start", the given x0 is off;
 "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by
 one factor; "as_chosen", the best fit is another filter than the chosen one; "structure", the model does not
-describe the signal; "changes", its errors change during the record; "steps", it jumps; "gate", the gate refuses
+describe the signal; "changes", its errors change during the record; "steps", it jumps; "gate", the gate rejects
 too much; "shape", its errors are not normal; "methods_differ"; "no_pair", there is no q and r to judge."""
 
 
@@ -64,7 +64,7 @@ class SetGate:
     """Set the outlier gate, or switch it off."""
 
     sigma: float | None
-    """Residuals beyond this many σ are refused (`FilterParams.gate` is its square); None = off."""
+    """Residuals beyond this many σ are rejected (`FilterParams.gate` is its square); None = off."""
 
 
 @dataclass(frozen=True)

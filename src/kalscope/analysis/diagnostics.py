@@ -274,7 +274,7 @@ class _Residuals:
         return k, v, s
 
     def refusals(self) -> NDArray[np.int64]:
-        """The samples that the gate refused, ascending."""
+        """The samples that the gate rejected, ascending."""
         return np.concatenate(self._refused) if self._refused else np.zeros(0, dtype=np.int64)
 
 

@@ -41,7 +41,7 @@ HEADLINES: dict[Status, str] = {
     "too_fast": "The filter is too fast for this record: it lets through noise that could be removed.",
     "structure": "The record holds more than the model describes.",
     "changes": "The record changes as it goes on: one pair cannot fit all of it.",
-    "gate": "The outlier gate refuses more than single outliers.",
+    "gate": "The outlier gate rejects more than single outliers.",
     "shape": "The errors of the filter are far from normally distributed.",
     "steps": "The signal steps: no q both follows the steps and smooths well between them.",
     "constant": "The signal is constant: there is nothing to judge the filter by.",

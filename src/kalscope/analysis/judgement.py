@@ -167,7 +167,7 @@ def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, choice
     elif misfit:
         headline = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
     else:
-        without = f", {count(refused)} more refused by the gate" if refused else ""
+        without = f", {count(refused)} more rejected by the gate" if refused else ""
         headline = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
     word, tone = WORDS["fits"]
     return Judgement("fits", f"{_chosen(choice)}{headline}", (), halves, "nearly fits" if misfit else word, tone)

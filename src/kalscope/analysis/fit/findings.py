@@ -39,7 +39,7 @@ class Findings:
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
     burst: tuple[int, int] | None = None
-    """First and last sample of the short stretch that holds most of these spikes, or of the refused samples, where
+    """First and last sample of the short stretch that holds most of these spikes, or of the rejected samples, where
     there is one."""
     jumps: int = 0
     """Jumps beyond 5 σ that stay, where spikes and jumps are more than chance."""
@@ -54,7 +54,7 @@ class Findings:
     excess: float = 0.0
     """Excess kurtosis there, likewise."""
     refused: int = 0
-    """Samples that the outlier gate refused."""
+    """Samples that the outlier gate rejected."""
     refused_in_a_row: int = 0
     """The longest run of them."""
     correction: Correction = field(default_factory=Correction)
@@ -77,7 +77,7 @@ def find_misfits(
         seen: indices of the scored samples, shape (N,).
         e: their standardised residuals, shape (N,).
         spikes: the spikes among them.
-        refusals: the samples that the gate refused, ascending.
+        refusals: the samples that the gate rejected, ascending.
         lags: of the Ljung-Box test.
     """
     found = Findings(

@@ -19,7 +19,7 @@ MAX_OUTLIERS = 0.1
 widen the σ by which they are found: where 25 % are off by 60 σ, half of them are detected."""
 
 MAX_REFUSED = 0.2
-"""Share of the samples up to which those that a gate refuses are outliers."""
+"""Share of the samples up to which those that a gate rejects are outliers."""
 
 MIN_COUNT, CLEAR = 5, 5.0
 """Number of spikes that count whatever their size, and the size in σ from which fewer count."""

@@ -84,7 +84,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     mixed = known.estimated and found.change > off  # its parts need different pairs
     size = None if fitted_again or lost or mixed else _size(found)
     said = [_start(found), _refused_share(found)]
-    said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would refuse nothing
+    said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would reject nothing
     said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found, known)]
     said += [change] if off < found.change <= GREAT_CHANGE else []
     said += [_edge(found), None if found.scale < MUCH_TOO_WIDE else size, _structure(found, known)]
@@ -121,19 +121,19 @@ def _refused_share(found: Findings) -> Finding | None:
     share = found.refused / (found.n + found.refused)
     if share <= MAX_REFUSED:
         return None
-    text = f"the outlier gate refuses {percent(share)} of the samples: too many for outliers, switch it off"
+    text = f"the outlier gate rejects {percent(share)} of the samples: too many for outliers, switch it off"
     return "gate", Advice(text, SetGate(None))
 
 
 def _refused_runs(found: Findings, known: Known) -> Finding | None:
     if found.refused and found.burst and not found.spikes:
         first, last = (count(at) for at in found.burst)
-        seen = f"the outlier gate refused {count(found.refused)} samples"
+        seen = f"the outlier gate rejected {count(found.refused)} samples"
         return "bursts", Advice(f"{seen}, most of them in a burst, samples {first} to {last}")
     if found.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None
     text = (
-        f"the outlier gate refused {found.refused_in_a_row} samples in a row, its maximum: either the signal "
+        f"the outlier gate rejected {found.refused_in_a_row} samples in a row, its maximum: either the signal "
         "moved on, which the gate delays, or outliers come in runs"
     )
     return "gate", Advice(text, SetGate(None))
@@ -158,8 +158,8 @@ def _spikes(found: Findings, known: Known) -> Finding | None:
 
 
 def _switched_on(found: Findings, seen: str) -> Finding | None:
-    """The gate to switch on; none where it would refuse nothing, because r is too large."""
-    wide = found.scale > 1.0 / NARROW  # a gate of 4 σ would refuse what such a filter has not followed
+    """The gate to switch on; none where it would reject nothing, because r is too large."""
+    wide = found.scale > 1.0 / NARROW  # a gate of 4 σ would reject what such a filter has not followed
     sigma, at = (_wide(found), f" at {_wide(found):g} σ") if wide else (SPIKE, "")
     if found.largest <= sigma:
         return None
@@ -172,7 +172,7 @@ def _passing(found: Findings, seen: str) -> Finding:
 
 
 def _wide(found: Findings) -> float:
-    """The gate that refuses spikes and nothing else of these residuals, in σ as q and r predict it."""
+    """The gate that rejects spikes and nothing else of these residuals, in σ as q and r predict it."""
     return max(float(f"{SPIKE * found.scale:.2g}"), 1.0)
 
 

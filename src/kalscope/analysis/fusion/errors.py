@@ -85,8 +85,8 @@ def _differ(weighted: Array) -> bool:
 def pull(params: FusionParams, sensor: int) -> float:
     """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
 
-    Without a gate this is its share. A gate refuses it at first, but accepts a reading after a number of refusals,
-    to avoid lock-out, and then the others are far from the fused value: that is simulated, without noise.
+    Without a gate this is its share. A gate rejects it at first, but accepts a reading after a number of
+    rejections, to avoid lock-out, and then the others are far from the fused value: that is simulated, without noise.
     """
     if params.gate is None:
         return float(params.shares[sensor])

@@ -58,7 +58,7 @@ def judge_fusion(
     if names is None:
         names = estimate.names if isinstance(estimate, FusionEstimate) else _numbered(params.sensors)
     if len(names) != params.sensors:
-        raise BadSetting(f"names must be {params.sensors}, one a sensor (got {', '.join(names)})")
+        raise BadSetting(f"names must be {params.sensors}, one per sensor (got {', '.join(names)})")
     readings = checked_readings(samples_of(z), params)
     steps = None if dt is None else steps_of(dt, len(readings))
     words = Words(tuple(names), unit, sample_period)

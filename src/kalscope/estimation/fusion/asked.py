@@ -81,7 +81,7 @@ def question(
     refuse_infinite(columns)
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
-        raise BadSetting(f"names must be {sensors} different ones, one a sensor (got {', '.join(given)})")
+        raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
     try:
         known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
     except (TypeError, ValueError):

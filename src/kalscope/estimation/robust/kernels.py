@@ -41,7 +41,7 @@ def judge_samples(
 
     `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum, and `start` the level
     before the first sample and its variance. Samples refused before one is taken have no past to be predicted from:
-    s = inf. More than AT_END refused samples at the end may be a step, and count as predicted.
+    s = inf. More than AT_END rejected samples at the end may be a step, and count as predicted.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0

@@ -23,7 +23,7 @@ SIGMAS = 4.0
 SIDE_SIGMAS = 3.5
 """Standard deviations from what either side alone predicts: the sample must be beyond that on both."""
 LONGEST = GATE_LIMIT
-"""Spikes side by side that are recognised, as many as the gate refuses in a row; more of them are a movement."""
+"""Spikes side by side that are recognised, as many as the gate rejects in a row; more of them are a movement."""
 NEAR = 15
 """Samples on either side of one that show how lively the signal is there."""
 MOST = 25.0
@@ -109,7 +109,7 @@ def _together(v: Array, s: Array, noise: float) -> Array:
 
 
 def _lone_pulses(refused: Mask) -> Mask:
-    """The runs of more than two refused samples, if there are few runs: the signal has moved, and come back."""
+    """The runs of more than two rejected samples, if there are few runs: the signal has moved, and come back."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], refused, [False]])))
     firsts, stops = edges[::2], edges[1::2]
     pulses = np.zeros(len(refused), dtype=bool)

@@ -45,7 +45,7 @@ def kept(count: int) -> str:
     one = count == 1
     return (
         f"{whole(count)} {'sample looks like a spike' if one else 'samples look like spikes'}, but without "
-        f"{'it' if one else 'them'} no noise could be identified, and a gate would refuse movement too: "
+        f"{'it' if one else 'them'} no noise could be identified, and a gate would reject movement too: "
         f"{'it stays' if one else 'they stay'} in the fit."
     )
 

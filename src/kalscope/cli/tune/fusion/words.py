@@ -108,7 +108,7 @@ def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) ->
         compare = "; try --fuse without one of them to see what it contributes"
         return f"{text}{compare if len(answer.sensors) > 2 else ''}"
     if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
-        return "Next, with --gate 16: refuse readings beyond 4 σ"
+        return "Next, with --gate 16: reject readings beyond 4 σ"
     return "Next: -o tuning.toml saves it for kalscope filter, report and export; --details shows more"
 
 

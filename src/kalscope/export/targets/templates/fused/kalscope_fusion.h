@@ -54,7 +54,7 @@ typedef struct {
 @momentum     kalscope_fusion_real velocity; /* fused velocity, unit per sample */
 @momentum     kalscope_fusion_real g;        /* covariance of x and the velocity */
 @momentum     kalscope_fusion_real w;        /* variance of the velocity */
-    int rejected[KALSCOPE_SENSORS]; /* readings that the gate refused in a row */
+    int rejected[KALSCOPE_SENSORS]; /* readings that the gate rejected in a row */
 } kalscope_fusion;
 
 extern const kalscope_fusion_tuning kalscope_fusion_tuning_$name;

@@ -12,7 +12,7 @@ $about//
 typedef struct {
   kalman_state state;
   double gate;  // on v^2/s
-  int refused;  // samples in a row that the gate refused
+  int refused;  // samples in a row that the gate rejected
 } kalscope_channel;
 
 static inline double kalscope_update(kalscope_channel *f, double z) {

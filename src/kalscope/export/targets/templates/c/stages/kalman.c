@@ -18,7 +18,7 @@
 @momentum     kalscope_real velocity; /* filtered velocity, unit per sample */
 @momentum     kalscope_real g;        /* covariance of x and the velocity */
 @momentum     kalscope_real w;        /* variance of the velocity */
-    int rejected;           /* samples that the gate refused in a row */
+    int rejected;           /* samples that the gate rejected in a row */
 === start
     filter->x = tuning->x0;
     filter->p = tuning->p0;
