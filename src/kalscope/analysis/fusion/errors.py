@@ -86,7 +86,8 @@ def pull(params: FusionParams, sensor: int) -> float:
     """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
 
     Without a gate this is its share. A gate rejects it at first, but accepts a reading after a number of
-    rejections, to avoid lock-out, and then the others are far from the fused value: that is simulated, without noise.
+    rejections, to avoid lock-out, and then the others are far from the fused value. That is simulated without
+    noise.
     """
     if params.gate is None:
         return float(params.shares[sensor])
