@@ -12,9 +12,13 @@ from screen import Screen, settings_in
 from kalscope_app.program.user_settings import UserSettings
 
 CLOSE_SECTIONS = """(closed) => {
-    for (const heading of document.querySelectorAll('[role=button]:has(.tabler-icon-chevron-up)'))
+    for (const heading of document.querySelectorAll(':has(> .tabler-icon-chevron-up)'))
         if (closed.includes(heading.textContent)) heading.click(); }"""
 """Closes the sections of these names that are open; to be asked once, because a click more opens them again."""
+
+ARE_CLOSED = """(closed) => [...document.querySelectorAll(':has(> .tabler-icon-chevron-down)')]
+    .every((heading) => !closed.includes(heading.textContent) || !heading.nextElementSibling.checkVisibility())"""
+"""Whether no section of these names is still closing: one that is opened meanwhile would stay empty."""
 
 NO_NOTIFICATION = """() => {
     for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
@@ -45,6 +49,7 @@ class SharedPage(Screen):
             raise mark
         self.wait("(mark) => !!document.getElementById(mark)", mark)
         self.page.evaluate(CLOSE_SECTIONS, self._sections)
+        self.wait(ARE_CLOSED, self._sections)
         self.wait(NO_NOTIFICATION)
         for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
             tab.click()
