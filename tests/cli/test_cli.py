@@ -484,11 +484,18 @@ def test_a_full_disk_is_one_line(output: list[str]) -> None:
     assert len(err.splitlines()) == 1
 
 
-def test_help_imports_neither_the_dashboard_nor_what_is_slow() -> None:
+SLOW = ["viser", "serial", "rich", "matplotlib", "numba", "scipy"]
+"""Packages that take long to import."""
+
+
+@pytest.mark.parametrize(
+    ("asked", "slow"),
+    [(["--help"], [*SLOW, "numpy", "pydantic"]), (["export", "--help"], [*SLOW, "kalscope.filtering"])],
+)
+def test_help_imports_neither_the_dashboard_nor_what_is_slow(asked: list[str], slow: list[str]) -> None:
     probe = (
-        "import sys; from kalscope.cli.app import run; run(['--help'])\n"
-        "slow = ('viser', 'serial', 'rich', 'matplotlib', 'numpy', 'numba', 'scipy', 'pydantic')\n"
-        "print([name for name in slow if name in sys.modules])"
+        f"import sys; from kalscope.cli.app import run; run({asked})\n"
+        f"print([name for name in {slow} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"

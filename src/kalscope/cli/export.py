@@ -51,7 +51,7 @@ def export_command(
 ) -> None:
     """Write a tuned filter as code for a device or a program."""
     from kalscope.catalogue import open_source
-    from kalscope.cli.console import say, write_output
+    from kalscope.cli.console import say
     from kalscope.export.registry import export_tuning
     from kalscope.tuning.device_period import rescaled_to_period
     from kalscope.tuning.tuning_file import load_tuning
@@ -71,6 +71,13 @@ def export_command(
         *limits_of(tuned, None, target, fixed_gains=fixed),
     ]:
         say(f"note: {message}")
+    _write(files, output, force=force)
+
+
+def _write(files: dict[str, str], output: Path | None, *, force: bool) -> None:
+    """Write the files to the folder, and their paths to stdout; without a folder, the main file to stdout."""
+    from kalscope.cli.console import say, write_output
+
     if output is None:
         (main, text), *others = files.items()
         write_output(iter([text]), None)

@@ -59,9 +59,7 @@ def report_command(
     from kalscope.tuning.tuning_file import load_tuning
 
     tell_compiling()
-    kind = output.suffix.lower()
-    if kind not in (".html", ".htm", ".png"):
-        raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
+    kind = _kind_of(output)
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
@@ -82,6 +80,13 @@ def report_command(
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
+
+
+def _kind_of(output: Path) -> str:
+    kind = output.suffix.lower()
+    if kind not in (".html", ".htm", ".png"):
+        raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
+    return kind
 
 
 def _of_fusion(recording: Recording, tuning: Tuning, config: Path) -> tuple[Report, list[str]]:

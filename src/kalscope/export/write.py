@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from kalscope.errors import BadSetting
-from kalscope.export.registry import TARGETS
-from kalscope.tuning.tuning import Tuning
+
+if TYPE_CHECKING:
+    from kalscope.tuning.tuning import Tuning
 
 UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""
@@ -31,6 +33,8 @@ def limits_of(
         level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
         fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
+    from kalscope.export.registry import TARGETS
+
     precision = TARGETS[target].precision
     if precision == "float64":
         return []
