@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from each import each
+from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -279,3 +280,29 @@ def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
 @each(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
 def test_too_few_readings_are_counted(z, n):
     assert f"({n})" in estimate(z).message
+
+
+# --- hostile records ------------------------------------------------------------------------------------
+
+
+def hostile_record(i, g):
+    """Random bits, values over many decades, constants, alternating extremes, or noise of any size."""
+    n = int(g.integers(0, 300))
+    signs = g.choice([-1.0, 1.0], n)
+    if i % 5 == 0:
+        bits = g.integers(0, 2**64, n, dtype=np.uint64).view(np.float64)
+        return np.where(np.isinf(bits), np.nan, bits)
+    if i % 5 == 1:
+        return signs * 10.0 ** g.uniform(-400.0, 308.0, n)
+    if i % 5 == 2:
+        return np.full(n, 10.0 ** g.uniform(-320.0, 308.0))
+    if i % 5 == 3:
+        return np.where(np.arange(n) % 2, 1e308, -1e308) * g.uniform(0.5, 1.7, n)
+    return g.normal(size=n) * 10.0 ** g.integers(-300, 300)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_estimate_of_any_record_ends_without_a_warning(seed):
+    g = np.random.default_rng(seed)
+    for i in range(40 * FUZZ):
+        assert estimate(hostile_record(i, g)).verdict

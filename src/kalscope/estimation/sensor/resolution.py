@@ -23,13 +23,16 @@ _MAX_READINGS = 10_000
 """Maximum number of readings examined, evenly chosen."""
 _SIMILAR = 1.3
 """Distances within this factor may be one step, rounded to a printed digit."""
+_DOUBLINGS = 52
+"""From 4 MIN_STEP of the largest level to twice that level takes 46 doublings; the rest is for a moving middle."""
 
 
 def resolution_of(readings: Array) -> float:
     """The step Δ of the readings, shape (n,), finite, in their unit; 0 where they show none."""
     if not len(readings):
         return 0.0
-    chosen = readings[:: math.ceil(len(readings) / _MAX_READINGS)]
+    exponent = int(np.frexp(np.abs(readings).max())[1])  # a power of two changes no digit, and nothing overflows
+    chosen = np.ldexp(readings[:: math.ceil(len(readings) / _MAX_READINGS)], -exponent)
     levels, found = np.unique(chosen, return_counts=True)
     distances = np.diff(levels)
     apart = distances > MIN_STEP * np.abs(levels).max()
@@ -37,7 +40,7 @@ def resolution_of(readings: Array) -> float:
     if not len(distances):
         return 0.0
     step = _refined(_usual(distances), levels, counts)
-    return step if _share_on_grid(step, levels, counts) >= ON_GRID else 0.0
+    return math.ldexp(step, exponent) if _share_on_grid(step, levels, counts) >= ON_GRID else 0.0
 
 
 def _joined(found: NDArray[np.intp], apart: NDArray[np.bool_]) -> Array:
@@ -56,19 +59,22 @@ def _usual(distances: Array) -> float:
 def _refined(step: float, levels: Array, counts: Array) -> float:
     """The step that fits the levels best: first those near the fullest one, then twice as far, up to all."""
     middle, reach = float(levels[int(np.argmax(counts))]), 4.0 * step
-    while True:
+    for _ in range(_DOUBLINGS):
         near = np.abs(levels - middle) <= reach
         away = levels[near] - middle
         places = np.rint(away / step)
         close = np.abs(away - places * step) <= 2.0 * _TOLERANCE * step
+        if not close.any():  # no grid: the middle lies between the levels
+            break
         places, away = places[close], away[close]
         spread = places - places.mean()
         if spread.any():  # the slope of a straight line through the levels
             step = float(spread @ away) / float(spread @ spread)
         middle += float(np.mean(away - places * step))
         if near.all():
-            return step
+            break
         reach *= 2.0
+    return step
 
 
 def _share_on_grid(step: float, levels: Array, counts: Array) -> float:
