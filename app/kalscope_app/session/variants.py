@@ -18,8 +18,6 @@ MAX_NAME_LENGTH = 20
 DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
 """What the chart and the table call their own lines."""
 
-RGB = tuple[int, int, int]
-
 LIGHT = ("#332288", "#41a392", "#aa4499", "#8c8c28", "#1e9be2", "#117733", "#882255", "#7a5c00")
 """Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, four of
 them darkened."""
@@ -42,11 +40,6 @@ class Variant:
     def css(self, *, dark: bool = False) -> str:
         """Its colour in a theme, #rrggbb."""
         return (DARK if dark else LIGHT)[self.colour % MAX_VARIANTS]
-
-    def rgb(self, *, dark: bool = False) -> RGB:
-        """The same, 0 … 255 each."""
-        red, green, blue = bytes.fromhex(self.css(dark=dark)[1:])
-        return red, green, blue
 
 
 def next_name(taken: Iterable[str]) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from kalscope import synthesize
+from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes.view import set_dark
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
 from kalscope_app.studies.tuning_map import MapMaker, nothing
@@ -25,6 +27,7 @@ from kalscope_app.views.map.picture import (
     title_of,
 )
 from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
+from kalscope_app.views.map.view import picture_input
 
 SIZES = [(520, 1080), (452, 900), (380, 720)]
 
@@ -74,12 +77,16 @@ def test_the_picture_has_the_size_asked_for_and_nothing_leaves_it():
         assert (edge == rgb(LIGHT_MAP.background)).all()
 
 
-def test_pinned_variants_are_drawn_at_their_pair():
-    one = inputs()
-    pinned = replace(one, pinned=(("A", "#009E73", (-3.0, -1.5)),))
-    x, y = (round(SHARPNESS * at) for at in one.frame.pixel((-3.0, -1.5)))
+@pytest.mark.parametrize("dark", [False, True])
+def test_pinned_variants_are_drawn_at_their_pair(dark):
+    state = set_dark(dark)(pin_present(opened(synthesize("random_walk", n=2000, seed=2))))
+    shown = MapMaker()(state)
+    pinned = picture_input(state, shown, frame_for(452, 900, shown.q, shown.r))
+    ((name, colour, pair),) = pinned.pinned
+    x, y = (round(SHARPNESS * at) for at in pinned.frame.pixel(pair))
     patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
-    assert rgb("#009E73") in patch
+    assert name == "A"
+    assert rgb(colour) in patch
 
 
 def test_the_title_says_for_which_momentum_the_map_holds():

@@ -40,7 +40,7 @@ class MapPictureInput:
     dark: bool
     truth: bool
     """Whether RMSE can be chosen."""
-    pinned: tuple[tuple[str, str | tuple[int, ...], Point], ...] = ()
+    pinned: tuple[tuple[str, str, Point], ...] = ()
     """Name, colour and exponents of each pinned variant."""
 
     @property

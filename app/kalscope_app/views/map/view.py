@@ -157,7 +157,7 @@ class TuningMapView:
 
 def picture_input(state: State, shown: TuningMap, frame: MapFrame) -> MapPictureInput:
     """What the picture is drawn from."""
-    pinned = tuple((v.name, v.rgb(dark=state.view.dark), exponents_of(state, v.tuning)) for v in state.variants)
+    pinned = tuple((v.name, v.css(dark=state.view.dark), exponents_of(state, v.tuning)) for v in state.variants)
     recording = state.recording
     unit, truth = state.tuning.unit, recording.truth is not None
     return MapPictureInput(shown, frame, unit, recording.sample_period, state.view.dark, truth, pinned)
