@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FilterParams, starting_params
+from kalscope import (
+    BadSetting,
+    FilterParams,
+    KalmanFilter,
+    denoise,
+    kalman_filter,
+    log_likelihood,
+    smooth,
+    starting_params,
+    steady_state,
+)
 
 
 @each(
@@ -95,3 +105,11 @@ def test_every_signal_has_a_usable_start(z):
     params = starting_params(z)
     assert params.r > 0
     assert params.q > 0
+
+
+@each("function", [kalman_filter, denoise, smooth, log_likelihood, lambda _, params: KalmanFilter(params)])
+def test_the_params_of_an_estimate_without_any_are_refused_in_words(function):
+    with pytest.raises(BadSetting, match=r"FilterParams \(got None\): where estimate finds no usable q and r"):
+        function(np.ones(3), None)
+    with pytest.raises(BadSetting, match="params must be FilterParams"):
+        steady_state(None)

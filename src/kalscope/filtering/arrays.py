@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, require_params
 
 
 def scalar(value: float | Array | None) -> float:
@@ -34,6 +34,7 @@ def samples_of(z: ArrayLike) -> Array:
 
 def one_channel(z: ArrayLike, params: FilterParams) -> Array:
     """The samples z as float64, shape (n,), for functions of one signal with scalar parameters."""
+    require_params(params)
     samples = samples_of(z)
     if samples.ndim != 1 or params.channels is not None:
         raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")

@@ -12,6 +12,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
 from kalscope.filtering.momentum import kernels as momentum_kernels
 from kalscope.filtering.momentum import smoothing_kernels as momentum_smoothing
+from kalscope.filtering.params import require_params
 
 if TYPE_CHECKING:
     from kalscope.common.array import Array
@@ -155,8 +156,9 @@ def channel_filters(params: FilterParams, channels: int) -> list[ChannelFilter]:
     """The filter of each channel, at its start.
 
     Raises:
-        BadSetting: params hold another number of channels.
+        BadSetting: params hold another number of channels, or there are none.
     """
+    require_params(params)
     if params.channels not in (None, channels):
         raise BadSetting(f"params must fit z: they hold {params.channels} channels (got z with {channels})")
 

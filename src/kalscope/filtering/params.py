@@ -102,6 +102,19 @@ class FilterParams:
         return self.q, self.r, self.p0, self.x0, self.gate, self.momentum
 
 
+def require_params(params: object) -> None:
+    """Refuse what is no parameters, above all the None of an estimate that found no usable q and r.
+
+    Raises:
+        BadSetting: It is not `FilterParams`.
+    """
+    if not isinstance(params, FilterParams):
+        raise BadSetting(
+            f"params must be FilterParams (got {params!r:.60}): where estimate finds no usable q and r, its "
+            "message says why; choose them, as in FilterParams(q=0.01, r=1)"
+        )
+
+
 def _checked(name: str, value: Any) -> Parameter:
     """`value` as a float or a read-only array of shape (channels,), in the range that _MUST states."""
     wrong = f"{name} must be {_MUST[name]}"

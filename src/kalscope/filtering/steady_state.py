@@ -20,7 +20,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.settled import Settled, settle
 from kalscope.filtering.momentum.specification import Target, ratio_with_momentum
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, require_params
 
 SETTLED = 0.01
 """Share of a step that is left at the settling time."""
@@ -73,6 +73,7 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
     Raises:
         BadSetting: the sample period is not a positive finite number.
     """
+    require_params(params)
     period = None if sample_period is None else above_zero("sample_period", sample_period)
     columns = (_flat(value, params) for value in (params.q, params.r, params.momentum))
     rows = [_one(q, r, momentum, period) for q, r, momentum in zip(*columns, strict=True)]

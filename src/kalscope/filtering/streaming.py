@@ -11,7 +11,7 @@ from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of, step_of
 from kalscope.filtering.channels import ChannelFilter, channel_filters
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, require_params
 
 
 class KalmanFilter:
@@ -22,6 +22,7 @@ class KalmanFilter:
     """
 
     def __init__(self, params: FilterParams) -> None:
+        require_params(params)
         self.params = params
         self._scalar = params.channels is None
         self._states: list[ChannelFilter] = channel_filters(params, params.channels or 1)
