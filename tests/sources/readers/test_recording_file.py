@@ -435,3 +435,11 @@ def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_pa
     ):
         read_recording(path, progress=lambda done, _: seen.append(done))
     assert max(seen) < 0.5
+
+
+@pytest.mark.parametrize("first", ["inf", "-inf", "ovf", "Infinity"])
+def test_a_first_value_that_a_board_could_not_print_is_a_missing_sample(read, first):
+    recording = read("".join(f"{first if i % 10 == 0 else 20 + 0.1 * (i % 7)}\n" for i in range(200)))
+    assert recording.values.shape == (200, 1)
+    assert np.flatnonzero(np.isnan(recording.values[:, 0])).tolist() == list(range(0, 200, 10))
+    assert _accounted(recording)

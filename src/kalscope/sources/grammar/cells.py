@@ -21,6 +21,9 @@ n.a. n.a n/d n.d. n.d nd #n/a #n/a! #na #value! #div/0! #ref! #num! <na> <null> 
 MISSING_WORDS = frozenset((*_MISSING_TEXT.split(), "no data", "not available"))
 """Other cells, in lower case, that loggers write for "no sample": missing as well, and counted in the report."""
 
+OVERFLOWS = frozenset(sign + word for sign in ("", "+", "-") for word in ("inf", "infinity", "ovf"))
+"""What boards print, in lower case, for a float that they cannot print: no sample, and never a name."""
+
 NUMBER = {
     # [0-9], not \d: float() would take the digits of any script. No hexadecimal, no infinity, no "1_000".
     ".": re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"),

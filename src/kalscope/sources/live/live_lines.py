@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from kalscope.sources.grammar.cells import DAMAGED, is_comment, is_damaged
+from kalscope.sources.grammar.cells import DAMAGED, OVERFLOWS, is_comment, is_damaged
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.layout.sniffer import Layout
 from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser
@@ -34,9 +34,6 @@ _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
 _MAX_KEPT_BYTES = 200
-
-_NO_SAMPLE = ("ovf", "inf", "+inf", "-inf")
-"""What an Arduino prints for a float that it cannot print."""
 
 _LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
@@ -78,7 +75,7 @@ class LiveLines:
         """True if the last 2 s brought no row and more than a quarter of odd bytes."""
         self.unreported_drops = 0
         """Lines that were dropped without an event; the caller resets it to 0 after reading it."""
-        self._options = options = replace(options, missing=(*options.missing, *_NO_SAMPLE))
+        self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._raw = True  # bytes go to the parser as they arrive

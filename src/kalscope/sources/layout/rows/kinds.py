@@ -12,6 +12,7 @@ from kalscope.sources.grammar.cells import (
     MISSING_WORDS,
     NUMBER,
     OTHER_MARK,
+    OVERFLOWS,
     NumberForm,
     is_grouped,
     split_measure,
@@ -44,7 +45,7 @@ class CellKinds(dict[str, CellKind]):
         self.decimal = decimal
         # In the quotes of a comma file "1,234" may be either.
         self._quoted = decimal == delimiter
-        self._words = MISSING_WORDS.union(words)
+        self._words = MISSING_WORDS.union(OVERFLOWS, words)
         self._shapes: dict[str, int] = {}
 
     def __missing__(self, cell: str) -> CellKind:
