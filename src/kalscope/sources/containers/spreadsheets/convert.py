@@ -13,6 +13,7 @@ import datetime
 import importlib
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,9 @@ def cell_text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    try:
+    with suppress(ImportError, OSError, ValueError):  # Windows has no limits, macOS refuses this one
         import resource
-    except ImportError:  # Windows
-        pass
-    else:
+
         resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     try:
         convert(sys.argv[1], sys.argv[2])
