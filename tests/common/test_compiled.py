@@ -153,3 +153,10 @@ def test_loops_run_where_no_folder_takes_their_cache(monkeypatch):
 
 def doubled(z):
     return 2.0 * z.sum()
+
+
+def test_a_wrong_number_of_threads_is_explained():
+    code = "import kalscope; kalscope.denoise([1.0] * 100_000, kalscope.FilterParams(1.0, 1.0))"
+    env = {**os.environ, "NUMBA_NUM_THREADS": "0"}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    assert "BadSetting: the environment must let numba start (got: Number of threads" in done.stderr

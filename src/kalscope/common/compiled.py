@@ -14,6 +14,8 @@ from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 
+from kalscope.errors import BadSetting
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -141,7 +143,10 @@ def _plain(value: Any) -> Any:
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    from numba import njit
+    try:
+        from numba import njit
+    except ValueError as error:  # an environment variable of numba, such as NUMBA_NUM_THREADS=0
+        raise BadSetting(f"the environment must let numba start (got: {error} See the variables NUMBA_…)") from None
 
     with _load:
         while _at_load:
