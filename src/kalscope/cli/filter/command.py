@@ -45,6 +45,7 @@ def filter_command(
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing FILE.")] = False,
     report: Annotated[
         bool, typer.Option("--report", help="Print on stderr how SOURCE was read, with a count of every line.")
     ] = False,
@@ -70,7 +71,7 @@ def filter_command(
         _refuse_with_stdin(report=report, output=output)
         _filter_stdin(*filters_of_lines(config, given, channel, fusion, sample_period), reading)
         return
-    recording = _read(source, reading, sample_period, output)
+    recording = _read(source, reading, sample_period, output, force=force)
     chunks, notes = filtered(recording, config, given, channel, fusion)
     write_output(chunks, output)
     if report:
@@ -88,12 +89,16 @@ def _refuse_with_stdin(*, report: bool, output: Path | None) -> None:
         raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
 
 
-def _read(source: str, options: ReadOptions, period: float | None, output: Path | None) -> Recording:
+def _read(
+    source: str, options: ReadOptions, period: float | None, output: Path | None, *, force: bool
+) -> Recording:
     """The recording that is to be filtered into `output`, with progress on a terminal."""
     from kalscope.catalogue import open_source
 
     if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
         raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
+    if output is not None and output.is_file() and not force:
+        raise BadSetting(f"-o must be a new file (got {str(output)!r}, which exists): overwrite it with --force")
     with progress_line() as report:
         return open_source(source, options, sample_period=period, progress=report)
 
