@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from contextlib import suppress
 
 MIN_NEW_OBJECTS = 50_000
@@ -27,6 +28,7 @@ def main() -> None:
         from kalscope_app.commands import run
 
         plain_diagnostics()
+        warnings.simplefilter("ignore", RuntimeWarning)  # of numpy: what overflows is refused or reported in words
         status = run(sys.argv[1:] or ["open", "demo"])
     leave(status)
 

@@ -13,7 +13,11 @@ def describe(error: Exception) -> str:
     """One line for the user: the message of a KalscopeError, or the reason and the file of an OSError."""
     if isinstance(error, OSError) and not isinstance(error, KalscopeError):
         reason = error.strerror or str(error)
-        return f"{os.fspath(error.filename)!r}: {reason}" if error.filename is not None else reason
+        if isinstance(
+            error.filename, (str, bytes, os.PathLike)
+        ):  # an error of an open file holds its number instead
+            return f"{os.fspath(error.filename)!r}: {reason}"
+        return reason
     return str(error)
 
 

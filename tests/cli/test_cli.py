@@ -22,6 +22,7 @@ from kalscope.cli.app import run
 from kalscope.cli.filter.command import MAX_LINE_BYTES
 from kalscope.cli.filter.line_filter import LineFilter
 from kalscope.cli.offers import OFFERS
+from kalscope.errors import describe
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -307,6 +308,28 @@ def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> Non
     assert run(["filter", str(log), "-o", str(log.parent / "." / log.name)]) == 2
     assert "another file than SOURCE" in capsys.readouterr().err
     assert log.read_bytes() == before
+
+
+def test_an_existing_file_is_written_over_only_when_told(log: Path, tmp_path: Path, capsys: Captured) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("keep")
+    assert run(["filter", str(log), "-o", str(notes)]) == 2
+    assert "which exists): overwrite it with --force" in capsys.readouterr().err
+    assert notes.read_text() == "keep"
+    assert run(["filter", str(log), "-o", str(notes), "--force"]) == 0
+    assert notes.read_text().startswith("time,")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # as main() has it
+def test_the_largest_numbers_get_an_answer_in_words(tmp_path: Path, capsys: Captured) -> None:
+    log = tmp_path / "alternating.csv"
+    log.write_text("".join(f"{(-1) ** i * 1e308}\n" for i in range(300)))
+    assert run(["tune", str(log), "--details"]) == 0
+    assert "numbers out of range" in capsys.readouterr().out
+
+
+def test_an_error_of_an_open_file_is_described_by_its_reason() -> None:
+    assert describe(IsADirectoryError(21, "Is a directory", 7)) == "Is a directory"
 
 
 def test_a_mistake_of_ours_is_not_blamed_on_the_user(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,6 +84,8 @@ def _listed(names: Sequence[str]) -> str:
 
 def _contradicts(one: Estimate, first: Estimate) -> bool:
     """Whether another filter would follow from this opinion, and chance does not explain it."""
+    if _size(first) == 0.0:  # out of the range of numbers: there is no pair to compare with
+        return False
     if one.method not in _NAMES or one.not_counted or float(one.agreement) >= MAX_CHANCE:
         return False
     return _other_gain(one, first) or not 1.0 / _SAME_SIZE < _size(one) / _size(first) < _SAME_SIZE
