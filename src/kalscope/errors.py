@@ -13,11 +13,9 @@ def describe(error: Exception) -> str:
     """One line for the user: the message of a KalscopeError, or the reason and the file of an OSError."""
     if isinstance(error, OSError) and not isinstance(error, KalscopeError):
         reason = error.strerror or str(error)
-        if isinstance(
-            error.filename, (str, bytes, os.PathLike)
-        ):  # an error of an open file holds its number instead
-            return f"{os.fspath(error.filename)!r}: {reason}"
-        return reason
+        if error.filename is None or isinstance(error.filename, int):  # the number of an open file
+            return reason
+        return f"{os.fspath(error.filename)!r}: {reason}"
     return str(error)
 
 
