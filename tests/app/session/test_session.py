@@ -338,3 +338,8 @@ def test_a_tuning_brings_its_period_to_a_recording_without_time():
     again = opened_with(untimed.recording, tuned.as_tuning())
     assert again.recording.sample_period == 0.02
     assert (again.settings.tunings, again.answers.note) == (tuned.settings.tunings, "")
+
+
+@pytest.mark.parametrize("text", ["", "automatic", "diffuse"])
+def test_p0_is_automatic_in_every_word_for_it(state, text):
+    assert apply(state, set_text("p0", "2.5"), set_text("p0", text)).tuning.p0 is None

@@ -61,12 +61,12 @@ def set_point(q_exponent: float, r_exponent: float) -> Change:
 
 
 def set_text(name: str, text: str) -> Change:
-    """An exact value was typed: q, r, p0 ("" = automatic), x0 ("" = the first sample), or the gate in σ."""
+    """An exact value was typed: q, r, p0 ("" or "diffuse" = automatic), x0 ("" = the first sample), or the gate in σ."""
 
     def change(state: State) -> State:
         if name == "x0" and text.strip().lower() in ("", "first"):
             return state.with_tuning(x0=None)
-        if name == "p0" and text.strip().lower() in ("", "automatic"):
+        if name == "p0" and text.strip().lower() in ("", "automatic", "diffuse"):
             return set_automatic_start(True)(state)
         if name == "gate":
             return state.with_tuning(gate=typed_gate(text))
