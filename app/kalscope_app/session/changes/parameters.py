@@ -61,7 +61,7 @@ def set_point(q_exponent: float, r_exponent: float) -> Change:
 
 
 def set_text(name: str, text: str) -> Change:
-    """An exact value was typed: q, r, p0 ("" or "diffuse" = automatic), x0 ("" = the first sample), or the gate in σ."""
+    """An exact value was typed: q, r, p0 (or "", "diffuse": automatic), x0 (or "": the first sample), gate in σ."""
 
     def change(state: State) -> State:
         if name == "x0" and text.strip().lower() in ("", "first"):
