@@ -59,7 +59,7 @@ class Float32Oracle:
     def update(self, z):
         z, p = np.float32(z), self.p + self.q
         k = p / (p + self.r) if np.isfinite(p) else np.float32(1.0)
-        self.p = (np.float32(1.0) - k) * p if np.isfinite(p) else self.r
+        self.p = k * self.r
         self.x = z if np.isnan(self.x) else self.x + k * (z - self.x)
         return self.x
 
@@ -76,7 +76,7 @@ class MomentumOracle:
         self.r, self.m = params.r, params.momentum or without_momentum(params.q)
 
     def update(self, z):
-        z, m, one, two = np.float32(z), self.m, np.float32(1), np.float32(2)
+        z, m, two = np.float32(z), self.m, np.float32(2)
         carried = m.f * self.w
         self.p = self.p + m.f * (two * self.g + carried) + m.q11
         self.g = m.e * (self.g + carried) + m.q12
@@ -87,7 +87,7 @@ class MomentumOracle:
             self.x, self.p, self.g = z, self.r, np.float32(0)
             return self.x
         k, ell = self.p / s, self.g / s
-        self.p, self.g, self.w = (one - k) * self.p, (one - k) * self.g, self.w - ell * self.g
+        self.p, self.g, self.w = k * self.r, ell * self.r, self.w - ell * self.g
         if np.isnan(self.x):
             self.x = z
         else:

@@ -53,12 +53,12 @@ def textbook(channel, z):
                 x, p, k, refused = sample, channel.r, 1.0, 0
             elif math.isnan(x):
                 k = p / s
-                x, p, refused = sample, (1.0 - k) * p, 0
+                x, p, refused = sample, k * channel.r, 0
             elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
                 refused += 1
             else:
                 k = p / s
-                x, p, refused = x + k * (sample - x), (1.0 - k) * p, 0
+                x, p, refused = x + k * (sample - x), k * channel.r, 0
         answers.append((x, k))
     return np.array(answers)
 
@@ -82,7 +82,7 @@ def textbook_with_momentum(channel, z):
         else:
             k, ell = p / s, g / s
             x, v = (sample, v) if math.isnan(x) else (x + k * (sample - x), v + ell * (sample - x))
-            p, g, w, refused = (1.0 - k) * p, (1.0 - k) * g, w - ell * g, 0
+            p, g, w, refused = k * channel.r, ell * channel.r, w - ell * g, 0
         answers.append((x, k))
     return np.array(answers)
 

@@ -94,10 +94,10 @@ def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_
     (limit,) = fusion_limits(slow, levels=(1.0, 1.0))
     assert limit.kind == "gain"
     assert "A fusion has no constant gain to continue with: export c" in limit.message
-    gained = replace(slow, q=1e-10, gain=(1.0, 0.001))
+    gained = replace(slow, q=2.5e-10, gain=(1.0, 0.001))
     assert [one.kind for one in fusion_limits(gained, levels=(1.0, 1.0))] == ["estimate"]
     assert "steps by 6.1e-05 at 1000," in fusion_limits(gained, levels=(1.0, 1.0))[0].message
-    costs = ((fusion, 2 * 123), (replace(fusion, gain=(1.0, 2.0)), 2 * 152), (replace(fusion, momentum=9.0), 522))
+    costs = ((fusion, 2 * 113), (replace(fusion, gain=(1.0, 2.0)), 2 * 142), (replace(fusion, momentum=9.0), 522))
     for one, us in costs:
         needed = 1e-6 * (us + 2 * UNO_READ_US)
         assert fusion_limits(one, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()

@@ -25,7 +25,7 @@ from kalscope.filtering.steady_state import steady_state
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
 """Smallest float32 that keeps its 24 bits."""
 
-STALLING_GAIN = 3e-6
+STALLING_GAIN = 7e-6
 """Below this settled gain the variance rounds to a stop where the gain is off by 1 % and more: measured."""
 
 Floats = NDArray[np.float32]
@@ -188,7 +188,7 @@ def _filter(
     out: Floats,
 ) -> None:
     """`kernels.step` in float32. Every constant is a float32: with a plain 1.0 numba would compute in double."""
-    one, zero = np.float32(1.0), np.float32(0.0)
+    zero = np.float32(0.0)
     rejected = 0
     for i in range(z.shape[0]):
         predicted = p + q
@@ -200,14 +200,14 @@ def _filter(
             x, p, rejected = z[i], r, 0
         elif math.isnan(x):
             k = predicted / s if s > zero else zero
-            x, p, rejected = z[i], (one - k) * predicted, 0
+            x, p, rejected = z[i], k * r, 0
         elif s > zero:
             v = z[i] - x
             if gate > zero and v * v > gate * s and rejected < GATE_LIMIT:
                 rejected += 1
             else:
                 k = predicted / s
-                p = (one - k) * predicted
+                p = k * r
                 if settled_gain > zero and p == before:
                     k = settled_gain
                 x = x + k * v
@@ -228,7 +228,7 @@ def _filter_with_momentum(
     out: Floats,
 ) -> None:
     """`momentum.kernels.step` in float32: v is the velocity, w its variance, g the covariance of x and v."""
-    one, two, zero = np.float32(1.0), np.float32(2.0), np.float32(0.0)
+    two, zero = np.float32(2.0), np.float32(0.0)
     e, f, q11, q12, q22 = over
     v = g = zero
     rejected = 0
@@ -251,7 +251,7 @@ def _filter_with_momentum(
                 rejected += 1
             else:
                 k, ell = p / s, g / s
-                p, g, w = (one - k) * p, (one - k) * g, w - ell * g
+                p, g, w = k * r, ell * r, w - ell * g
                 if settled_gain > zero and p == before:
                     k = settled_gain
                 if math.isnan(x):

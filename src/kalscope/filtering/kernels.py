@@ -37,7 +37,8 @@ def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: floa
     """One sample: predict over `dt` periods, then update; `rejected` counts gate rejections in a row.
 
     Returns x, p, k, v (innovation), s (its variance) and what was done. Interactive matter (2009), C listing;
-    Ma'arif et al. (2019), equations (11)-(15).
+    Ma'arif et al. (2019), equations (11)-(15), whose last line, p = (1 - k) p, is p = k r here: the same number
+    without the cancellation where p is much larger than r.
     """
     p = p + q * dt
     s = p + r
@@ -47,14 +48,14 @@ def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: floa
         return z, r, 1.0, math.nan, math.inf, START
     if math.isnan(x):  # p0 is given, x0 is this first sample
         k = p / s if s > 0.0 else 0.0
-        return z, (1.0 - k) * p, k, math.nan, s, START
+        return z, k * r, k, math.nan, s, START
     v = z - x
     if s == 0.0:  # estimate and sample both claim to be exact (r = 0 and no time passed): keep the estimate
         return x, p, 0.0, v, s, MISSING
     if v * v > gate * s and rejected < GATE_LIMIT:
         return x, p, 0.0, v, s, REJECTED
     k = p / s
-    return x + k * v, (1.0 - k) * p, k, v, s, UPDATED
+    return x + k * v, k * r, k, v, s, UPDATED
 
 
 @compiled(plain=True)

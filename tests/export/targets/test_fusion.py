@@ -84,7 +84,7 @@ def test_the_cases_are_hard_enough():
     results = {name: fuse(readings(4, fusion), fusion.params) for name, fusion in CASES.items()}
     assert results["gains"].rejected.min() > 10
     assert results["momentum"].rejected.sum() > 10
-    assert (results["exact"].s == 0.0).sum() > 100
+    assert (results["exact"].s < 1e-29).sum() > 100
     assert (results["two"].weights.sum(axis=1) == 0.0).sum() >= 4
 
 

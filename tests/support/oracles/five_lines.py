@@ -22,7 +22,7 @@ def five_lines(z, q, r, p, x, dt=None):
                 k = p / (p + r)
                 v = math.nan if start else sample - x
                 x = x + k * (sample - x)
-                p = (1 - k) * p
+                p = k * r  # (1 - k) p without its cancellation
         xs.append(x), ps.append(p), ks.append(k), vs.append(v), ss.append(s)
     return tuple(map(np.array, (xs, ps, ks, vs, ss)))
 

@@ -99,7 +99,7 @@ def _fuse(
     out: Floats,
 ) -> None:
     """`fuse_rows_with_momentum` in float32: v is the velocity, w its variance, g the covariance of x and v."""
-    one, two, zero = np.float32(1.0), np.float32(2.0), np.float32(0.0)
+    two, zero = np.float32(2.0), np.float32(0.0)
     e, f, q11, q12, q22 = over
     v = g = zero
     rejected = np.zeros(r.shape[0], np.int64)
@@ -124,7 +124,7 @@ def _fuse(
             k, ell = zero, zero
             if s > zero:
                 k, ell = p / s, g / s
-            p, g, w = (one - k) * p, (one - k) * g, w - ell * g
+            p, g, w = k * r[j], ell * r[j], w - ell * g
             if math.isnan(x):
                 x = z[i, j]
             else:

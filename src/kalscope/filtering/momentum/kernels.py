@@ -88,7 +88,7 @@ def step(
     if s == 0.0:  # estimate and sample both claim to be exact
         return (z if math.isnan(x) else x, v, p, g, w), 0.0, innovation, s, START if math.isnan(x) else MISSING
     k, ell = p / s, g / s
-    kept = (1.0 - k) * p, (1.0 - k) * g, w - ell * g
+    kept = k * r, ell * r, w - ell * g
     if math.isnan(x):  # p0 is given, x0 is this first sample
         return (z, 0.0, kept[0], kept[1], kept[2]), k, math.nan, s, START
     if innovation * innovation > gate * s and rejected < GATE_LIMIT:

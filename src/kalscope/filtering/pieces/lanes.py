@@ -15,8 +15,8 @@ import numpy as np
 from kalscope.common.array import Array, Indices
 from kalscope.filtering.pieces.lane_kernels import BLOCK, LANES, filter_lanes
 
-PERIODS = (1, 2, 3)
-"""Samples after which p may repeat itself: rounding keeps one filter in five at λ = 3 from a single value."""
+PERIODS = (1, 2)
+"""Samples after which p may repeat itself: rounding keeps some 2 % of the filters from a single value."""
 
 FORGOTTEN = 48.0
 """Time constants after which two runs are the same: 36 bring 2⁵² to 1, the others end the last bit's difference."""

@@ -49,9 +49,9 @@ for kk = 1:numel(z)
 @momentum             vk = vk + Lk * (zk - xk);
             xk = xk + Kk * (zk - xk);
         end
-        Pk = (1 - Kk) * Pk;
+        Pk = Kk * R;
 @momentum         Wk = Wk - Lk * Gk;
-@momentum         Gk = (1 - Kk) * Gk;
+@momentum         Gk = Lk * R;
         refused = 0;
     end
     buff_xk(kk) = xk;

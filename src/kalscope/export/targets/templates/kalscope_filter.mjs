@@ -38,11 +38,11 @@ export class KalmanFilter {
     this.k = this.p / s;
 @momentum     const share = this.g / s;
 @momentum     this.w = this.w - share * this.g;
-@momentum     this.g = (1 - this.k) * this.g;
+@momentum     this.g = share * this.r;
 @momentum     if (!Number.isNaN(this.x)) this.velocity = this.velocity + share * v;
     this.refused = 0;
     this.x = Number.isNaN(this.x) ? z : this.x + this.k * v;
-    this.p = (1 - this.k) * this.p;
+    this.p = this.k * this.r;
     return this.x;
   }
 }

@@ -76,7 +76,7 @@ class KalscopeFilter {
       x = z;
     } else if (x != x) {  // p0 is known, the first sample is the start
       k = s > 0.0f ? predicted / s : 0.0f;
-      p = (1.0f - k) * predicted;
+      p = k * tuning.r;
 @momentum       if (s > 0.0f) velocityGain(s);
       x = z;
     } else if (s > 0.0f) {
@@ -86,7 +86,7 @@ class KalscopeFilter {
         return x;
       }
       k = predicted / s;
-      p = (1.0f - k) * predicted;
+      p = k * tuning.r;
 @momentum       velocity = velocity + velocityGain(s) * v;
       if (tuning.settled_gain > 0.0f && p == before) k = tuning.settled_gain;
       x = x + k * v;
@@ -110,7 +110,7 @@ class KalscopeFilter {
 @momentum   float velocityGain(float s) {
 @momentum     const float gain = g / s;
 @momentum     w = w - gain * g;
-@momentum     g = (1.0f - k) * g;
+@momentum     g = gain * tuning.r;
 @momentum     return gain;
 @momentum   }
 @momentum 

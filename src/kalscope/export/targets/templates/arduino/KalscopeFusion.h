@@ -102,7 +102,7 @@ class KalscopeFusion {
     } else if (x != x) {  // p0 is known, the first reading is the start
       k[i] = s > 0.0f ? p / s : 0.0f;
 @momentum       if (s > 0.0f) velocityGain(i, s);
-      p = (1.0f - k[i]) * p;
+      p = k[i] * tuning.r[i];
       x = z;
     } else if (s > 0.0f) {
       const float v = z - x;
@@ -112,7 +112,7 @@ class KalscopeFusion {
       }
       k[i] = p / s;
 @momentum       velocity = velocity + velocityGain(i, s) * v;
-      p = (1.0f - k[i]) * p;
+      p = k[i] * tuning.r[i];
       x = x + k[i] * v;
     } else {
       return;  // the estimate and the reading both claim to be exact: keep the estimate
@@ -124,7 +124,7 @@ class KalscopeFusion {
 @momentum   float velocityGain(uint8_t i, float s) {
 @momentum     const float gain = g / s;
 @momentum     w = w - gain * g;
-@momentum     g = (1.0f - k[i]) * g;
+@momentum     g = gain * tuning.r[i];
 @momentum     return gain;
 @momentum   }
 @momentum 

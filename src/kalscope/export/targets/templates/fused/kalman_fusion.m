@@ -58,9 +58,9 @@ for kk = 1:size(z, 1)
 @momentum                 vk = vk + Lk * (zk - xk);
                 xk = xk + Kk * (zk - xk);
             end
-            Pk = (1 - Kk) * Pk;
+            Pk = Kk * R(ii);
 @momentum             Wk = Wk - Lk * Gk;
-@momentum             Gk = (1 - Kk) * Gk;
+@momentum             Gk = Lk * R(ii);
             refused(ii) = 0;
         end
         buff_Kk(kk, ii) = Kk;

@@ -33,7 +33,7 @@ void kalscope_fusion_start(kalscope_fusion *fusion, const kalscope_fusion_tuning
 @momentum {
 @momentum     const kalscope_fusion_real gain = fusion->g / s;
 @momentum     fusion->w = fusion->w - gain * fusion->g;
-@momentum     fusion->g = (1 - fusion->k[i]) * fusion->g;
+@momentum     fusion->g = gain * fusion->tuning.r[i];
 @momentum     return gain;
 @momentum }
 @momentum 
@@ -50,7 +50,7 @@ static void take(kalscope_fusion *fusion, int i, kalscope_fusion_real z)
         fusion->x = z;
     } else if (isnan(fusion->x)) { /* p0 is known, the first reading is the start */
         fusion->k[i] = s > 0 ? p / s : 0;
-        fusion->p = (1 - fusion->k[i]) * p;
+        fusion->p = fusion->k[i] * tuning->r[i];
 @momentum         if (s > 0) velocity_gain(fusion, i, s);
         fusion->x = z;
     } else if (s > 0) {
@@ -60,7 +60,7 @@ static void take(kalscope_fusion *fusion, int i, kalscope_fusion_real z)
             return;
         }
         fusion->k[i] = p / s;
-        fusion->p = (1 - fusion->k[i]) * p;
+        fusion->p = fusion->k[i] * tuning->r[i];
 @momentum         fusion->velocity = fusion->velocity + velocity_gain(fusion, i, s) * v;
         fusion->x = fusion->x + fusion->k[i] * v;
     } else {

@@ -48,11 +48,11 @@ export class KalmanFusion {
     this.k[i] = s > 0 ? this.p / s : 0;
 @momentum     const share = s > 0 ? this.g / s : 0;
 @momentum     this.w = this.w - share * this.g;
-@momentum     this.g = (1 - this.k[i]) * this.g;
+@momentum     this.g = share * this.r[i];
 @momentum     if (!starts) this.velocity = this.velocity + share * v;
     this.refused[i] = 0;
     this.x = starts ? z : this.x + this.k[i] * v;
-    this.p = (1 - this.k[i]) * this.p;
+    this.p = this.k[i] * this.r[i];
   }
 }
 

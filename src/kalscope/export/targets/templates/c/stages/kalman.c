@@ -34,7 +34,7 @@
 @momentum {
 @momentum     const kalscope_real gain = filter->g / s;
 @momentum     filter->w = filter->w - gain * filter->g;
-@momentum     filter->g = (1 - filter->k) * filter->g;
+@momentum     filter->g = gain * filter->tuning.r;
 @momentum     return gain;
 @momentum }
 
@@ -61,7 +61,7 @@ $update(kalscope_filter *filter, kalscope_real z)
         filter->x = z;
     } else if (isnan(filter->x)) { /* p0 is known, the first sample is the start */
         filter->k = s > 0 ? predicted / s : 0;
-        filter->p = (1 - filter->k) * predicted;
+        filter->p = filter->k * tuning->r;
 @momentum         if (s > 0) ${own}velocity_gain(filter, s);
         filter->x = z;
     } else if (s > 0) {
@@ -71,7 +71,7 @@ $update(kalscope_filter *filter, kalscope_real z)
             return filter->x;
         }
         filter->k = predicted / s;
-        filter->p = (1 - filter->k) * predicted;
+        filter->p = filter->k * tuning->r;
 @momentum         filter->velocity = filter->velocity + ${own}velocity_gain(filter, s) * v;
         if (tuning->settled_gain > 0 && filter->p == before) filter->k = tuning->settled_gain;
         filter->x = filter->x + filter->k * v;
