@@ -4,6 +4,7 @@ import io
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -816,3 +817,17 @@ def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(lost: Path
     assert out.index("81 % of the lines were rejected") < out.index("Next: fix how the file is read first")
     assert run(["tune", str(lost), "-o", str(lost.with_name("t.toml"))]) == 2
     assert "kalscope: 81 % of the lines were rejected, the first is line 62" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", [*(f"1e{power}" for power in (-300, -30, -9, -3, 4, 12, 30, 300)), "0.9999"])
+@pytest.mark.parametrize("option", ["--lag-ms", "--cutoff-hz", "--noise-reduction-db", "--gain", "--ratio"])
+def test_a_goal_that_no_filter_of_the_record_can_meet_is_refused_in_words(
+    option: str, size: str, capsys: Captured
+) -> None:
+    """Slower than the record, or too fast to change a sample; no text holds a number without meaning."""
+    status = run(["tune", "demo", option, size, "--details"])
+    out, err = capsys.readouterr()
+    if status:
+        assert len(err.splitlines()) <= 2
+        assert " must " in err
+    assert not re.search(r"\d+e[+-]?\d+ (µs|s|h|days|years)\b|∞ dB|\binf\b|\bnan\b|1\.00e12", out + err)

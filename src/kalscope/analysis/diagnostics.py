@@ -21,6 +21,7 @@ from kalscope.analysis.fit.run import Columns, Run
 from kalscope.analysis.fit.spikes import Spikes
 from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
 from kalscope.common.array import Array, Indices
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.batch import FilterResult
@@ -28,10 +29,14 @@ from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]
 
-__all__ = ["NO_FAULT", "Diagnostics", "Fit", "diagnose", "diagnose_held_out"]
+__all__ = ["NO_FAULT", "Diagnostics", "Fit", "diagnose", "diagnose_held_out", "expected_nis"]
 
 MAX_RESIDUAL = 1e60
 """Residuals are clipped here, so that their fourth powers stay finite."""
+
+
+ANY_NIS = 1e12
+"""Upper end of the band of the mean NIS where too few innovations are scored to expect anything."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Diagnostics:
     construction on the record that q and r were fitted to; see `diagnose_held_out`."""
     nis_low: float = 0.0
     """Lower end of the 95 % band of `nis`."""
-    nis_high: float = 1e12
+    nis_high: float = ANY_NIS
     """Upper end of it."""
     spikes: int = 0
     """Scored innovations beyond 4 local σ (1.4826 · median |e|), jumps included; not the tail after one. A signal
@@ -281,3 +286,8 @@ class _Residuals:
 def _check_lags(lags: object) -> None:
     if lags is not None and not (isinstance(lags, int) and lags >= 1):
         raise BadSetting(f"lags must be a whole number of at least 1 (got {lags})")
+
+
+def expected_nis(d: Diagnostics) -> str:
+    """The 95 % band of the mean NIS in words."""
+    return f"{number(d.nis_low)} to {number(d.nis_high)}" if d.nis_high < ANY_NIS else "any value: too few samples"

@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import asked_delay, count, number, plural, trimmed
+from kalscope.common.text import asked_delay, count, lag_in_full, lag_text, number, plural, trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.estimate import checked_momentum, estimate
 from kalscope.estimation.known import (
@@ -30,6 +30,7 @@ from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_st
 from kalscope.estimation.sensor.starting import is_even_ramp, starting_params
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady_state import steady_state
 
 METHOD_NAMES = {
     "ml": "maximum likelihood",
@@ -42,6 +43,12 @@ METHOD_NAMES = {
 
 TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What can fix λ, as `ratio_for` names it."""
+
+MIN_LAG = 0.01
+"""Samples: a filter with less lag behind a ramp takes nearly all of each sample, K above 0.99."""
+
+MIN_SLOWEST = 1000
+"""Samples of lag that a goal may have in any record: a live one has only begun."""
 
 
 @dataclass(frozen=True)
@@ -196,16 +203,17 @@ def find_parameters(
     tau, known = asked.checked_momentum(), asked.noise.resolve(z, dt)
     if asked.target:
         r, said = known or _noise_for_target(z, dt, asked, Progress(progress, cancelled))
-        return _at_target(asked, r, said, tau or 0.0, sample_period)
+        return _with_useful_lag(_at_target(asked, r, said, tau or 0.0, sample_period), len(z), sample_period)
     if known and asked.ratio is not None:
         params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
         how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
-        return Found(params, how, message, request=asked)
+        return _with_useful_lag(Found(params, how, message, request=asked), len(z), sample_period)
     if known:
         return _fit_q(z, dt, *known, asked)
     if asked.ratio is not None:
         how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
-        return _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how, asked)
+        answer = _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how, asked)
+        return _with_useful_lag(answer, len(z), sample_period)
     answer = estimate(z, asked.method, dt, progress, cancelled, asked.momentum, asked.robust)
     return _from(answer, METHOD_NAMES[asked.method], asked)
 
@@ -219,6 +227,24 @@ def _at_target(asked: Request, r: float, said: str, momentum: float, sample_peri
     )
     how = asked.goal if asked.noise == Noise() else f"{asked.goal}, r {asked.noise.origin}"
     return Found(params, how, f"{_ratio_text(params)} has {asked.goal}. {said}", request=asked)
+
+
+def _with_useful_lag(found: Found, samples: int, sample_period: float | None) -> Found:
+    """The same; BadSetting where the filter is slower than the record, or too fast to change a sample."""
+    if found.params is None:
+        return found
+    lag, slowest = scalar(steady_state(found.params).lag_samples), max(samples, MIN_SLOWEST)
+    if lag > slowest:
+        raise BadSetting(
+            f"the goal must be a filter that is not slower than the record, with a lag up to "
+            f"{lag_in_full(slowest, sample_period)} (got a lag of {lag_text(lag, sample_period)})"
+        )
+    if lag < MIN_LAG:
+        raise BadSetting(
+            f"the goal must be a filter with a lag from {lag_in_full(MIN_LAG, sample_period)} on: a faster one "
+            "changes nothing (got less)"
+        )
+    return found
 
 
 def _two_variances(params: FilterParams) -> FilterParams:

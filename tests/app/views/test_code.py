@@ -88,8 +88,8 @@ def test_the_second_papers_filter_is_refused_wherever_it_would_leave():
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert limits_text(state) == ""
-    assert "An Uno needs 232 µs" in limits_text(state, Choice(period="0.0001"))
-    assert "An Uno needs 464 µs" in limits_text(state, Choice(period="0.0001", all_channels=True))
+    assert "An Uno needs 227 µs" in limits_text(state, Choice(period="0.0001"))
+    assert "An Uno needs 454 µs" in limits_text(state, Choice(period="0.0001", all_channels=True))
     assert limits_text(state, Choice("python", period="0.0001")) == ""
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)

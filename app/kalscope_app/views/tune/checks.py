@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.diagnostics import expected_nis
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
@@ -58,8 +58,8 @@ def table(checks: Checks) -> str:
         return f"**{checks.judgement.headline}**"
     half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
     rows = [
-        ("Size: mean of v²/s (NIS)", number(d.nis), _band(d)),
-        (half, number(checks.held_out.nis), _band(checks.held_out)),
+        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
+        (half, number(checks.held_out.nis), expected_nis(checks.held_out)),
         ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
         ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
         ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
@@ -77,7 +77,3 @@ def table(checks: Checks) -> str:
         "| test | measured | expected (95\u00a0%) |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
-
-
-def _band(d: Diagnostics) -> str:
-    return f"{number(d.nis_low)} to {number(d.nis_high)}"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives.agreement.words import comparison
+from kalscope.analysis.diagnostics import expected_nis
 from kalscope.analysis.judgement import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
@@ -135,6 +136,6 @@ def _trust(answer: Answer) -> Iterator[str]:
     if held is None:
         yield "Held-out test: not possible, one half of the record has too little data."
         return
-    band = f"{number(held.nis)}, expected {number(held.nis_low)} to {number(held.nis_high)}"
+    band = f"{number(held.nis)}, expected {expected_nis(held)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
     yield from wrapped(f"{test}: NIS {band}: {answer.judgement.held_out}.")

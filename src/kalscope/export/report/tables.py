@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.analysis.alternatives.comparison import Comparison
-from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.diagnostics import Diagnostics, expected_nis
 from kalscope.common.array import Array
 from kalscope.common.text import (
     correlation,
@@ -86,7 +86,7 @@ def meaning(steady: SteadyState, result: FilterResult | FusionResult, period: fl
 def residual_tests(d: Diagnostics) -> Rows:
     """What the residuals show beside what a fitting filter would show."""
     return (
-        ("mean NIS", f"{number(d.nis)}, expected: {number(d.nis_low)} to {number(d.nis_high)}"),
+        ("mean NIS", f"{number(d.nis)}, expected: {expected_nis(d)}"),
         ("lag-1 autocorrelation", f"{correlation(d.r1)}, expected: within ±{correlation(d.r1_bound)}"),
         ("Ljung-Box test", f"{p_value(d.ljung_box_p)}, expected: above 0.05"),
         (
