@@ -359,3 +359,17 @@ def test_a_sensor_that_rounds_more_coarsely_than_its_noise_is_named_with_its_ste
     said = judge(residuals(z, found.params, fitted=True), None, found, unit="°C")
     assert said.status == "rounded"
     assert said.headline == "The sensor rounds to 0.0625 °C; the noise is smaller than that."
+
+
+@pytest.mark.slow
+@each("source", ["demo", "sample:nile", "walk"])
+def test_with_momentum_no_sentence_compares_what_was_not_compared(source):
+    """Random q, r and τ: what fits better at that momentum is not denied."""
+    g = np.random.default_rng(7)
+    z = walk() if source == "walk" else open_source(source).values[:, 0]
+    for _ in range(70):
+        q, r = np.var(np.diff(z)) * 10.0 ** g.uniform(-4.0, 2.0, 2)
+        params = FilterParams(float(q), float(r), momentum=10.0 ** g.uniform(-0.5, 2.0))
+        words = (judgement := judge(diagnose(kalman_filter(z, params)))).headline + advice_words(judgement)
+        assert "fits clearly better" not in words
+        assert "one pair cannot fit" not in words

@@ -37,6 +37,9 @@ FIRST_IS_SPIKE: Finding = (
 )
 """All that is said where the filter has to find its way back from a spike: its residuals show mostly that."""
 
+BEST = " No other q/r fits clearly better."
+"""What a wrong band adds where the other pairs were compared: with momentum only an estimate compares them."""
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -133,7 +136,7 @@ def _judged(
     if not said:
         return _without_misfit(residuals, held_out, choice, halves)
     status, first = said[0]
-    headline = as_sentences(first.text) if status == "as_chosen" else _headline(status, residuals.findings, choice)
+    headline = as_sentences(first.text) if status == "as_chosen" else _headline(status, residuals.findings, known)
     advice = tuple(advice for _, advice in said if as_sentences(advice.text) not in headline)[:MAX_ADVICE]
     word, tone = WORDS[status]
     return Judgement(
@@ -191,12 +194,15 @@ def advice_words(judgement: Judgement) -> str:
     return said or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
 
 
-def _headline(status: Status, found: Findings, choice: Choice) -> str:
+def _headline(status: Status, found: Findings, known: Known) -> str:
+    choice, compared = known.choice, known.estimated or not found.momentum
     if status == "too_few":
         return f"Too few samples to judge the filter: {count(found.n)} were scored, {MIN_SAMPLES} are needed."
     if status == "band":
         is_wrong, errors = _band_word(found).replace("band", "band is"), _by_factor(found, "smaller", "larger")
-        return f"The ± {is_wrong}: it predicts {errors} errors. No other q/r fits clearly better."
+        return f"The ± {is_wrong}: it predicts {errors} errors.{BEST if compared else ''}"
+    if status == "changes" and not compared:
+        return "The size of the residuals changes along the record."
     return f"{_chosen(choice) if WORDS[status][1] == 'note' else ''}{HEADLINES[status]}"
 
 

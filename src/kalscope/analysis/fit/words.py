@@ -75,7 +75,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         )
     if found.unchanged > MAX_UNCHANGED:
         return _rounded(found, known)
-    spikes, change = _spikes(found, known), _change(found)
+    spikes, change = _spikes(found, known), _change(found, known)
     fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
     fitted_again = fitted_again or (known.robust and found.spikes > 0)  # it has seen them, and kept them
     lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
@@ -262,12 +262,14 @@ def _shape(found: Findings, known: Known) -> Finding | None:
     return "shape", Advice(f"{text}echoes and misses, separate them before the filter")
 
 
-def _change(found: Findings) -> Finding | None:
+def _change(found: Findings, known: Known) -> Finding | None:
     if found.change <= 1.0:
         return None
     size = "over 1000" if found.change > 1000.0 else number(found.change, 2)
-    text = f"the noise or the movement changes: the variance of the residuals differs {size} × between parts "
-    return "changes", Advice(f"{text}of the record, which one pair cannot fit")
+    text = f"the variance of the residuals differs {size} × between parts of the record"
+    if found.momentum and not known.estimated:  # another q and r may fit all of it: they were not compared
+        return "changes", Advice(text)
+    return "changes", Advice(f"the noise or the movement changes: {text}, which one pair cannot fit")
 
 
 def _jumps(found: Findings, known: Known) -> Finding | None:
