@@ -90,7 +90,7 @@ def test_an_uneven_recording_shows_its_lag_and_how_far_it_spreads(tmp_path):
     record = open_source(str(log))
     name, numbers = shown(record)
     assert name.startswith("**log\\.csv** · 10")
-    assert " Hz ± 2" in name  # the standard deviation of a uniform law from 0.5 to 1.5 is 29 %
+    assert " Hz, steps ± 2" in name  # the standard deviation of a uniform law from 0.5 to 1.5 is 29 %
     lag = float(frame_of(record).steady.lag_samples)
     low, high = spread_of_span(record.time, lag)
     assert (
@@ -102,7 +102,7 @@ def test_an_uneven_recording_shows_its_lag_and_how_far_it_spreads(tmp_path):
 def test_steps_that_change_the_lag_by_little_are_named_beside_the_rate_alone():
     time = 0.01 * np.arange(5000) + np.random.default_rng(1).uniform(0.0, 0.0005, 5000)
     name, numbers = shown_with(recording(time), 0.03)
-    assert name.endswith("100 Hz ± 3.0 %")
+    assert name.endswith("100 Hz, steps ± 3.0 %")
     assert numbers == "lag **95.1 ms** · noise **−13.0 dB**"
 
 

@@ -31,7 +31,7 @@ def test_steps_that_vary_have_their_standard_deviation(tmp_path):
     record = read_recording(written(tmp_path, np.cumsum(steps)))
     jitter = jitter_of(record)
     assert jitter == pytest.approx(steps.std() / steps.mean(), rel=1e-2)
-    assert rate_words(record.sample_period, jitter) == "10.7 Hz ± 28 %"
+    assert rate_words(record.sample_period, jitter) == "10.7 Hz, steps ± 28 %"
 
 
 def test_pauses_do_not_count(tmp_path):

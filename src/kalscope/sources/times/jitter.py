@@ -29,7 +29,7 @@ def jitter_of(recording: Recording) -> float:
 
 
 def rate_words(period: float | None, jitter: float) -> str:
-    """The rate of one sample every `period` s: "100 Hz", "13.4 Hz ± 12 %", or that it is unknown."""
+    """The rate of one sample every `period` s: "100 Hz", "13.4 Hz, steps ± 12 %", or that it is unknown."""
     if period is None:
         return "sample rate unknown"
-    return sample_rate(period) + (f" ± {percent(jitter)}" if jitter >= MIN_JITTER else "")
+    return sample_rate(period) + (f", steps ± {percent(jitter)}" if jitter >= MIN_JITTER else "")
