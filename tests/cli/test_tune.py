@@ -827,6 +827,7 @@ def test_a_goal_that_no_filter_of_the_record_can_meet_is_refused_in_words(
     """Slower than the record, or too fast to change a sample; no text holds a number without meaning."""
     status = run(["tune", "demo", option, size, "--details"])
     out, err = capsys.readouterr()
+    assert status or size in ("1e-3", "1e4", "0.9999")
     if status:
         assert len(err.splitlines()) <= 2
         assert " must " in err
