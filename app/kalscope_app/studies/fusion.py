@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from kalscope.analysis.fusion.judge import judge_fusion
@@ -58,9 +58,10 @@ class FusionJudge:
 
 
 def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
+    found = None if fusion.dropped else fusion.estimate
     return judge_fusion(
         state.recording.values[:, fusion.columns(state.recording)],
-        fusion.params,
+        fusion.params if found is None else replace(found, params=fusion.params),
         state.dt,
         names=fusion.used.sensors,
         unit=fusion.tuning.unit,
@@ -73,7 +74,7 @@ def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
     odd = [one for one in verdict.sensors if one.faults]
     faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
     seen = [one for one in verdict.sentences if one.startswith("In the second half")]
-    word, tone = _word(odd)
+    word, tone = _word(odd, shared=verdict.shared is not None)
     return Judged(
         word,
         tone,
@@ -83,8 +84,10 @@ def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
     )
 
 
-def _word(odd: list[SensorVerdict]) -> tuple[str, Tone]:
-    """The label of the button, and its colour, for these sensors with faults."""
+def _word(odd: list[SensorVerdict], *, shared: bool) -> tuple[str, Tone]:
+    """The label of the button, and its colour, for these sensors with faults, or noise that sensors share."""
+    if shared and not odd:
+        return "sensors share noise", "bad"
     if not odd:
         return "fused", "good"
     tone = "bad" if any(WORDS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
@@ -98,4 +101,4 @@ def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
     found = fusion.estimate
     if found is None:
         return ()
-    return found.notes if found.verdict == "ok" else (found.message, *found.notes)
+    return found.notes if found.verdict == "ok" or fusion.dropped else (found.message, *found.notes)

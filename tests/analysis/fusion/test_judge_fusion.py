@@ -184,7 +184,7 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
     z[2000:, 1] = 50.0
     found = judged(z)
     seen = found.held_out
-    assert found.headline.endswith(" b is stuck, so it can be larger.")
+    assert found.headline.endswith("larger than the predicted 0.200 (1 σ). b is stuck.")
     assert seen is not None
     assert seen.best == 0
     assert seen.fused > 2.0 * seen.single[0]

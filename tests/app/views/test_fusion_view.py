@@ -113,6 +113,11 @@ def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     assert "door drifts" in bad.faults[0]
     assert judge.of(set_taking_part("door", False)(drifting)).tone == "good"
     assert judge.of(select_channel("roof")(drifting)) is None
+    alike = greenhouse()
+    alike.values[:, 1:3] += np.random.default_rng(3).normal(0.0, 0.5, (800, 1))
+    shared = judge.of(fused(alike))
+    assert (shared.word, shared.tone) == ("sensors share noise", "bad")
+    assert "roof and door share noise (correlation 0.8" in shared.headline
     silent = greenhouse()
     silent.values[300:500, 1] = np.nan
     quiet = judge.of(fused(silent))

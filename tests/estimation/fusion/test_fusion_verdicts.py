@@ -109,9 +109,10 @@ def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
 @pytest.mark.slow
 def test_noise_that_all_share_is_noticed():
     z = walk()[:, None] + noise(1.0, 1.0, 0.5)
-    assert not said(estimate_fusion(z, **PLAIN), "share noise")
+    assert estimate_fusion(z, **PLAIN).verdict == "ok"
     shared = estimate_fusion(z + noise(1.0, seed=9), **PLAIN)
-    assert said(shared, "share noise of variance")
+    assert shared.verdict == "shared_noise"
+    assert shared.message.startswith("sensor 1, sensor 2 and sensor 3 share noise (correlation up to 0.")
     assert shared.r == pytest.approx([1.0, 1.0, 0.25], rel=0.8)
 
 

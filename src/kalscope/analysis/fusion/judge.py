@@ -17,7 +17,9 @@ from kalscope.common.array import Array
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion.result import FusionEstimate
+from kalscope.estimation.fusion.shared import Shared, shared_by_params
 from kalscope.filtering.arrays import samples_of, steps_of
+from kalscope.filtering.fusion.batch import fuse
 from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.fusion.running import checked_readings
 
@@ -69,17 +71,24 @@ def judge_fusion(
         sensors = _sensors(readings, alive, stuck, steps, params, words, error)
         found = params if fit is None else _of_first_half(readings, steps, fit)
         seen = errors.held_out(readings, steps, found, np.isfinite(alive))
+        shared = estimate.shared if isinstance(estimate, FusionEstimate) else _shared(alive, steps, params)
     alone = [one.error for one in sensors]
     best = int(np.argmin(alone))
-    headline = words.headline(error, alone, best, sensors)
+    headline = words.headline(error, alone, best, sensors, seen, shared)
     said = [headline, *([words.held_out(seen, unseen=fit is not None)] if seen and params.sensors > 1 else [])]
     said += [words.shares(params.shares.tolist())] if params.sensors > 1 else []
     said += [sentence for one in sensors for sentence in one.sentences[: len(one.faults)]]
-    return FusionVerdict(error, best, seen, sensors, headline, tuple(dict.fromkeys(said)))
+    return FusionVerdict(error, best, seen, sensors, headline, tuple(dict.fromkeys(said)), shared)
 
 
 def _numbered(sensors: int) -> list[str]:
     return [f"sensor {i + 1}" for i in range(sensors)]
+
+
+def _shared(z: Array, dt: Array | None, params: FusionParams) -> Shared | None:
+    """The noise that sensors share, by the readings that the gate lets through."""
+    kept = z if params.gate is None else np.where(fuse(z, params, dt).k == 0.0, np.nan, z)
+    return shared_by_params(kept, np.empty(0) if dt is None else dt, params)
 
 
 def _of_first_half(z: Array, dt: Array | None, fit: FusionFit) -> FusionParams:

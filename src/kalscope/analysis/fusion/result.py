@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kalscope.common.array import Array
+from kalscope.estimation.fusion.shared import Shared
 
 Fault = Literal["drift", "noise", "spikes", "stuck", "silent"]
 """What can be wrong with a sensor: its difference from the others moves; the size of its noise changes; single
@@ -77,3 +78,5 @@ class FusionVerdict:
     """What fusing brings, in one sentence."""
     sentences: tuple[str, ...]
     """The headline, the held-out stretch, shares, and faults; what follows if one fails is with the sensors."""
+    shared: Shared | None = None
+    """The sensors whose noises are correlated; None where none shows."""

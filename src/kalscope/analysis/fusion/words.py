@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from kalscope.analysis.fusion.result import Fault, HeldOut, SensorVerdict
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
+from kalscope.estimation.fusion.shared import Shared
+from kalscope.estimation.fusion.words import common_part
 
 CLOSE = 0.005
 """Relative differences below this count as none: both errors read the same."""
@@ -31,8 +33,16 @@ class Words:
         """A size with its unit."""
         return f"{number(value)} {self.unit}".rstrip()
 
-    def headline(self, error: float, single: Sequence[float], best: int, sensors: Sequence[SensorVerdict]) -> str:
-        """What fusing brings."""
+    def headline(
+        self,
+        error: float,
+        single: Sequence[float],
+        best: int,
+        sensors: Sequence[SensorVerdict],
+        seen: HeldOut | None,
+        shared: Shared | None,
+    ) -> str:
+        """What fusing brings; no comparison by predicted errors where the record contradicts them."""
         stuck = [one.name for one in sensors if "stuck" in one.faults]
         drift = max(one.drift for one in sensors)
         if math.isinf(error):
@@ -43,6 +53,16 @@ class Words:
             return (
                 f"The sensors drift apart by up to {self.size(drift)}, so the fused value may be wrong by as much; "
                 f"only if they read one quantity is its error the predicted {self.size(error)} (1 σ)."
+            )
+        if shared is not None:
+            who = common_part([self.names[i] for i in shared.sensors], shared.correlation)
+            return f"{who}, so the fused value can be worse than its predicted error of {self.size(error)} (1 σ)."
+        less = 0.0 if seen is None else _saved(seen)
+        if seen is not None and less < 0.0:
+            return (
+                f"The fused value predicts the next reading {percent(-less)} worse than {self.names[seen.best]} "
+                f"alone, so its error is larger than the predicted {self.size(error)} (1 σ)."
+                f"{f' {stuck[0]} is stuck.' if stuck else ''}"
             )
         saved = 1.0 - error / single[best] if single[best] > 0.0 else 0.0
         said = "the same as" if saved < CLOSE else f"{percent(saved)} less than"
@@ -59,8 +79,8 @@ class Words:
             f"In the second half{', unseen by the fit,' if unseen else ''} the next reading is predicted to "
             f"{self.size(seen.fused)}, its own noise included"
         )
-        less = 1.0 - seen.fused / seen.single[seen.best] if seen.single[seen.best] > 0.0 else 0.0
-        if not seen.is_certain or abs(less) < CLOSE:
+        less = _saved(seen)
+        if not less:
             return f"{told}: as well as by {best}, within chance."
         return f"{told}: {percent(abs(less))} {'better' if less > 0.0 else 'worse'} than by {best}."
 
@@ -134,3 +154,10 @@ class Words:
         rows = last - first
         long = lag_text(rows, self.period) if self.period else f"{count(rows)} rows"
         return f" for {long} (rows {count(first)} to {count(last - 1)})"
+
+
+def _saved(seen: HeldOut) -> float:
+    """By which share fusing predicts better than the best sensor alone, below 0 where worse; 0 within chance."""
+    best = float(seen.single[seen.best])
+    less = 1.0 - seen.fused / best if best > 0.0 else 0.0
+    return less if seen.is_certain and abs(less) >= CLOSE else 0.0

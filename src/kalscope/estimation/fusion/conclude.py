@@ -9,7 +9,7 @@ import numpy as np
 from kalscope.common.array import Array, Mask
 from kalscope.estimation.fusion import words
 from kalscope.estimation.fusion.asked import Question
-from kalscope.estimation.fusion.doubts import common_noise, held_for, slow_sensors
+from kalscope.estimation.fusion.doubts import held_for, slow_sensors
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.fusion.search.climb import BESIDE
 from kalscope.estimation.fusion.search.fit import Asked, Found
@@ -21,6 +21,7 @@ from kalscope.estimation.fusion.search.intervals import (
     noise_interval,
 )
 from kalscope.estimation.fusion.search.likelihood import Place
+from kalscope.estimation.fusion.shared import Shared, shared_noise
 from kalscope.estimation.fusion.spikes import with_gate
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.conclude import MIN_VARIANCE
@@ -83,7 +84,8 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
         return refused(asked, "flat", FLAT)
     params = FusionParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
     params = with_gate(params, asked.z, asked.steps, away)
-    verdict, message = _verdict(asked, params, place.q, r)
+    shared = shared_noise(asked.without(away).z, asked.steps, found)
+    verdict, message = _verdict(asked, params, place.q, r, shared)
     sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
     unsure = _unsure(asked, q, q_interval, r, r_interval)
     return FusionEstimate(
@@ -103,6 +105,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
         message=message,
         notes=(*_model_notes(asked, away, found, moving), *unsure, *sensors),
         params=params,
+        shared=shared,
     )
 
 
@@ -154,9 +157,13 @@ def _errors(turned: Array, spread: Array) -> Array:
     return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _verdict(asked: Question, params: FusionParams, q: float, r: Array) -> tuple[str, str]:
+def _verdict(asked: Question, params: FusionParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
     settled = steady_state(params.as_single)
     said = words.found(asked.names, params.shares.tolist(), float(settled.gain), float(settled.lag_samples))
+    if shared is not None:
+        who, known = [asked.names[i] for i in shared.sensors], not bool(np.isnan(asked.known).all())
+        passes = len(who) == len(asked.names)
+        return "shared_noise", f"{words.shared_noise(who, shared.correlation, passes, known)} {said}"
     if q == 0.0:
         return "no_movement", f"{words.no_movement(params.q)} {said}"
     if r.min() == 0.0:
@@ -178,9 +185,6 @@ def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | N
     if asked.reference is None:
         notes.append(words.common(len(found.coordinates.gained) > 0, bool(found.place.c.min() < 0.0)))
     z = asked.without(away).z
-    shared = common_noise(z, asked.steps, found)
-    if shared > 0.0:
-        notes.append(words.shared_noise(shared, not bool(np.isnan(asked.known).all())))
     slow = slow_sensors(z, found)
     if slow:
         notes.append(words.slow([asked.names[i] for i in slow], len(asked.names)))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.estimation.fusion.moving import fused_signal
-from kalscope.estimation.fusion.search.fit import Asked, Found, climbed
-from kalscope.estimation.fusion.search.likelihood import Readings, place_at
+from kalscope.estimation.fusion.search.fit import Found
 
 MIN_ROWS = 30
 """Minimum number of rows in which all sensors answer."""
@@ -40,28 +38,6 @@ def held_for(readings: Array) -> int:
     near = np.abs(rows - usual) <= max(1.0, 0.1 * usual)  # the rows need not divide the period of the sensor
     evenly = float(np.mean(near & (rows > 1))) >= EVENLY
     return round(usual) if evenly and float(np.median(sizes)) > MIN_CHANGE * float(sizes.min()) else 1
-
-
-def common_noise(z: Array, steps: Array, found: Found) -> float:
-    """Variance of white noise that the sensors share, on the scale of the quantity, unit²; 0 where none shows.
-
-    Over the rows in which all sensors answer, the fused value is one signal of which the noise is known, 1/Σ c²/r.
-    Where it shows more, that is common to all: it counts as movement.
-    """
-    data, place = found.coordinates.data, found.place
-    signal = _complete(z, found)
-    if signal is None or place.r.min() == 0.0 or place.q == 0.0:
-        return 0.0
-    one = Readings.of(signal[:, None], steps)
-    expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
-    step = place.q * data.scale**2 / one.scale**2
-    start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
-    asked = Asked(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
-    fixed = climbed(one, asked, start).place
-    free = climbed(one, replace(asked, known=np.array([math.nan])), fixed).place
-    if 2.0 * (free.loglik - fixed.loglik) <= SURE or free.r[0] <= MUCH * expected:
-        return 0.0
-    return float(free.r[0] - expected) * one.scale**2
 
 
 def slow_sensors(z: Array, found: Found) -> list[int]:

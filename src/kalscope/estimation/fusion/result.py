@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from kalscope.common.array import Array, Indices
+from kalscope.estimation.fusion.shared import Shared
 from kalscope.filtering.fusion.params import FusionParams
 
 
@@ -38,9 +39,10 @@ class FusionEstimate:
     spikes: tuple[Indices, ...]
     """The readings of each sensor that were set aside, their rows."""
     verdict: str
-    """"ok", "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement" (q = 0),
-    "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly alike),
-    "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement and noise
+    """"ok", "shared_noise" (the noises of two sensors, or of all, are correlated: the fused value can be worse than
+    predicted), "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement"
+    (q = 0), "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly
+    alike), "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement and noise
     explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another unit)."""
     message: str
     """What was found and what to do, for the user."""
@@ -48,3 +50,5 @@ class FusionEstimate:
     """What cannot be known, or should be checked; one sentence each."""
     params: FusionParams | None
     """The fused filter; None where there is none: the message says why."""
+    shared: Shared | None = None
+    """The sensors whose noises are correlated; None where none shows."""

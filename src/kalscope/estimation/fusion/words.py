@@ -99,13 +99,23 @@ def at_rounding(name: str, r: float) -> str:
     return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
 
 
-def shared_noise(size: float, known: bool) -> str:
-    """Noise that the sensors share; `known` where some r was given."""
-    or_known = " Or an r that was given is too small." if known else ""
-    return (
-        f"The sensors share noise of variance {number(size)}, such as interference or a common supply: no sensor "
-        f"differs from the others by it, so it passes as movement. Choose a longer lag to smooth it.{or_known}"
+def shared_noise(names: Sequence[str], correlation: float, passes: bool, known: bool) -> str:
+    """Noise that sensors share; `passes` where no other sensor shows it, `known` where some r was given."""
+    advice = (
+        "It passes as movement, because no sensor differs from the others by it: choose a longer lag to smooth it."
+        if passes
+        else "Leave one of them out, or remove what they share."
     )
+    return (
+        f"{common_part(names, correlation)}, such as interference or a common supply: it does not average out, so "
+        f"the error of the fused value can be larger than predicted. {advice}"
+        f"{' Or an r that was given is too small.' if known else ''}"
+    )
+
+
+def common_part(names: Sequence[str], correlation: float) -> str:
+    """Which sensors share noise, and how much of it."""
+    return f"{listed(names)} share noise (correlation {'up to ' if len(names) > 2 else ''}{number(correlation, 2)})"
 
 
 def held(name: str, rows: int) -> str:

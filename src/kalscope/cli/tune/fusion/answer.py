@@ -92,7 +92,7 @@ def answer_fusion(
         judging = progress.part(0.5, 1.0)
         verdict = judge_fusion(
             z,
-            params,
+            replace(found, params=params),
             dt,
             names=sensors,
             unit=units[reference or sensors[0]],

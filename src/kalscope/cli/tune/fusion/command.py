@@ -17,6 +17,7 @@ from kalscope.cli.tune.saved import kept_channels, saved_before
 from kalscope.cli.tune.summary import reading_lines
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
+from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
 from kalscope.tuning.choose_fusion import FUSED, fusion_tuning
@@ -69,6 +70,7 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
         **{name: None if params is None else getattr(params, name) for name in ("q", "momentum", "gate")},
         "verdict": found.verdict,
         "message": found.message,
+        "shared_noise": _shared(found),
         "notes": list(found.notes),
         "how": answer.how,
         "q_interval": found.q_interval.tolist(),
@@ -79,6 +81,11 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
         "judgement": [] if verdict is None else list(verdict.sentences),
         "sensors": sensors,
     }
+
+
+def _shared(found: FusionEstimate) -> dict[str, Any] | None:
+    one = found.shared
+    return one and {"sensors": [found.names[i] for i in one.sensors], "correlation": one.correlation}
 
 
 def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> list[str]:

@@ -107,6 +107,11 @@ def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) ->
             return f"{text}; sensors of different scales seem to drift too: --sensor-gains"
         compare = "; try --fuse without one of them to see what it contributes"
         return f"{text}{compare if len(answer.sensors) > 2 else ''}"
+    shared = () if verdict.shared is None else verdict.shared.sensors
+    if shared and len(shared) < len(answer.sensors):
+        return f"Next: try --fuse without {' or without '.join(answer.sensors[i] for i in shared)}"
+    if shared and not answer.request.goal:
+        return "Next: choose a longer lag (--lag-ms)"
     if params.gate is None and any("spikes" in one.faults for one in verdict.sensors):
         return "Next, with --gate 16: reject readings beyond 4 σ"
     return "Next: -o tuning.toml saves it for kalscope filter, report and export; --details shows more"

@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Indices
 from kalscope.common.progress import Progress
-from kalscope.estimation.fusion.search.climb import Top, climb
+from kalscope.estimation.fusion.search.climb import LEAST, Top, climb
 from kalscope.estimation.fusion.search.likelihood import Coordinates, Place, Readings, place_at
 from kalscope.estimation.momentum.search import MIN_MOMENTUM
 from kalscope.filtering.params import MAX_MOMENTUM
@@ -91,10 +91,10 @@ def _apart(places: Sequence[Place]) -> list[Place]:
     return chosen[:_MAX_FINAL]
 
 
-def climbed(data: Readings, asked: Asked, start: Place) -> Found:
-    """The top above one start; a variance that is 0 there stays."""
+def climbed(data: Readings, asked: Asked, start: Place, least: float = LEAST) -> Found:
+    """The top above one start, up to a step that rises by less than `least`; a variance that is 0 there stays."""
     coordinates = coordinates_of(data, asked, start)
-    return top_of(coordinates, coordinates.start(), *bounds(coordinates, asked.floor))
+    return top_of(coordinates, coordinates.start(), *bounds(coordinates, asked.floor), least)
 
 
 def coordinates_of(data: Readings, asked: Asked, place: Place) -> Coordinates:
@@ -104,14 +104,14 @@ def coordinates_of(data: Readings, asked: Asked, place: Place) -> Coordinates:
     return Coordinates(data, place, moves, asked.keeps and moves, free[place.r[free] > 0.0], asked.gained)
 
 
-def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array) -> Found:
+def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array, least: float = LEAST) -> Found:
     """The top of the likelihood in these coordinates."""
 
     def function(at: Array) -> tuple[float, Array]:
         place = coordinates.place(at)
         return place.loglik, coordinates.slope(place)
 
-    top = climb(function, start, low, high)
+    top = climb(function, start, low, high, least)
     return Found(coordinates, top, coordinates.place(top.at), low, high)
 
 

@@ -61,15 +61,16 @@ class Readings:
         return replace(self, value=self.value[part], sensor=self.sensor[part], gap=self.gap[part])
 
     @staticmethod
-    def of(z: Array, steps: Array) -> Readings:
+    def of(z: Array, steps: Array, scale: float | None = None) -> Readings:
         """The finite readings of z, shape (n, sensors), each sensor with one at least; `steps` empty = 1 each."""
         rows, sensor = np.nonzero(np.isfinite(z))
         centre = np.nanmedian(z, axis=0)
         value = z[rows, sensor] - centre[sensor]
         time = np.cumsum(steps) if len(steps) else np.arange(len(z), dtype=np.float64)
         gap = np.diff(time[rows], prepend=time[rows[0]])
-        size = max(float(np.abs(np.diff(value[sensor == i])).max(initial=0.0)) for i in range(z.shape[1]))
-        scale = math.ldexp(1.0, min(math.frexp(size)[1], 1023)) if size > 0.0 else 1.0
+        if scale is None:
+            size = max(float(np.abs(np.diff(value[sensor == i])).max(initial=0.0)) for i in range(z.shape[1]))
+            scale = math.ldexp(1.0, min(math.frexp(size)[1], 1023)) if size > 0.0 else 1.0
         return Readings(value / scale, sensor.astype(np.int64), gap, centre, scale)
 
 
