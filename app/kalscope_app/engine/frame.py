@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, smooth
+from kalscope.filtering.batch import FilterResult, smooth, was_rejected
 from kalscope.filtering.fusion.smoothing import smooth_fusion
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.sources.live.live_status import LiveStatus
@@ -60,7 +60,7 @@ class Frame:
     smoothed: Array | None
     """The best possible offline estimate, unit; None unless asked for."""
     rejected: int
-    """Samples that the outlier gate rejected."""
+    """Samples that the outlier gate rejected, in the whole recording."""
     innovation: Array
     """Measurement minus prediction, unit; NaN where there is none."""
     innovation_spread: Array
@@ -83,6 +83,8 @@ class Frame:
     """2·√ of its variance, in the same unit."""
     set_aside: Array | None = None
     """The measurements that the last search set aside as spikes, unit, NaN at all others; None where none were."""
+    refused: Array | None = None
+    """The measurements that the gate rejected, unit, NaN at all others; None without one, or of fused sensors."""
     sensors: tuple[SensorCurve, ...] = ()
     """The readings of the sensors that are fused, the noisiest first; empty where one channel is filtered."""
     variants: tuple[Array, ...] = ()
@@ -122,7 +124,8 @@ def compute_frame(
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result)
-    aside = state.set_aside
+    aside, gated = state.set_aside, state.uses_parameters and state.tuning.gate is not None and not state.fusion
+    refused = was_rejected(result.k, result.p, result.innovation)
     return Frame(
         state=state,
         serial=serial,
@@ -144,6 +147,7 @@ def compute_frame(
         velocity=velocity,
         velocity_spread=velocity_spread,
         set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
+        refused=np.where(refused, drawn.raw, np.nan) if gated else None,
         variants=tuple(runs.of(state, variant.tuning.filter).x[at] for variant in state.variants)
         if variants is None
         else variants,

@@ -24,7 +24,7 @@ from kalscope.common.array import Array, Indices
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.batch import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]
@@ -268,7 +268,7 @@ class _Residuals:
         for row, column in zip(self._rows, (k, v, s), strict=True):
             row[self._count : end] = column[scored]
         self._count = end
-        self._refused.append(first + np.flatnonzero((k == 0.0) & (p > 0.0) & np.isfinite(v)))
+        self._refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
         met = (k > 0.0) | np.isfinite(v)
         if not self._begun and met.any():
             self._begun, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import columns_of, infinite, refuse_infinite, rows_to_fill, shaped_like, steps_of
 from kalscope.filtering.channels import channel_filters
@@ -57,6 +57,11 @@ class SmootherResult:
     """Smoothed velocity, unit per nominal sample period; NaN in channels without momentum, None without any."""
     velocity_p: Array | None = None
     """Its variance."""
+
+
+def was_rejected(k: Array, p: Array, innovation: Array) -> Mask:
+    """Which samples the outlier gate rejected: there is an innovation and p > 0, but K = 0."""
+    return (k == 0.0) & (p > 0.0) & np.isfinite(innovation)
 
 
 def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, Recording, kalman_filter, steady_state
+from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
 from kalscope_app.engine.frame import compute_frame, gain_axis, samples_to_settle
 from kalscope_app.session.changes.parameters import set_text
@@ -149,3 +149,16 @@ def test_a_line_that_can_be_read_or_has_gaps_is_no_band():
     assert gap.band is None
     window = choose_samples(recording(50_000), "z", (10.0, 12.0))
     assert window.band is None
+
+
+def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():
+    one = recording(n=900)
+    one.values[[100, 400, 401], 0] += 40.0
+    state = opened(one).with_tuning(gate=16.0)
+    frame = frame_of(state)
+    result = kalman_filter(one.channel("z"), state.params)
+    assert frame.refused is not None
+    assert int(np.isfinite(frame.refused).sum()) == frame.rejected == result.rejected >= 3
+    assert frame.rejected == diagnose(result).findings.refused
+    assert set(np.flatnonzero(np.isfinite(frame.refused))) >= {100, 400, 401}
+    assert frame_of(state.with_tuning(gate=None)).refused is None

@@ -113,6 +113,9 @@ class SignalView:
         if frame.set_aside is not None and state.set_aside is not None:
             name = f"set aside ({count(int(state.set_aside.sum()))})"
             lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
+        if frame.refused is not None:
+            ring = rings("rejected by the gate", palette.filtered, 13)  # a count here would rebuild the chart
+            lines.append(ChartLine(frame.refused, ring, gaps=True))
         label = scale.label(short(state.tuning.name, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
 

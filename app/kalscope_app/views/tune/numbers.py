@@ -6,7 +6,7 @@ import math
 
 import viser
 
-from kalscope.common.text import count, decibels, frequency, lag_in_full, lag_text, number, percent
+from kalscope.common.text import decibels, frequency, lag_in_full, lag_text, number, percent, plural
 from kalscope.filtering.classic.stages import OneEuro
 from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.frame import Frame
@@ -53,7 +53,7 @@ def table(frame: Frame) -> str:
     if chain is None or not isinstance(chain.then, OneEuro):  # it settles faster, the larger a step is
         rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))
     if params.gate is not None and frame.state.uses_parameters:
-        rows.append(("rejected by the gate", f"**{count(frame.rejected)} samples**"))
+        rows.append(("rejected by the gate", f"**{plural(frame.rejected, 'sample')}**"))
     return "| | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.common.text import number
+from kalscope.common.text import number, plural
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.batch import FilterResult
 from kalscope.filtering.params import FilterParams
@@ -34,7 +34,9 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
     parts.append(_start(apart[:until], result.k[:until], gain, noise))
     parts.append(_gaps(apart, result.k, seen, gaps, gain, noise))
     if params.gate is not None and int(result.rejected):
-        parts.append(f"Your outlier gate rejected {int(result.rejected)} samples, which no other filter here does.")
+        parts.append(
+            f"Your outlier gate rejected {plural(int(result.rejected), 'sample')}, which no other filter here does."
+        )
     return " ".join(part for part in parts if part)
 
 

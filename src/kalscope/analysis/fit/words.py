@@ -22,7 +22,7 @@ from kalscope.analysis.fit.findings import MAX_UNCHANGED, Findings
 from kalscope.analysis.fit.goal import Choice, Finding, larger, times, with_choice
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
-from kalscope.common.text import count, number, percent
+from kalscope.common.text import count, number, percent, plural
 from kalscope.filtering.kernels import GATE_LIMIT
 
 NO_FAULT = "no misfit worth correcting"
@@ -128,7 +128,7 @@ def _refused_share(found: Findings) -> Finding | None:
 def _refused_runs(found: Findings, known: Known) -> Finding | None:
     if found.refused and found.burst and not found.spikes:
         first, last = (count(at) for at in found.burst)
-        seen = f"the outlier gate rejected {count(found.refused)} samples"
+        seen = f"the outlier gate rejected {plural(found.refused, 'sample')}"
         return "bursts", Advice(f"{seen}, most of them in a burst, samples {first} to {last}")
     if found.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None

@@ -42,8 +42,9 @@ class FusionEstimate:
     """"ok", "shared_noise" (the noises of two sensors, or of all, are correlated: the fused value can be worse than
     predicted), "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement"
     (q = 0), "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly
-    alike), "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement and noise
-    explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another unit)."""
+    alike), "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement
+    and noise explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another
+    unit)."""
     message: str
     """What was found and what to do, for the user."""
     notes: tuple[str, ...]

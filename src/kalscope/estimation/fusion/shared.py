@@ -81,8 +81,8 @@ def _shared_by_two(z: Array, steps: Array, found: Found, pair: tuple[int, ...]) 
     are left out. The search starts from a slow signal, because shared noise may have been fitted as movement.
     """
     data, place = found.coordinates.data, found.place
-    i, j = sorted(pair, key=lambda one: -place.r[one])
-    both = np.isfinite(z[:, i] + z[:, j])
+    i, j = sorted(pair, key=lambda one: -float(place.r[one]))
+    both = np.isfinite(z[:, [i, j]]).all(axis=1)
     moves = [float(np.mean(np.diff(z[both, one]) ** 2)) for one in (i, j)] if both.sum() >= MIN_ROWS else [0.0]
     if not min(moves) > 0.0:
         return None
