@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import socket
 import sys
+from contextlib import ExitStack
 
 import pytest
+from attack_table import exchange, status
 from line_sender import line_sender
 from program import command, end, free_port, link_of, port_of, start, token_of
 from waiting import PATIENCE
@@ -46,6 +49,21 @@ def test_a_poor_account_has_the_dashboard(tmp_path):
             guest.read_until(lambda: guest.notices)
         assert end(program)[::2] == (0, "")
     assert (tmp_path / "tuning.toml").is_file()
+
+
+def test_a_flood_of_half_open_connections_is_named_and_the_page_still_answers(tmp_path):
+    few = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))"
+    with start(tmp_path, "--no-browser", "--port", "0", change=few) as program, ExitStack() as opened:
+        url = link_of(program)
+        for _ in range(400):
+            opened.enter_context(socket.create_connection(("127.0.0.1", port_of(url)), timeout=PATIENCE))
+        link = f"GET /?token={token_of(url)} HTTP/1.1\r\nHost: localhost:{port_of(url)}\r\n\r\n"
+        assert status(exchange(port_of(url), link)) == "200"
+        with Guest(port_of(url), token_of(url)) as guest:
+            guest.read_until(lambda: "Save tuning file" in str(guest.widgets))
+        code, _, err = end(program)
+    (line,) = err.splitlines()
+    assert (code, "too many open connections" in line) == (0, True)
 
 
 def run_here(folder, change, *arguments):

@@ -16,6 +16,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from kalscope_app.guard import pages, rules
+from kalscope_app.guard.open_connections import OpenConnections
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -33,6 +34,7 @@ class RequestFilter:
         self._page, self._packed, self._script_hashes = served_page(page_script)
         self._policy = policy
         self._clients = 0
+        self.connections = OpenConnections()
         self.is_open = False
         """Pages are served at once, sockets after the self-test: an old tab may already be reconnecting."""
         self.ready = asyncio.Event()
@@ -49,6 +51,7 @@ class RequestFilter:
             if isinstance(answer, rules.Allow) and head.is_upgrade and not self.is_open:
                 answer = rules.Refuse(503, "Kalscope is still starting.")
             if isinstance(answer, rules.Allow):
+                self.connections.allow(connection)
                 return self._own_page(head, request) or viser_answer(connection, request)
         except Exception:
             # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).

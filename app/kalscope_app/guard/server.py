@@ -25,6 +25,7 @@ import websockets.asyncio.server
 from kalscope.errors import BadSetting
 from kalscope_app.guard import rules
 from kalscope_app.guard.message_filter import MessageFilter
+from kalscope_app.guard.open_connections import BURST, MAX_UNKNOWN
 from kalscope_app.guard.request_filter import RequestFilter
 from kalscope_app.guard.self_test import GuardFailed, run_self_test
 from kalscope_app.guard.upload_limits import MAX_UPLOAD_BYTES
@@ -112,6 +113,7 @@ def guarded_server(
         with _expecting_known_viser():
             requests = RequestFilter(policy, page_script)
         server = _start_viser(listener, requests, viser_kwargs)
+        listener.listen(MAX_UNKNOWN)  # asyncio takes one number for the queue of the system and for its own burst
         undo.callback(_stop, server)
         with _expecting_known_viser():
             MessageFilter(server, max_upload_bytes, on_refused).install()
@@ -193,6 +195,8 @@ def _serving_behind(requests: RequestFilter, listener: socket.socket) -> context
             "process_request": functools.partial(requests.answer, process_request),
             "process_response": requests.harden,
             "max_size": MAX_FRAME_BYTES,
+            "create_connection": requests.connections.connection_type,
+            "backlog": BURST,
         }
         requests.installed = True
         return stock_serve(requests.admit(handler), sock=listener, **kwargs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import sys
 import threading
@@ -103,6 +104,11 @@ def sentence_for(error: BaseException, log_file: Path | None) -> str:
     """The notification for an error: what happened, that the dashboard keeps running, and what to do."""
     if isinstance(error, MemoryError):
         return "This needs more memory than the computer has. Nothing was changed. Try a shorter file."
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return (
+            "Too many files and connections are open: the system allows no more. The dashboard keeps running: "
+            "close other programs or pages, or start Kalscope with a higher limit (ulimit -n)."
+        )
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     details = f"Details are in {log_file}." if log_file else "Start Kalscope with --log FILE to keep the details."
     return (

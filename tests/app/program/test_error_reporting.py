@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import gc
 import logging
 import queue
@@ -38,6 +39,9 @@ def test_the_sentence_says_what_happened_and_what_to_do():
     assert "kalscope.log" in sentence
     assert "--log FILE" in sentence_for(ValueError(), None)
     assert "more memory" in sentence_for(MemoryError(), None)
+    full = sentence_for(OSError(errno.EMFILE, "Too many open files"), None)
+    assert "too many" in full.lower()
+    assert "bug" not in full
 
 
 def test_what_ends_a_thread_is_told(heard, caplog):
