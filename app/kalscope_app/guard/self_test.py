@@ -72,7 +72,7 @@ def self_test_attempts(policy: Policy) -> tuple[Attempt, ...]:
         socket("a socket of no page (W1)", 403, None),
         socket("a socket of a foreign page (W3)", 403, f"http://{FOREIGN}"),
         socket("a socket of a page without a name (W4)", 403, "null"),
-        socket("a socket of another program's page (W5)", 403, "http://127.0.0.1:1"),
+        socket("a socket of another program's page (W5)", 403, f"http://127.0.0.1:{policy.port % 65535 + 1}"),
         socket("a socket of a name like ours (W6)", 403, f"http://{own}.{FOREIGN}"),
         socket("a socket under a foreign name (W7)", 403, f"http://{FOREIGN}", FOREIGN),
         socket("a socket without the cookie (W8)", 403, f"http://{own}", known=False),

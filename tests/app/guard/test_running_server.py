@@ -199,6 +199,15 @@ def test_a_port_must_be_a_port(port):
         guarded_server(port=port)
 
 
+@pytest.mark.parametrize("port", [1, 6000, 10080])
+def test_a_port_that_no_browser_opens_is_refused_unless_a_proxy_stands_in_front(monkeypatch, port):
+    with pytest.raises(BadSetting, match=f"browsers block port {port}: choose another with --port"):
+        guarded_server(port=port)
+    monkeypatch.setattr(socket, "create_server", lambda *_, **__: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        guarded_server(port=port, behind="https://lab.example")
+
+
 def test_no_host_is_not_all_networks():
     with pytest.raises(BadSetting, match="host must be a name or an address"):
         guarded_server("", 0)
