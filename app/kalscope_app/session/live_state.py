@@ -73,6 +73,11 @@ class Live:
     """What waits for them."""
 
     @property
+    def waits(self) -> bool:
+        """Whether the board has not sent enough to show: the record is a placeholder."""
+        return self.snapshot is None
+
+    @property
     def key(self) -> tuple[int, int]:
         """What stays the same while the record only grows: the board and its layout."""
         return id(self.board), -1 if self.snapshot is None else self.snapshot.generation

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import socket
 from itertools import count
 
 from line_sender import line_sender
@@ -39,3 +41,12 @@ def test_after_stop_a_button_opens_the_recording_and_what_was_tuned_stays(tmp_pa
         guest.set(guest.find("Open the recording"), True)
         says("Kept for light: the filter as tuned")
         says("**mine\\.csv**")
+
+
+def test_before_the_first_sample_no_text_counts_the_rows_of_the_placeholder(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        source = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with running(tmp_path, source=source) as (_, url), Guest(port_of(url), token_of(url)) as guest:
+            for text in ("Waiting for the first 10 samples", "**connected**", "a comparison needs 16"):
+                guest.read_until(lambda text=text: text in "".join(guest.markdown.values()))
+            assert re.findall(r"\b2 \w*(?:rows|samples)", "".join(guest.markdown.values())) == []

@@ -381,7 +381,7 @@ def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_es
     status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
     frame = replace(frame_of(opened_board(board, "x")), connection=ConnectionState(True, True, status))
     heading = heading_of(frame)
-    assert "no sample yet" in heading
+    assert "waiting for the first 10 samples" in heading
     assert "missing" not in heading
     for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1\u202f199 lines", "the disk is full"):
         assert part in heading

@@ -41,6 +41,9 @@ START_SAMPLES, START_SECONDS = 100, 2.0
 MIN_SAMPLES = 10
 """Fewer samples than this show nothing yet."""
 
+WAITING = f"waiting for the first {MIN_SAMPLES} samples"
+"""What is said instead of the size of the placeholder."""
+
 MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 

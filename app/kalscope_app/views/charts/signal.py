@@ -13,6 +13,7 @@ from kalscope.common.array import Array
 from kalscope.common.text import count, number
 from kalscope.sources.readers.account import warnings
 from kalscope_app.engine.frame import Frame, SensorCurve
+from kalscope_app.session.changes.live import WAITING
 from kalscope_app.views.binding import put
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import (
@@ -212,9 +213,9 @@ def velocity_unit(frame: Frame) -> str:
 def heading_of(frame: Frame) -> str:
     """Size, what is not drawn, and the status of the board; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
-    waits = frame.state.live is not None and frame.state.live.snapshot is None
+    waits = frame.state.live is not None and frame.state.live.waits
     parts = [] if frame.state.live is not None else [window_text(frame)]
-    parts.append("no sample yet" if waits else f"{count(len(record))} samples")
+    parts.append(WAITING if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):

@@ -27,12 +27,14 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
 from kalscope_app.session.changes.fleet import at_device
+from kalscope_app.session.changes.live import WAITING
 from kalscope_app.session.changes.parameters import set_sample_period
 from kalscope_app.session.changes.settings_file import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.opening import opened, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.binding import TypedNumber, on_user
+from kalscope_app.views.markdown import capitalised
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.source.fleet import FleetView
 from kalscope_app.views.source.generator import GeneratorForm
@@ -202,7 +204,8 @@ class SourceView:
         if recording is self._described:  # once a recording, not once a frame
             return
         self._described = recording
-        self._report.content = import_summary(recording)
+        waits = frame.state.live is not None and frame.state.live.waits
+        self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
         self._reading.show(frame.state.open.options)
 
 

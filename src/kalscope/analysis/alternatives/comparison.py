@@ -56,7 +56,7 @@ class Comparison:
     identity: str
     """What the present filter is, and what its start and its gaps add, with numbers from this recording."""
     note: str
-    """What was compared: stretch, samples, the measure of error."""
+    """What was compared: stretch, samples, the measure of error; "" where the verdict is why nothing was."""
 
 
 @np.errstate(over="ignore")
@@ -99,8 +99,7 @@ def compare_alternatives(
     refused = refusal(piece, lag, float(steady.gain))
     if refused is not None:
         present = present_row(result, steady, Errors(piece, true, _begun(piece, [])), moves)
-        note = _note(first, last, len(samples), 0, true)
-        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note=note)
+        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
     chosen = _candidates(piece, result, steady, match, moves)
     errors = Errors(piece, true, _begun(piece, [one for one in chosen if one.causal]))
     present = present_row(result, steady, errors, moves)
@@ -174,7 +173,7 @@ def _begun(z: Array, causal: list[Candidate]) -> int:
     return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
 
 
-def _note(first: int, last: int, n: int, judged: int, truth: Array | None, spikes: int = 0) -> str:
+def _note(first: int, last: int, n: int, judged: int, truth: Array | None, spikes: int) -> str:
     stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
     by = (
         "how well each predicts the next sample, which none has used"
