@@ -112,8 +112,7 @@ def export_and_save(screen, z, folder):
 def watch_a_board(screen):
     with line_sender(200.0) as address:
         screen.tab("Source")
-        screen.choose("port", "Other address …")
-        screen.type("address", address)
+        screen.type("port", address, enter=False)  # a menu, which would forget it
         press(screen, "Connect")
         screen.wait(f"() => ({FIND})('raw')?.data[1].filter(Boolean).length > 100")
         screen.shot(f"{screen.name}-4-live")

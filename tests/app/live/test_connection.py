@@ -18,6 +18,7 @@ from kalscope_app.session.changes.live import opened_live
 from kalscope_app.session.live_state import NO_CONNECTION, BoardId
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
+from kalscope_app.views.source import live
 from kalscope_app.views.source.live import LiveView
 
 
@@ -147,6 +148,22 @@ def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, boa
         on_click(SimpleNamespace(client=object())).send(None)
     assert session.wakeup.is_set()
     assert not session.connection().connected
+
+
+def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(connection, board, monkeypatch):
+    ports, gui, jobs, menus = [], MagicMock(), MagicMock(), {}
+    monkeypatch.setattr(live, "list_ports", lambda: tuple(ports))
+    gui.add_dropdown.side_effect = lambda label, *_, **__: menus.setdefault(label, MagicMock())
+    gui.add_text.return_value.value = ""  # a text counts once it is finished
+    connection.close()
+    LiveView(gui, Session(opened_live(board.id, "x"), connection), jobs, connection, MagicMock(), MagicMock())
+    menus["port"].value = live.TYPED
+    (choose,) = menus["port"].on_update.call_args.args
+    with pytest.raises(StopIteration):
+        choose(SimpleNamespace(client=object())).send(None)
+    ports.append(SimpleNamespace(device="/dev/ttyS0", description=""))
+    jobs.when_idle.call_args.args[0]()
+    assert menus["port"].value == live.TYPED
 
 
 @pytest.mark.slow

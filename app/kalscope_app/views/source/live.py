@@ -20,12 +20,11 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.views.binding import bind, offer, on_user
 from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.source.recording import RecordingView
+from kalscope_app.views.window.page.page_script import OTHER_RATE, TYPED
 
-TYPED = "Other address …"
 ADDRESS_HINT = "Such as ssh://host/dev/ttyACM0, tcp://host:port, udp://:47269, mqtt://broker/topic or file:log.csv."
 NO_CURVE = "–"
 BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000, 2000000)
-OTHER_RATE = "another"
 
 PORTS_INTERVAL = 2.0
 """Seconds between two queries of the system's ports."""
@@ -66,7 +65,9 @@ class LiveView:
 
     def _add_port(self, gui: viser.GuiApi) -> None:
         self._port = gui.add_dropdown(
-            "port", list[str]([TYPED]), hint="A board that is plugged in appears here automatically."
+            "port",
+            list[str]([TYPED]),
+            hint="A board that is plugged in appears here automatically. An address may be typed here, too.",
         )
         self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
         self._baud = gui.add_dropdown(
@@ -120,7 +121,8 @@ class LiveView:
         devices = {f"{port.device} {port.description}".strip(): port.device for port in list_ports()}
         if devices == self._devices:
             return
-        kept = bool(self._typed.value.strip()) if self._port.value == TYPED else self._port.value == self._chosen
+        typed = self._port.value == TYPED and bool(self._typed.value.strip())
+        kept = typed or self._port.value == self._chosen
         value = port_to_show(self._port.value, tuple(self._devices), tuple(devices), kept=kept)
         self._devices = devices
         offer(self._port, (*devices, TYPED), value)
@@ -164,7 +166,7 @@ def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, k
         shown: the one on screen, or TYPED.
         before: the list until now.
         now: the new list.
-        kept: whether the user chose the one on screen, or is typing an address.
+        kept: whether the user chose the one on screen, or has typed an address.
     """
     if kept and shown in (*now, TYPED):
         return shown

@@ -52,6 +52,12 @@ which gesture: a number for each, negative for a click, positive for a drag."""
 EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
 """Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
 
+TYPED, OTHER_RATE = "Other address …", "another"
+"""The options of the menus of ports and of baud rates that stand for what is in the text box below."""
+
+TEXT_BOXES = {"port": (TYPED, "address"), "baud rate": (OTHER_RATE, "rate")}
+"""Menus into which a user may type what is no option: the option for that, and the label of its text box."""
+
 SIZES = {
     "scene": 'canvas[width="0"] + div:not([class])',  # the box of viser's 3-D scene
     "phone": PHONE_CHECKBOX,
@@ -74,6 +80,7 @@ SIZES = {
     "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
     "exportButton": EXPORT_BUTTON,
     "exportTab": EXPORT_TAB,
+    "textBoxes": TEXT_BOXES,
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 

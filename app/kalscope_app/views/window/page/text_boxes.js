@@ -7,6 +7,7 @@
 // the server. The server answers every text that is sent, so the last message about a box contains its value.
 
 const boxes = new Map(); // uuid -> what is known about a text box
+const menus = new Map(); // uuid -> a menu that has a text box: its label, its options, and what was typed into it
 const number = /^\s*[-+−]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?\s*$/i;
 let show = () => {}; // passes messages to viser, as if the server had sent them
 let send = () => {};
@@ -51,6 +52,7 @@ const forget = (box) => Object.assign(box, { before: null, sent: false });
 addEventListener(
   "input",
   ({ target }) => {
+    if (menus.has(target.id)) menus.get(target.id).typed = target.value;
     const box = boxOf(target);
     if (!box) return;
     if (box.before === null) box.before = box.served;
@@ -88,10 +90,44 @@ addEventListener(
   true,
 );
 
+let isPressed = false; // a button of the mouse: a box that appears now would move what is pressed
+
+// A menu takes only its options, and forgets any other text. Such a text goes into the text box of the menu.
+const move = ({ target }, enter = false) => {
+  const menu = menus.get(target.id);
+  const text = menu?.typed.trim();
+  const finds = (option) => option.toLowerCase().includes(text.toLowerCase()); // Enter takes what the menu has found
+  if (!text || menu.options.includes(text) || (enter && menu.options.some(finds))) return;
+  menu.typed = "";
+  const [other, label] = sizes.textBoxes[menu.label];
+  const box = [...boxes.values()].find((box) => box.label === label);
+  const chosen = { type: "GuiUpdateMessage", uuid: target.id, updates: { value: other } };
+  const act = () => {
+    show([chosen]);
+    send(chosen);
+    write(box, text);
+    submit(box, text);
+    forget(box);
+  };
+  if (isPressed) addEventListener("pointerup", act, { capture: true, once: true });
+  else act();
+};
+
+addEventListener("pointerdown", () => (isPressed = true), true);
+addEventListener("pointerup", () => (isPressed = false), true);
+addEventListener("focusout", move, true);
+addEventListener("keydown", (event) => event.key === "Enter" && move(event, true), true);
+
 const hold = (message) => {
-  const { type, uuid, updates } = message;
+  const { type, uuid, props, updates } = message;
+  if (type === "GuiDropdownMessage" && sizes.textBoxes[props.label]) {
+    menus.set(uuid, { label: props.label, options: props.options, typed: "" });
+  } else if (type === "GuiUpdateMessage" && menus.has(uuid) && updates.options) {
+    menus.get(uuid).options = updates.options;
+  }
   if (type === "GuiTextMessage") {
-    const fresh = { uuid, served: message.value, before: null, typed: null, sent: false, timer: 0, written: [] };
+    const { label } = props;
+    const fresh = { uuid, label, served: message.value, before: null, typed: null, sent: false, timer: 0, written: [] };
     boxes.set(uuid, fresh);
   } else if (type === "GuiRemoveMessage") {
     boxes.delete(uuid);
@@ -108,14 +144,17 @@ window.Worker = class extends Worker {
     send = (message) => super.postMessage({ type: "send", message });
     super.onmessage = (event) => {
       show = (messages) => handler({ data: { type: "message_batch", messages } });
-      if (event.data?.type === "connected") boxes.clear();
-      else if (event.data?.type === "message_batch") event.data.messages.forEach(hold);
+      if (event.data?.type === "connected") {
+        boxes.clear();
+        menus.clear();
+      } else if (event.data?.type === "message_batch") event.data.messages.forEach(hold);
       handler(event);
     };
   }
 
   postMessage(data, ...more) {
     const message = data?.type === "send" ? data.message : null;
+    if (menus.has(message?.uuid)) menus.get(message.uuid).typed = ""; // an option was chosen
     if (message?.type === "GuiUpdateMessage" && boxes.has(message.uuid)) return; // a key: its text is sent above
     super.postMessage(data, ...more);
   }
