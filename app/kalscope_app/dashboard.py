@@ -12,6 +12,7 @@ from typing import Any
 
 import viser
 
+from kalscope.errors import KalscopeError, describe
 from kalscope.sources.live.live_source import LiveSource
 from kalscope_app.engine.engine import Engine
 from kalscope_app.engine.frame import Frame
@@ -20,7 +21,9 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.engine.parts import Part
 from kalscope_app.live.connection import BoardConnection
 from kalscope_app.live.recording import BoardRecording
+from kalscope_app.program.kept_tunings import KeptTunings
 from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.session.changes.settings_file import as_it_was_left
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
@@ -73,6 +76,9 @@ log = logging.getLogger(__name__)
 WARM_UP_AFTER_S = 2.0
 """Seconds from the first frame to the start of the worker: the browser loads the page first."""
 
+KEEP_AFTER_S = 1.0
+"""Seconds without a task after which changed filters are written for the next start."""
+
 
 class Dashboard:
     """Views, session and engine on one server."""
@@ -108,6 +114,7 @@ class Dashboard:
         self._tour = Tour(self._settings, self._jobs)
         self._note = ""
         self._last: Frame | None = None
+        self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
         self._phones = PhonePictures(server)
         self._build(folder)
@@ -131,6 +138,7 @@ class Dashboard:
 
     def _build(self, folder: Path) -> None:
         """All widgets, from top to bottom; the command palette last."""
+        self._jobs.when_idle(self._keep_tuning, KEEP_AFTER_S)
         gui = self._server.gui
         names = ("Check", "Compare", "Channels", "Noise")
         check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
@@ -162,7 +170,7 @@ class Dashboard:
         with tabs.add_tab("Tune"):
             self._build_tune(gui)
         with tabs.add_tab("Source"):
-            self._source = SourceView(gui, self.session, self._jobs, self._worker)
+            self._source = SourceView(gui, self.session, self._jobs, self._worker, self._kept.last())
             recording = BoardRecording(self._connection, folder, self.notifications.tell, self.session.wakeup.set)
             self._live = LiveView(
                 gui, self.session, self._port_jobs, self._connection, recording, self._source.open_spec
@@ -213,9 +221,23 @@ class Dashboard:
         self.engine.end()
         self._connection.close(timeout=0.3)
 
+    def _keep_tuning(self) -> None:
+        """Keep the filters of the file on screen for the next start, if they have changed."""
+        state = None if self._last is None else self._last.state
+        if state is None or state.live is not None or not Path(state.recording.source).is_file():
+            return
+        tuning = state.as_tuning()
+        if tuning != self._written:
+            self._written = tuning
+            try:
+                self._kept.keep(tuning)
+            except (OSError, KalscopeError) as error:
+                log.info("the filters are not kept for the next start: %s", describe(error))
+
     def stop(self) -> None:
         """Finish a recording, then end the worker and the engine, whose last frame may exceed the time left."""
         self.finish_recording()
+        self._keep_tuning()
         self._worker.close()
         self.engine.stop()
 
@@ -256,6 +278,11 @@ class Dashboard:
                 view.show(frame)
         self._commands.show()
         self._last = frame
+        source = frame.state.recording.source
+        if source != self._opened:
+            self._opened = source
+            if Path(source).is_file() and (tuning := self._kept.of(source)) is not None:
+                self.session.request(as_it_was_left(tuning))
 
     def _study(self, compute: Callable[[State], Any], show: Callable[[Any], None]) -> Study:
         """A study whose answer is drawn as one message batch."""
@@ -277,11 +304,12 @@ class Dashboard:
             self._checks.show(answer)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        """A new browser: its own upload button, its picture if it is on a phone, and the tour."""
+        """A new browser: its own upload button, its picture if it is on a phone, the tour, and what it missed."""
         self._source.add_upload(client)
         self._tuning_file.add_upload(client)
         self._phones.attach(client)
         self._tour.attach(client)
+        self.notifications.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
             self._on_disconnect(client)
 

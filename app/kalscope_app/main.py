@@ -29,7 +29,7 @@ def main() -> None:
 
         plain_diagnostics()
         warnings.simplefilter("ignore", RuntimeWarning)  # of numpy: what overflows is refused or reported in words
-        status = run(sys.argv[1:] or ["open", "demo"])
+        status = run(sys.argv[1:] or ["open"])
     leave(status)
 
 

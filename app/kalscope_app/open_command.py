@@ -19,6 +19,7 @@ from kalscope.cli.console import tell_compiling
 from kalscope.cli.options import SamplePeriod, reads_source
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
+from kalscope.common.text import one_line
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.transports.registry import address_examples
 
@@ -72,6 +73,7 @@ def open_dashboard(
     """Open the dashboard in a browser."""
     from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.token_file import kept_token
+    from kalscope_app.program.kept_tunings import KeptTunings
     from kalscope_app.program.log_file import logging_to
     from kalscope_app.session.share import apply_options
     from kalscope_app.views.window.page.page_script import page_script
@@ -82,6 +84,10 @@ def open_dashboard(
     tell_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state, board = first_state(followed(source) if follow else source, reading, config, sample_period)
+        if not source and config is None and (last := KeptTunings().last()):
+            name = one_line(Path(last).name)[:80]
+            note = f"{name} was open last: Open this path, in the Source tab, brings it back."
+            state = state.with_answers(note=note)
         state = apply_options(state, channel, q, r, p0, x0, gate, momentum, chain)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from kalscope.analysis.channel_kinds import default_channel
 from kalscope.common.text import one_line
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, BadSetting
 from kalscope.tuning.tuning import Tuning
 from kalscope.tuning.tuning_file import loads
 from kalscope_app.session.opening import adapted
@@ -43,6 +44,27 @@ def use_settings(tuning: Tuning, name: str) -> Change:
     def change(state: State) -> State:
         after = adapted(state, tuning)
         note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
+        return after.with_answers(note=note)
+
+    return change
+
+
+def as_it_was_left(tuning: Tuning) -> Change:
+    """The filters that this file had when it was last open, unless others than the starting values are set now."""
+
+    def change(state: State) -> State:
+        settings = state.settings
+        if state.recording.source != tuning.source or settings.tunings != settings.starts:
+            return state
+        try:
+            after = adapted(state, tuning)
+        except BadSetting:  # the file has other channels now
+            return state
+        if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
+            return state
+        if state.channel != default_channel(state.recording):  # chosen on the command line
+            after = after.with_open(channel=state.channel)
+        note = f"The filter is as you left it: Undo gives the starting values. {after.answers.note}".strip()
         return after.with_answers(note=note)
 
     return change

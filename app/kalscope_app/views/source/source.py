@@ -67,7 +67,8 @@ def as_it_is(state: State) -> State:
 class SourceView:
     """The Source tab. A job has the worker read; the session then gets the finished Recording."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker) -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker, path: str = "") -> None:
+        """Args: the usual; the process that reads; the path that is offered."""
         self._session, self._jobs, self._worker = session, jobs, worker
         self._stop = threading.Event()
         self._building = threading.Lock()
@@ -76,7 +77,7 @@ class SourceView:
             with gui.add_form(None) as path_form:
                 self._path = gui.add_text(
                     "path",
-                    "",
+                    path,
                     hint="A log of any size on this computer, or a tuning file (.toml); press Enter to open it.",
                 )
             self._open = gui.add_button("Open this path", hint="Open the file at this path.")

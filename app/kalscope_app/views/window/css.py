@@ -56,6 +56,8 @@ th:not(:empty) { padding-bottom: 0.15em; }
   --button-bg: var(--mantine-primary-color-filled) !important;
   --button-color: var(--mantine-primary-color-contrast) !important;
 }
+.kalscope-stopped { position: fixed; inset: 0 0 auto; z-index: 10000; padding: 0.6em 1em; text-align: center;
+  font: 600 1rem/1.4 var(--mantine-font-family); color: #fff; background: #a61b1b; }
 .mantine-Slider-root + .mantine-NumberInput-root { display: none; }
 .mantine-Slider-root:has(+ .mantine-NumberInput-root) { margin-bottom: 0.7em; }
 @media (min-width: 36.01em) { [data-dock-region="left"] div:has(> p > label) { width: 9.3em !important; } }

@@ -9,8 +9,8 @@ uPlot itself writes three decimals, so 0 for any value below 0.0005, and marks a
 corner of the chart.
 
 `keep_up.js` keeps a slow browser from falling behind a board, `text_boxes.js` decides when a typed text is sent and
-when it may be overwritten, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL, and
-`map.js` beside `views/map/view.py` shows the tuning map.
+when it may be overwritten, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL,
+`stopped.js` says that the program has ended, and `map.js` beside `views/map/view.py` shows the tuning map.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
 TYPED, OTHER_RATE = "Other address …", "another"
 """The options of the menus of ports and of baud rates that stand for what is in the text box below."""
 
-TEXT_BOXES = {"port": (TYPED, "address"), "baud rate": (OTHER_RATE, "rate")}
+TEXT_BOXES = {"port": [TYPED, "address"], "baud rate": [OTHER_RATE, "rate"]}
 """Menus into which a user may type what is no option: the option for that, and the label of its text box."""
 
 SIZES = {
@@ -85,7 +85,7 @@ SIZES = {
 }
 
 
-NAMES = "keep_up", "scene", "page_script", "text_boxes", "keyboard"
+NAMES = "keep_up", "stopped", "scene", "page_script", "text_boxes", "keyboard"
 """The scripts beside this module, in the order in which they get each message."""
 
 

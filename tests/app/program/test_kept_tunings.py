@@ -1,0 +1,31 @@
+"""The filters of each file that are kept between starts: of the newest files only, and never a reason to fail."""
+
+import os
+from itertools import count
+
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.program import kept_tunings
+from kalscope_app.program.kept_tunings import KeptTunings
+from kalscope_app.program.user_settings import FOLDER_VARIABLE
+
+
+def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    monkeypatch.setattr(kept_tunings, "MAX_FILES", 2)
+    kept, times = KeptTunings(), count(1)
+    assert (kept.of("a.csv"), kept.last()) == (None, "")
+    files = [tmp_path / name for name in ("a.csv", "b.csv", "ü\n.csv")]
+    for file in files:
+        file.write_text("1\n2\n")
+        kept.keep(Tuning((ChannelTuning("a", "", 1.0, 2.0, None, None, "by hand"),), source=str(file)))
+        for written in sorted((tmp_path / "tunings").iterdir(), key=lambda one: one.stat().st_mtime_ns):
+            os.utime(written, ns=(next(times),) * 2)
+    assert [kept.of(str(file)) is not None for file in files] == [False, True, True]
+    assert kept.last() == str(files[-1])
+    files[-1].unlink()
+    assert kept.last() == ""
+    for written in (tmp_path / "tunings").iterdir():
+        written.write_bytes(b"\xff=")
+    assert (kept.of(str(files[1])), kept.last()) == (None, "")
+    if os.name == "posix":
+        assert (tmp_path / "tunings").stat().st_mode & 0o077 == 0
