@@ -28,8 +28,8 @@ from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.alternatives import AlternativesStudy
 from kalscope_app.studies.channels_overview import Overviews
-from kalscope_app.studies.checks import Checks, compute_checks
-from kalscope_app.studies.fusion import FusionJudge, Judged
+from kalscope_app.studies.checks import compute_checks
+from kalscope_app.studies.fusion import FusionJudge
 from kalscope_app.studies.spectra import compute_allan, compute_spectra
 from kalscope_app.studies.still_stretch import StillStretches
 from kalscope_app.studies.tuning_map import MapMaker
@@ -65,6 +65,7 @@ from kalscope_app.views.tune.start import StartView
 from kalscope_app.views.tune.variants import VariantsView
 from kalscope_app.views.tune.verdict import VerdictView
 from kalscope_app.views.window.commands import Commands
+from kalscope_app.views.window.guarded import GuardedViews
 from kalscope_app.views.window.header import HeaderView
 from kalscope_app.views.window.layout import Panels
 from kalscope_app.views.window.notifications import Notifications
@@ -113,6 +114,7 @@ class Dashboard:
         self._panels = Panels(server)
         self._tour = Tour(self._settings, self._jobs)
         self._note = ""
+        self._views = GuardedViews(tell)
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
@@ -121,18 +123,24 @@ class Dashboard:
         make_map, still, judge = MapMaker(), StillStretches(), FusionJudge()
         rounds = [
             self._study(VariantTable().compute, self._variants.show_table),
-            Study(lambda state: (state, make_map(state)) if state.view.map_shown else None, self._map.show),
+            Study(
+                lambda state: (state, make_map(state)) if state.view.map_shown else None,
+                lambda answer: self._draw(answer, self._map.show),  # not as a batch: frames must not wait for it
+                lambda error: self._fail(error, self._map.show),
+            ),
             self._study(compared, self._board.show_check),
-            self._study(lambda state: judge.of(state) or compute_checks(state, still.of), self._show_checks),
+            self._study(
+                lambda state: judge.of(state) or compute_checks(state, still.of),
+                *(self._verdict.show_checks, self._checks.show, self._fusion.show_judged),
+            ),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
             self._study(Overviews().compute, self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
-            self._study(still.study, lambda found: self._goal.offer_still(*found)),
+            self._study(still.study, self._goal.offer_still),
         ]
-        studies = Studies(rounds, tell)
-        self.engine = Engine(self.session, self.show, tell, studies)
+        self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
 
@@ -247,17 +255,16 @@ class Dashboard:
             if Part.FULL in parts or Part.SIGNAL in parts:
                 self._panels.set_theme(dark=frame.state.view.dark)
                 self._panels.set_map_shown(frame.state.view.map_shown)
-                self.signal.show(frame, thinned=Part.FULL not in parts)
+                self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)
             if Part.CHARTS in parts:
-                self.signal.show_below(frame)
-                self._momentum.show(frame)
+                self._draw(frame, self.signal.show_below, self._momentum.show)
             if Part.OTHER in parts:
                 self._show_other(frame)
         self._server.flush()
         if Part.NUMBERS in parts:
-            self._phones.show(frame)
+            self._draw(frame, self._phones.show)
         if frame.state.answers.note != self._note:
             self._note = frame.state.answers.note
             if self._note:
@@ -265,17 +272,15 @@ class Dashboard:
 
     def _show_numbers(self, frame: Frame) -> None:
         for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
-            view.show(frame)
-        self._chain.show(frame)
-        self._fusion.show(frame)
-        self._map.follow(frame)
+            self._draw(frame, view.show)
+        self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
         for view in self._view, self._estimators, self._presets, self._window, self._source, self._live:
-            view.show(frame)
+            self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
             for view in self._paper, self._variants, self._channels, self._code, self._board, self._command_line:
-                view.show(frame)
+                self._draw(frame, view.show)
         self._commands.show()
         self._last = frame
         source = frame.state.recording.source
@@ -284,24 +289,25 @@ class Dashboard:
             if Path(source).is_file() and (tuning := self._kept.of(source)) is not None:
                 self.session.request(as_it_was_left(tuning))
 
-    def _study(self, compute: Callable[[State], Any], show: Callable[[Any], None]) -> Study:
+    def _draw(self, answer: Any, *shows: Callable[[Any], None]) -> None:
+        for show in shows:
+            self._views.draw(show, answer)
+
+    def _fail(self, error: Exception, *shows: Callable[[Any], None]) -> None:
+        """Empty the views that would show what could not be computed; without any, all."""
+        with self._server.atomic():
+            self._views.fail(error, *shows)
+        self._server.flush()
+
+    def _study(self, compute: Callable[[State], Any], *shows: Callable[[Any], None]) -> Study:
         """A study whose answer is drawn as one message batch."""
 
         def draw(answer: Any) -> None:
             with self._server.atomic():
-                show(answer)
+                self._draw(answer, *shows)
             self._server.flush()
 
-        return Study(compute, draw)
-
-    def _show_checks(self, answer: Checks | Judged | None) -> None:
-        if isinstance(answer, Judged):
-            self._verdict.show_judged(answer)
-            self._fusion.show_judged(answer)
-            self._checks.show(None)
-        else:
-            self._verdict.show_checks(answer)
-            self._checks.show(answer)
+        return Study(compute, draw, lambda error: self._fail(error, *shows))
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its picture if it is on a phone, the tour, and what it missed."""

@@ -24,6 +24,7 @@ STARTERS = {
     "attack_table",
     "broker",
     "forked",
+    "headless",
     "kalscope_app.guard.server",
     "kalscope_app.worker.worker",
     "program",

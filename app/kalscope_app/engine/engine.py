@@ -62,11 +62,20 @@ class Engine:
         show: Callable[[Frame, Collection[Part]], None],
         tell: Callable[..., None],
         studies: Studies | None = None,
+        fail: Callable[[Exception], None] | None = None,
     ) -> None:
-        """Args: the session; draws parts of a frame; notifies the user of a failure; what to compute while idle."""
+        """Make an engine.
+
+        Args:
+            session: whose state is shown.
+            show: draws parts of a frame.
+            tell: notifies the user of a refused request.
+            studies: what to compute while idle.
+            fail: called where a frame cannot be computed or drawn; None: `tell`.
+        """
         self._session = session
         self._show = show
-        self._tell = tell
+        self._tell, self._fail = tell, fail or tell
         self._studies = studies
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
@@ -130,7 +139,7 @@ class Engine:
         try:
             step()
         except Exception as error:  # the thread must outlive any single frame
-            self._tell(error)
+            self._fail(error)
 
     def _turn(self) -> None:
         state, serial, failures = self._session.apply_requests()
@@ -151,6 +160,16 @@ class Engine:
         return now - self._news_at < SETTLING or self._session.connection() != last.connection
 
     def _draw(self, state: State, serial: int) -> None:
+        asked = self._frame is None or serial != self._frame.serial
+        try:
+            self._show_frame(state, serial)
+        finally:  # also where the frame has failed: what is on screen of the one before is taken away then
+            due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
+            if self._studies is not None and due:
+                self._study_at = self._frame_at
+                self._studies.of(studied(state))
+
+    def _show_frame(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
         (channel, *others), window = state.measured, live_window(state)
         drawn = self._samples.once(
@@ -162,10 +181,5 @@ class Engine:
         variants = self._curves.of(state, drawn) if state.live is None else None
         frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
         last, self._frame, self._frame_at = self._frame, frame, time.monotonic()
-        asked = last is None or serial != last.serial
         whole = last is None or not is_move(last.state, state)
         self._show_parts(self._schedule.begin(self._frame_at, whole=whole))
-        due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
-        if self._studies is not None and due:
-            self._study_at = self._frame_at
-            self._studies.of(studied(state))

@@ -42,15 +42,16 @@ class Study:
     """State -> answer; pure, and may take any time."""
     show: Callable[[Any], None]
     """Draws the answer; runs on the studies' thread."""
+    fail: Callable[[Exception], object]
+    """Called with what `compute` or `show` raised."""
 
 
 class Studies:
     """Computes every study of the latest state once it has stopped changing, so that no frame waits for them."""
 
-    def __init__(self, studies: Sequence[Study], tell: Callable[[str | Exception], None]) -> None:
-        """Args: what to compute, in this order; notifies the user of a failure."""
+    def __init__(self, studies: Sequence[Study]) -> None:
+        """Args: what to compute, in this order."""
         self._studies = tuple(studies)
-        self._tell = tell
         self._state: State | None = None
         self._longest = MAX_IDLE_DELAY  # at first: the browser is still loading the page
         self._news = threading.Event()
@@ -89,4 +90,4 @@ class Studies:
             if state is self._state:
                 study.show(answer)
         except Exception as error:  # the thread must outlive any single state
-            self._tell(error)
+            study.fail(error)

@@ -80,7 +80,7 @@ class TypedNumber:
         self._session, self._name, self._hint, self._change = session, name, hint, change
         self._written = written
         self._text = gui.add_text(label, "", hint=hint)
-        self._value: object = self  # nothing has been shown yet
+        self._value: object = ...  # nothing has been shown yet
         self._serial, self._stale = 0, False
         on_user(self._text.on_update, lambda _client: self._file())
 

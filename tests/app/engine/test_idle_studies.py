@@ -28,8 +28,8 @@ def test_the_wait_is_that_of_the_longest_study_of_the_round_before(monkeypatch):
     monkeypatch.setattr(idle_studies, "idle_delay", lambda longest: asked.append(longest) or 0.0)
     times = iter([0.0, 0.1, 1.0, 1.7, 2.0, 2.2, 3.0, 3.1, 4.0, 4.1, 5.0, 5.1])
     monkeypatch.setattr(idle_studies, "time", SimpleNamespace(monotonic=lambda: next(times)))
-    quick = Study(lambda _: None, lambda _: None)
-    studies = Studies([quick, quick, Study(lambda _: None, lambda _: done.set())], tell=lambda _: None)
+    quick = Study(lambda _: None, lambda _: None, pytest.fail)
+    studies = Studies([quick, quick, Study(lambda _: None, lambda _: done.set(), pytest.fail)])
     demo = opened(open_source("demo"))
     for state in (demo, demo.with_view(dark=True)):
         done.clear()

@@ -85,6 +85,11 @@ class AlternativesView:
         if one is not None and one.chain is not None:
             self._session.request(use_chain(one.chain))
 
+    def on_emptied(self) -> None:
+        """The filter that could be exported belongs to an earlier state."""
+        self._to_export = None
+        put(self._export, visible=False)
+
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
         self._to_export = None if compared is None else compared.to_export

@@ -62,6 +62,13 @@ class PhonePictures:
             for client, shape in self._shapes.items():
                 self._draw(client, shape)
 
+    def on_emptied(self) -> None:
+        """Take the pictures away."""
+        self._frame = None
+        with self._lock:
+            for client in self._shapes:
+                client.scene.set_background_image(None)
+
     def _on_report(self, client: viser.ClientHandle, checkbox: viser.GuiCheckboxHandle) -> None:
         with self._lock:
             if client.client_id not in self._server.get_clients():

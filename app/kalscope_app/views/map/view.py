@@ -131,6 +131,11 @@ class TuningMapView:
         x, y = frame.pixel(frame.held(point))
         return x / frame.width, y / frame.height
 
+    def on_emptied(self) -> None:
+        """A click means nothing without a picture."""
+        self._map = nothing("")
+        put(self._present, value=NOWHERE)
+
     def show(self, answer: tuple[State, TuningMap] | None) -> None:
         """Draw the map of a state whose values have stopped changing; None: it is closed."""
         if answer is None:
@@ -146,8 +151,8 @@ class TuningMapView:
         self._show_colour(state)
         if self._drawn is not None and same_picture(inputs, self._drawn):
             return
-        self._drawn = inputs
         self._mark.image, self._picture.image = draw_ring(dark=inputs.dark), draw_map_picture(inputs)
+        self._drawn = inputs
 
     def _show_colour(self, state: State) -> None:
         """The colourings that this recording allows, and which is on screen."""

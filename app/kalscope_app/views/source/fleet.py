@@ -156,12 +156,12 @@ class FleetView:
         """Show the fleet of a frame, once for each."""
         if shown is self._shown:
             return
-        before, self._shown = self._shown, shown
+        before = self._shown
         about = self._about, self._order, self._find, self._table
         for part in (*about, self._device, self._at_shared, self._colour, self._close):
             put(part, visible=shown is not None)
         if shown is None:
-            self._opened = None
+            self._opened = self._shown = None
             return
         if before is None or before.fleet is not shown.fleet:
             self._about.content = about_fleet(shown.fleet)
@@ -172,6 +172,7 @@ class FleetView:
         put(self._colour, value=shown.colour)
         put(self._at_shared, value=shown.at_shared)
         offer(self._device, _options(device_labels(shown)), NONE)
+        self._shown = shown
 
 
 def _options(labels: Iterable[str]) -> tuple[str, ...]:

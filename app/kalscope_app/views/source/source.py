@@ -204,10 +204,10 @@ class SourceView:
         self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame
             return
-        self._described = recording
         waits = frame.state.live is not None and frame.state.live.waits
         self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
         self._reading.show(frame.state.open.options)
+        self._described = recording
 
 
 def _period_typed(_name: str, text: str) -> Change:

@@ -10,6 +10,7 @@ from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope_app.studies.checks import Checks
+from kalscope_app.studies.fusion import Judged
 from kalscope_app.views.charts.chart import Chart, ChartLayout
 from kalscope_app.views.charts.style import DARK, LIGHT, axes, line
 from kalscope_app.views.tune.verdict import UNJUDGED
@@ -22,9 +23,9 @@ class ChecksView:
         self._table = gui.add_markdown("")
         self._correlation = Chart(gui, 0.26)
 
-    def show(self, checks: Checks | None) -> None:
-        """Write and draw."""
-        if checks is None:
+    def show(self, checks: Checks | Judged | None) -> None:
+        """Write and draw; the residuals of fused sensors have no such tests."""
+        if not isinstance(checks, Checks):
             self._table.content = UNJUDGED
             self._correlation.hide()
             return

@@ -87,9 +87,9 @@ class FusionView:
         if not fused:
             put(self._said, content=HOW)
 
-    def show_judged(self, judged: Judged | None) -> None:
-        """Show what the fused value is worth, and which sensor disagrees."""
-        if judged is not None:
+    def show_judged(self, judged: object) -> None:
+        """Show what the fused value is worth, and which sensor disagrees; any other answer is about one channel."""
+        if isinstance(judged, Judged):
             headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
             put(self._said, content="\n\n".join([f"**{headline}**", *faults]))
             put(self._notes, content="\n\n".join(escape_markdown(one, 400) for one in judged.notes))

@@ -63,13 +63,13 @@ class MomentumProfileView:
         present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.measured
         if present == self._shown:
             return
-        self._shown = present
         if profile is None or state.fusion is not None or not profile.belongs_to(state):
             self._said.content = LEAD
             self._chart.hide()
-            return
-        self._said.content = words_of(profile)
-        self._chart.show(*lines_of(profile, state))
+        else:
+            self._said.content = words_of(profile)
+            self._chart.show(*lines_of(profile, state))
+        self._shown = present
 
 
 def words_of(profile: MomentumProfile) -> str:

@@ -48,16 +48,24 @@ class VerdictView:
         """Show or hide the reasons."""
         self._shown = self._why.visible = frame.state.view.why_shown
 
-    def show_judged(self, judged: Judged) -> None:
-        """Write the word on fused sensors and what is said about them."""
+    def on_emptied(self) -> None:
+        """Without its reasons the word, too, is that of an earlier state, and so are the buttons."""
+        self._word.label, self._word.color = "…", COLOURS["note"]
+        for row in self._advice:
+            row.show(None, None)
+
+    def _show_judged(self, judged: Judged) -> None:
         self._word.label, self._word.color = judged.word, COLOURS[judged.tone]
         headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
         self._headline.content = "\n\n".join([f"**{headline}**", *faults])
         for row in self._advice:
             row.show(None, None)
 
-    def show_checks(self, checks: Checks | None) -> None:
+    def show_checks(self, checks: Checks | Judged | None) -> None:
         """Write the word and the reasons."""
+        if isinstance(checks, Judged):
+            self._show_judged(checks)
+            return
         judgement = None if checks is None else checks.urgent
         self._word.label, self._word.color = word_of(judgement)
         self._headline.content = UNJUDGED if judgement is None else f"**{judgement.headline}**"

@@ -69,8 +69,9 @@ class GoalView:
         """Run the search that is asked for, and apply its result as one undoable change; None: no search."""
         self._start(lambda state, stop: self._search(state, request(state), stop))
 
-    def offer_still(self, state: State, stretch: tuple[int, int] | None) -> None:
+    def offer_still(self, found: tuple[State, tuple[int, int] | None]) -> None:
         """Fill the still stretch that was found into the boxes of that method, unless a user has typed there."""
+        state, stretch = found
         before, self._stretch = self._stretch, ("", "") if stretch is None else stretch_texts(state, *stretch)
         if self._shown[:1] == (STILL,):
             for box, old, new in zip(self._boxes, before, self._stretch, strict=True):

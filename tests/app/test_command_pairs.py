@@ -1,0 +1,67 @@
+"""Every command of the palette after every other: no view, study, job or message of the dashboard fails."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from effort import FUZZ
+from headless import headless
+
+from kalscope import Recording, open_source
+from kalscope_app.session.opening import opened
+
+RNG = np.random.default_rng(36)
+STEPS = np.arange(200.0)
+WALK = np.cumsum(RNG.normal(size=(200, 1)), axis=0)
+
+RECORDINGS = {
+    "demo": lambda: open_source("demo"),
+    "three channels": lambda: Recording(
+        0.01 * STEPS, ("a", "b", "c"), ("V", "V", "V"), WALK + RNG.normal(size=(200, 3)), 0.01, source="three"
+    ),
+    "constant with missing samples": lambda: Recording(
+        STEPS, ("z",), ("",), np.where(RNG.random((200, 1)) < 0.3, np.nan, 3.7), None, source="constant"
+    ),
+}
+
+FEWER = {
+    *("Undo", "Map", "Apply", "Pin", "Reset", "Add momentum", "Fuse", "Stop fusing", "Apply preset", "Dark theme"),
+    *("Show velocity", "Use", "Delete", "Export this one", "Back to the Kalman filter"),
+}
+"""Commands that change the filter or what is drawn: those of the ordinary run."""
+
+
+def each_after_each(many):
+    """Numbers below `many` in an order in which each follows each, itself too, exactly once."""
+    for one in range(many):
+        yield one
+        for other in range(one + 1, many):
+            yield from (one, other)
+    yield 0
+
+
+def test_each_pair_occurs_once():
+    order = list(each_after_each(7))
+    assert len(order) == 50
+    assert len(set(pairwise(order))) == 49
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_no_command_fails_after_another(name, tmp_path):
+    state = opened(RECORDINGS[name]())
+    with headless(state, tmp_path) as (bench, client):
+        palette = bench.dashboard._server.gui._command_handle_from_uuid.values()
+        commands = [one for one in palette if FUZZ > 1 or one.label in FEWER]
+        assert len(commands) >= (50 if FUZZ > 1 else len(FEWER))
+        before = previous = None
+        for at in each_after_each(len(commands)):
+            command = commands[at]
+            if bench.state.recording.source != state.recording.source:  # the one before has opened another
+                bench.press(command, client)
+                bench.request(lambda _: state)
+            before, previous = previous, command.label
+            bench.press(command, client)
+            assert bench.errors == [], (before, previous)
