@@ -27,6 +27,7 @@ from kalscope_app.views.tune.verdict import COLOURS, UNJUDGED, VerdictView
 EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
     actions.Scale(172.0, 1.0): "Raise q 200 ×",  # as the advice words it
+    actions.Scale(5000.0, 0.02): "Raise q 1000 × or more and lower r 50 ×",
     actions.SetRatio(0.25): "Set q/r to 0.25",
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",

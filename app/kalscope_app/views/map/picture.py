@@ -231,7 +231,7 @@ def _write_legend(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: flo
         off = " (off the map)" if math.inf in map(abs, shown.optimum) else ""
         rows.append(("best", f"most likely q and r{off}"))
     if shown.contour is not None:
-        inside = " (inside the cross)" if hidden(frame, shown) else ": 2 x log-likelihood drop = 5.99"
+        inside = " (inside the cross)" if hidden(frame, shown) else ": less than 3.00 below the best"
         rows.append(("contour", f"95 % region{inside}"))
     rows.append(("paper", "r/q = 100 (Ma'arif 2019)"))
     if inputs.pinned:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kalscope.analysis import actions
+from kalscope.analysis.fit.goal import times
 from kalscope.common.text import trimmed
 from kalscope.estimation.finding import Noise, Request
 from kalscope_app.session.changes.advice import FOR_LAG, change_for, is_same_signal
@@ -91,6 +92,6 @@ def _scale_words(q: float, r: float) -> str:
         size = max(factor, 1.0 / factor)
         if size > 1.0:
             verb = "raise" if factor > 1.0 else "lower"
-            parts.append(f"{verb} {name} {trimmed(size, 2 if size < 3.0 else 1)} ×")
+            parts.append(f"{verb} {name} {times(size)}")
     words = " and ".join(parts)
     return f"{words[:1].upper()}{words[1:]}"

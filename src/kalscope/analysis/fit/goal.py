@@ -21,7 +21,7 @@ from kalscope.analysis.actions import (
     UnsetStart,
 )
 from kalscope.analysis.fit.correction import MIN_FACTOR
-from kalscope.common.text import DURATIONS, number
+from kalscope.common.text import DURATIONS, number, trimmed
 from kalscope.estimation.finding import Noise, Request
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
@@ -171,7 +171,7 @@ def times(factor: float) -> str:
     size = factor if factor > 1.0 else 1.0 / factor
     if size >= 900.0:
         return "1000 × or more"
-    return f"{number(size, 2 if size < 3.0 else 1)} ×"
+    return f"{trimmed(size, 2 if size < 3.0 else 1)} ×"
 
 
 def larger(ratio: float) -> str:
