@@ -10,6 +10,7 @@ from effort import FUZZ
 from headless import headless
 
 from kalscope import Recording, open_source
+from kalscope_app.session.changes.variants import pin_present
 from kalscope_app.session.opening import opened
 
 RNG = np.random.default_rng(36)
@@ -65,3 +66,13 @@ def test_no_command_fails_after_another(name, tmp_path):
             before, previous = previous, command.label
             bench.press(command, client)
             assert bench.errors == [], (before, previous)
+
+
+def test_a_command_in_a_hidden_folder_is_not_offered(tmp_path):
+    with headless(opened(RECORDINGS["three channels"]()), tmp_path) as (bench, _client):
+        palette = {one.label: one for one in bench.dashboard._server.gui._command_handle_from_uuid.values()}
+        hidden = [palette[name] for name in ("Use", "Delete", "Back to the Kalman filter", "Send q, r and p0")]
+        assert all(one.disabled for one in hidden)
+        assert not any(palette[name].disabled for name in ("Pin", "Fuse", "Copy", "Dark theme", "Generate"))
+        bench.request(pin_present)
+        assert [one.disabled for one in hidden] == [False, False, True, True]

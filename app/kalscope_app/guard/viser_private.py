@@ -120,6 +120,14 @@ def widgets_of(gui: viser.GuiApi) -> tuple[_GuiInputHandle[Any], ...]:
     return tuple(gui._gui_input_handle_from_uuid.values())
 
 
+def is_on_screen(gui: viser.GuiApi, widget: Any) -> bool:
+    """Whether neither a widget nor a folder around it is hidden; a closed folder is on screen."""
+    while widget is not None and getattr(widget, "visible", True):
+        impl = getattr(widget, "_impl", None)  # tabs and the root have none
+        widget = gui._container_handle_from_uuid.get(getattr(impl, "parent_container_id", ""))
+    return widget is None
+
+
 def commands_of(gui: viser.GuiApi) -> tuple[str, ...]:
     """The names in the command palette."""
     return tuple(command.label for command in gui._command_handle_from_uuid.values())
