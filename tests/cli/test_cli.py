@@ -310,16 +310,6 @@ def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> Non
     assert log.read_bytes() == before
 
 
-def test_an_existing_file_is_written_over_only_when_told(log: Path, tmp_path: Path, capsys: Captured) -> None:
-    notes = tmp_path / "notes.txt"
-    notes.write_text("keep")
-    assert run(["filter", str(log), "-o", str(notes)]) == 2
-    assert "which exists): overwrite it with --force" in capsys.readouterr().err
-    assert notes.read_text() == "keep"
-    assert run(["filter", str(log), "-o", str(notes), "--force"]) == 0
-    assert notes.read_text().startswith("time,")
-
-
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # as main() has it
 def test_the_largest_numbers_get_an_answer_in_words(tmp_path: Path, capsys: Captured) -> None:
     log = tmp_path / "alternating.csv"

@@ -145,7 +145,7 @@ def test_files_that_are_there_stay_unless_forced(tuning_file, tmp_path, capfd):
     command = ["export", str(tuning_file), "--to", "python", "-o", str(out)]
     assert cli.run(command) == 2
     message = capfd.readouterr().err
-    assert "already holds with_kalscope.py: overwrite with --force" in message
+    assert "with_kalscope.py', which exists" in message
     assert message.count("\n") == 1
     assert contents(out) == {"with_kalscope.py": "mine"}
     assert cli.run([*command, "--force"]) == 0

@@ -147,7 +147,7 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monke
     ("arguments", "says"),
     [
         ([], "Missing option '-o'"),
-        (["-o", "FILE"], "-o must name a folder"),
+        (["-o", "FILE"], "must go to a folder"),
         (["-o", "FILE/below"], "FILE"),
         (["-o", "x", "--fast"], "--fast"),
     ],

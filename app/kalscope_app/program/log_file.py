@@ -14,12 +14,15 @@ from io import TextIOWrapper
 from pathlib import Path
 
 from kalscope.common.text import CONTROL
+from kalscope.errors import BadSetting
 
 FILE_BYTES = 2**20
 """Size at which a new log file is begun."""
 OLD_FILES = 2
 """Full files kept beside the current one, as FILE.1 and FILE.2."""
 
+_ENTRY = re.compile(rb"[0-9]{4}-[0-9]{2}-[0-9]{2} [0-9:,]{12} [A-Z]+ [^ ]+: |\Z")
+"""What a log begins with; an empty file is as good."""
 _SECRET = re.compile(r"(token=|kalscope_\d+=)[A-Za-z0-9_-]+")
 
 
@@ -71,6 +74,14 @@ class Log:
     """Texts that are replaced by an ellipsis wherever they occur; add the token."""
 
 
+def _check_own(path: Path) -> None:
+    """Refuse a file that is no log of Kalscope: it would be appended to, and removed once there are newer ones."""
+    if path.is_file():
+        with path.open("rb") as file:
+            if not _ENTRY.match(file.read(200)):
+                raise BadSetting(f"--log must name a new file or a log of Kalscope (got {str(path)!r})")
+
+
 @contextmanager
 def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[Log]:
     """Log on standard error, and into `file`, while the block runs.
@@ -81,7 +92,11 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
 
     Raises:
         OSError: the file cannot be written.
+        BadSetting: the file, or an old one beside it, exists and is not such a log.
     """
+    if file is not None:
+        for path in (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1))):
+            _check_own(path)
     log, on_terminal = Log(file), _Terminal(sys.stderr)
     on_terminal.setFormatter(Lines("kalscope: %(message)s", log.hidden, with_traceback=verbose))
     on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)

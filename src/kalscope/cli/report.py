@@ -43,6 +43,7 @@ def report_command(
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing FILE.")] = False,
 ) -> None:
     """Write a one-page report of a tuned recording.
 
@@ -53,13 +54,14 @@ def report_command(
     import numpy as np
 
     from kalscope.catalogue import open_source
-    from kalscope.common.files import write_atomic
+    from kalscope.common.files import check_new, write_atomic
     from kalscope.export.report.page import as_html
     from kalscope.export.report.picture import as_png
     from kalscope.tuning.tuning_file import load_tuning
 
     tell_compiling()
     kind = _kind_of(output)
+    check_new(output, force=force)
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kalscope.cli.console import CHECK_FAILED, progress_line, say, write_output
-from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
     from kalscope.papers.reproduction import Reproduction
@@ -18,6 +17,7 @@ def reproduce_command(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, not as a table.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Reproduce the results of the three source documents.
 
@@ -25,16 +25,16 @@ def reproduce_command(
 
     Exit status 1 if a reproduced number is outside its tolerance.
     """
-    from kalscope.common.files import write_atomic
+    from kalscope.common.files import check_new, make_folder, write_atomic
     from kalscope.papers.reproduction import reproduce
 
-    if output.exists() and not output.is_dir():
-        raise BadSetting(f"-o must name a folder (got {str(output)!r}, a file)")
-    output.mkdir(parents=True, exist_ok=True)  # before the work, so that a failure is immediate
+    page, numbers = output / "index.html", output / "results.json"
+    check_new(page, numbers, force=force)
+    make_folder(output)  # before the work, so that a failure is immediate
     with progress_line() as progress:
         done = reproduce(quick, progress=progress)
-    write_atomic(output / "results.json", done.json.encode())
-    write_atomic(output / "index.html", done.html.encode())
+    write_atomic(numbers, done.json.encode())
+    write_atomic(page, done.html.encode())
     write_output(iter([done.json if as_json else summary(done, output)]), None)
     if done.failed:
         names = "; ".join(map(str, done.failed))

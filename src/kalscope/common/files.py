@@ -33,6 +33,29 @@ _NAME_BYTES = 180
 """Bytes of the file name kept in the temporary one: file systems stop at 255."""
 
 
+def check_new(*paths: Path, force: bool) -> None:
+    """Refuse existing files of -o unless --force is given; devices and pipes lose nothing when they are written.
+
+    Raises:
+        BadSetting: One exists, and `force` is off.
+    """
+    there = [repr(str(path)) for path in paths if path.is_file()]
+    if there and not force:
+        raise BadSetting(f"-o must name a new file unless --force is given (got {', '.join(there)}, which exists)")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for the output where there is none.
+
+    Raises:
+        BadSetting: It is a file.
+        OSError: It cannot be made.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise BadSetting(f"the output must go to a folder (got {str(folder)!r}, a file)")
+    folder.mkdir(parents=True, exist_ok=True)
+
+
 def write_atomic(path: str | os.PathLike[str], data: bytes) -> None:
     """Write `data` to `path` so that any reader, at any moment, finds all of the old or all of the new.
 

@@ -7,8 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from kalscope.errors import BadSetting
-
 if TYPE_CHECKING:
     from kalscope.tuning.tuning import Tuning
 
@@ -101,14 +99,11 @@ def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> 
         BadSetting: A name leads out of the folder; or a file is there and `force` is off: none is written then.
         OSError: The folder or a file cannot be written.
     """
-    from kalscope.common.files import atomic_file, check_inside
+    from kalscope.common.files import atomic_file, check_inside, check_new, make_folder
 
     targets = {name: check_inside(name, folder) for name in files}
-    there = existing_files(files, folder)
-    if there and not force:
-        raise BadSetting(
-            f"{str(folder)!r} already holds {', '.join(there)}: overwrite with --force, or choose another folder"
-        )
+    check_new(*(folder / name for name in files), force=force)
+    make_folder(folder)
     with ExitStack() as opened:  # all are on the disk before the first takes its name
         for name, path in targets.items():
             path.parent.mkdir(parents=True, exist_ok=True)

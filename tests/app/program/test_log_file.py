@@ -8,6 +8,7 @@ import stat
 
 import pytest
 
+from kalscope.errors import BadSetting
 from kalscope_app.program import log_file
 from kalscope_app.program.log_file import logging_to
 
@@ -87,6 +88,14 @@ def test_the_file_is_bounded(tmp_path, monkeypatch):
     assert sorted(os.listdir(tmp_path)) == ["kalscope.log", "kalscope.log.1", "kalscope.log.2"]
     assert sum(each.stat().st_size for each in tmp_path.iterdir()) <= 3 * 2000
     assert "entry 999" in file.read_text()
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "notes.txt.2"])
+def test_a_file_that_is_no_log_is_neither_appended_to_nor_removed(tmp_path, name):
+    (tmp_path / name).write_text("\nmine\n")
+    with pytest.raises(BadSetting, match=f"got '.*{name}'"), logging_to(tmp_path / "notes.txt"):
+        pass
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "\nmine\n")]
 
 
 def test_a_file_that_cannot_be_written_is_refused_at_once(tmp_path):

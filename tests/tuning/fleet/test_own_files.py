@@ -28,7 +28,7 @@ def fleet(tmp_path, at_once, capsys):
     return tmp_path / "logs", tmp_path / "out"
 
 
-@pytest.mark.parametrize("name", ["run.json", "fleet.json", "fleet.parquet", "tuning.toml"])
+@pytest.mark.parametrize("name", [".lock", "run.json", "fleet.json", "fleet.parquet", "tuning.toml"])
 def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, capsys, name):
     logs, out = fleet
     out.mkdir()

@@ -174,7 +174,7 @@ def test_a_folder_has_one_run_and_a_dead_one_holds_nothing(tmp_path):
 
 def test_a_file_is_no_folder_of_results(tmp_path):
     Path(tmp_path / "x").write_text("")
-    with pytest.raises(BadSetting, match="-o must name a folder"), locked(tmp_path / "x"):
+    with pytest.raises(BadSetting, match="must go to a folder"), locked(tmp_path / "x"):
         pass
 
 

@@ -94,11 +94,12 @@ def _read(
 ) -> Recording:
     """The recording that is to be filtered into `output`, with progress on a terminal."""
     from kalscope.catalogue import open_source
+    from kalscope.common.files import check_new
 
     if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
         raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
-    if output is not None and output.is_file() and not force:
-        raise BadSetting(f"-o must be a new file (got {str(output)!r}, which exists): overwrite it with --force")
+    if output is not None:
+        check_new(output, force=force)
     with progress_line() as report:
         return open_source(source, options, sample_period=period, progress=report)
 

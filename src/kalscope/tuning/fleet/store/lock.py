@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from kalscope.common.files import make_folder
 from kalscope.errors import BadSetting
 
 NAME = ".lock"
@@ -23,19 +24,21 @@ def locked(folder: Path) -> Generator[None]:
         folder: Of the results; it is made where it does not exist.
 
     Raises:
-        BadSetting: Another process holds it, or it is a file.
+        BadSetting: Another process holds it, it is a file, or its lock is a file that no fleet wrote.
         OSError: It cannot be written.
     """
-    if folder.exists() and not folder.is_dir():
-        raise BadSetting(f"-o must name a folder (got {str(folder)!r}, a file)")
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / NAME, "a+", encoding="utf-8") as file:
-        if not _take(file):
-            file.seek(0)
-            holder = file.read(200).strip() or "another process"
+    make_folder(folder)
+    with open(folder / NAME, "a+", encoding="utf-8", errors="replace") as file:
+        is_free = _take(file)
+        file.seek(0)
+        holder = file.read(200).strip()
+        if not is_free:
+            other = holder or "another process"
             raise BadSetting(
-                f"-o must name a folder that no other run writes (got {str(folder)!r}, held by {holder})"
+                f"-o must name a folder that no other run writes (got {str(folder)!r}, held by {other})"
             )
+        if holder and not holder.startswith("process "):  # it would be overwritten
+            raise BadSetting(f"-o must name a folder whose {NAME} is that of a fleet (got {str(folder)!r})")
         with suppress(OSError):  # a full disk is reported for the results, by their name
             os.truncate(file.fileno(), 0)
             os.write(file.fileno(), f"process {os.getpid()} on {socket.gethostname()}".encode())
