@@ -223,6 +223,22 @@ def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
     assert path.read_bytes().endswith(b"\n")
 
 
+def test_a_file_that_another_program_truncates_is_left_and_the_account_names_both(tmp_path):
+    path, second = tmp_path / "run.csv", tmp_path / "run-2.csv"
+    with Board(500) as board, recording(board, path) as process:
+        wait_until(lambda: len(rows_in(path)) > 100, "rows to cut off", pause=0.02)
+        os.truncate(path, path.stat().st_size // 2)
+        wait_until(lambda: rows_in(second), "rows in the second file", pause=0.02)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    kept, rows = len(rows_in(path)), rows_in(second)
+    assert f"run.csv ({kept} lines, truncated by another program) and run-2.csv ({len(rows)} lines)" in out
+    received, written, _, dropped = map(int, ACCOUNT.search(out).groups())
+    assert (written, received - written) == (kept + len(rows), dropped)
+    assert are_consecutive(rows)
+
+
 @pytest.mark.parametrize("output", ["", ".", "/"])
 def test_a_recording_must_have_a_name(capsys, output):
     assert run(["record", "/dev/none", "-o", output]) == 2

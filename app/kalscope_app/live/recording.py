@@ -75,13 +75,14 @@ class BoardRecording:
         while source.recorder is recorder:
             problem = recorder.error or recorder.warning
             if problem and problem != reported:
-                self._tell(f"{recorder.path.name}: {problem}", failed=Failed.RECORD)
+                self._tell(f"Recording: {problem}", failed=Failed.RECORD)
             reported = problem
             self.on_change(source.status().recording)
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed
-        self._tell(f"Recorded {recorder.path.name}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
-        self.last = recorder.path
+        whole = not recorder.error and not done.removed
+        self._tell(f"Recorded {recorder.files}: {account(done)}", good=whole, failed=Failed.RECORD)
+        self.last = next(filter(Path.exists, recorder.paths), recorder.path)
         self._propose(recorder.path)
         self._wake()  # a board in the background is closed once it is no longer recorded
 

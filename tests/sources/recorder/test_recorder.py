@@ -577,17 +577,64 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
     assert recorder.close().written == 1
 
 
+def cut(path):
+    os.truncate(path, path.read_bytes().rindex(b"\n", 0, -1) + 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "word", "kept"),
+    [
+        (cut, "truncated", 2),
+        (lambda path: os.truncate(path, 0), "truncated", 0),
+        (Path.unlink, "deleted", 0),
+        (lambda path: path.rename(path.with_name("old.csv")), "renamed", 3),
+        (lambda path: (path.rename(path.with_name("old.csv")), path.write_text("mine\n"))[1], "replaced", 1),
+        (lambda path: path.write_bytes(path.read_bytes() + b"# mine\n"), "changed", 3),
+    ],
+)
+@pytest.mark.skipif(os.name == "nt", reason="Windows changes no file that is open")
+def test_a_recording_goes_on_in_a_new_file_where_another_program_changes_it(tmp_path, change, word, kept):
+    path, clock = tmp_path / "run.csv", Clock()
+    recorder = new_recorder(path, clock=clock)
+    hand_over(recorder, b"a,b\n1,2\n3,4\n5,6\n")
+    change(path)
+    left = path.read_bytes() if path.exists() else None
+    recorder.write([], None)
+    assert recorder.warning == f"run.csv was {word} by another program: the recording goes on in run-2.csv"
+    hand_over(recorder, b"a,b\n7,8\n9,10\n", at=STARTED + 1)
+    removed = 3 - kept
+    counts = recorder.close()
+    assert counts == RecorderCounts(5, 5 - removed, dropped=removed, removed=removed, other=2)
+    assert (path.read_bytes() if path.exists() else None) == left
+    again = read_recording(tmp_path / "run-2.csv")
+    np.testing.assert_array_equal(again.values, [[7, 8], [9, 10]])
+    assert recorder.files == f"run.csv ({kept} lines, {word} by another program) and run-2.csv (2 lines)"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows renames no folder with an open file")
+def test_a_recording_whose_folder_is_renamed_goes_on_there(tmp_path):
+    (tmp_path / "a").mkdir()
+    recorder = new_recorder(tmp_path / "a" / "run.csv")
+    hand_over(recorder, b"1,2\n")
+    (tmp_path / "a").rename(tmp_path / "b")
+    hand_over(recorder, b"3,4\n")
+    assert (
+        recorder.warning
+        == "run.csv was renamed by another program, and no new file can be created (No such file or directory)"
+    )
+    assert recorder.close() == RecorderCounts(2, 2)
+    assert len(data_lines(tmp_path / "b" / "run.csv")) == 2
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
-def test_a_recording_that_is_deleted_under_way_is_said_so(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
-    (tmp_path / "run.csv").unlink()
-    for i in range(2000):
-        hand_over(recorder, b"1,2\n", at=STARTED + i)
-        if recorder.error:
-            break
-        time.sleep(0.005)
-    assert recorder.error == "run.csv was deleted while recording"
-    recorder.close()
+def test_rejects_that_are_deleted_go_on_in_a_new_file(tmp_path):
+    recorder = new_recorder(tmp_path / "run.csv")
+    hand_over(recorder, b"1,2\n3,4\n5\n")
+    (tmp_path / "run.rejects").unlink()
+    hand_over(recorder, b"1,2\n3,4\n6\n")
+    assert recorder.warning == "run.rejects was deleted by another program: the recording goes on in run-2.rejects"
+    assert recorder.close().rejected == 2
+    assert len(data_lines(tmp_path / "run-2.rejects")) == 1
 
 
 def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):

@@ -59,7 +59,7 @@ def record_command(
     FILE.csv gets every line as received, FILE.rejects the lines that are not data.
 
     Ctrl+C, SIGTERM and SIGHUP end the recording and write a summary as its last comment: exit status 0, or 1 if not
-    all lines could be written to the disk.
+    all lines are on the disk, because it was full or another program removed them.
     """
     from kalscope.sources.live.live_source import LiveSource
     from kalscope.sources.port.port_spec import port_of
@@ -85,7 +85,7 @@ def record_command(
         print(plain(summary(recorder)), flush=True)
     if disconnected:
         raise BadDevice(f"recording ended, because {spec.text} disconnected ({disconnected})")
-    if recorder.counts.unwritable:
+    if recorder.counts.unwritable or recorder.counts.removed:
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -116,10 +116,9 @@ class StatusLine(TerminalLine):
 
 def summary(recorder: Recorder) -> str:
     """What was recorded, in one line."""
-    names = ", ".join(str(path) for path in recorder.paths)
     rejects = f"; see {recorder.rejects_path}" if recorder.rejects_path.exists() else ""
     problem = f"; {recorder.error}" if recorder.error else ""
-    return f"{names}: {recorder.counts}{rejects}{problem}"
+    return f"{recorder.path.parent / recorder.files}: {recorder.counts}{rejects}{problem}"
 
 
 def _wait_for_end(

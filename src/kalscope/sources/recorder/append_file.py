@@ -65,9 +65,14 @@ class AppendFile:
         """The error of the last sync; "" if it succeeded."""
         self.waiting = 0
         """Lines in memory that have not reached the file."""
+        self.lines = 0
+        """Lines of the board that are in the file."""
+        self.change = ""
+        """What another program did to the file; "" if nothing."""
+        self._rows = 0
         self._fd: int | None = None
         self._fd_lock = threading.Lock()
-        self._size = 0
+        self._start = self._size = 0
         self._torn = False
         self._dirty = False
         self._waiting: deque[_Entry] = deque()
@@ -98,7 +103,7 @@ class AppendFile:
         fd = os.open(self.path, flags, 0o666)
         try:
             _lock(fd, self.path)
-            self._size = os.fstat(fd).st_size
+            self._start = self._size = os.fstat(fd).st_size
         except BaseException:  # Ctrl+C as well must not keep the file open and locked
             os.close(fd)
             raise
@@ -142,6 +147,55 @@ class AppendFile:
         """Queue a comment, even while lines are being lost."""
         self._queue(text.encode("utf-8", "backslashreplace"), at, 0)
 
+    def find_change(self) -> str:
+        """What another program did to the file since it was opened, in one word; "" if nothing can be seen."""
+        if self._fd is None:
+            return ""
+        own = os.fstat(self._fd)
+        try:
+            named = os.stat(self.path)
+        except (FileNotFoundError, NotADirectoryError):
+            return "renamed" if own.st_nlink else "deleted"
+        except OSError:  # a disk that does not answer
+            return ""
+        if os.name != "nt" and not os.path.samestat(own, named):  # Windows renames no open file
+            return "replaced"
+        if own.st_size == self._size or self._torn or self.error:  # a refused write may leave part of a line
+            return ""
+        return "truncated" if own.st_size < self._size else "changed"
+
+    def settle(self, change: str, header: str) -> int:
+        """Count again what is in the file after a change by another program; returns how many lines are gone.
+
+        Args:
+            change: What `find_change` found.
+            header: The CSV header, which is no line of the board.
+        """
+        self.change, before = change, self.lines
+        if change == "renamed" or not before:
+            return 0
+        kept = 0
+        with suppress(OSError), self.path.open("rb") as file:
+            file.seek(self._start)
+            kept = sum(line[-1:] == b"\n" and line[:1] != b"#" and line != header.encode() for line in file)
+        self.lines = min(before, round(kept * before / self._rows))  # some lines have several rows
+        return before - self.lines
+
+    def continued(self, path: Path, start: str, at: float) -> AppendFile:
+        """A new file, opened, that begins with this text and takes over what waits.
+
+        Raises:
+            OSError: It cannot be created; nothing has changed.
+        """
+        new = AppendFile(path)
+        new.open(new=True)
+        new.put_note(start, at)
+        for entry in self._waiting:
+            new._queue(entry.data, entry.at, entry.lines)
+        self.give_up()
+        self.error = ""
+        return new
+
     def give_up(self) -> int:
         """Discard the waiting entries before the file is closed; returns how many lines those were."""
         lost = self.waiting
@@ -157,8 +211,7 @@ class AppendFile:
             self._dirty = False
             try:
                 _fdatasync(self._fd)
-                gone = os.fstat(self._fd).st_nlink == 0
-                self.sync_error = f"{self.path.name} was deleted while recording" if gone else ""
+                self.sync_error = ""
             except OSError as error:
                 self._dirty = True  # sync once more
                 self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
@@ -200,9 +253,11 @@ class AppendFile:
             entry = self._waiting.popleft()
             whole += len(entry.data)
             lines += entry.lines
+            self._rows += entry.data.count(b"\n") if entry.lines else 0
             self._bytes -= len(entry.data) + _OVERHEAD
         self.waiting -= lines
         self._size += whole
+        self.lines += lines
         self._dirty |= done > 0
         self._torn |= done > whole
         if self._torn:
@@ -213,7 +268,8 @@ class AppendFile:
     def _cut_back(self) -> None:
         """Cut off what a refused write left after the last whole entry."""
         if self._torn and self._fd is not None:
-            os.ftruncate(self._fd, self._size)
+            if os.fstat(self._fd).st_size > self._size:  # another program may have truncated it
+                os.ftruncate(self._fd, self._size)
             self._torn = False
 
     def _note_error(self, error: OSError, now: float) -> None:

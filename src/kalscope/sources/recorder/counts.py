@@ -16,9 +16,12 @@ class RecorderCounts:
     rejected: int = 0
     """Lines that are in NAME.rejects because they are not rows."""
     dropped: int = 0
-    """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
+    """Lines that are in neither: lost before they reached the recorder, while the disk was full for too long, or
+    because another program truncated or deleted the file."""
     unwritable: int = 0
     """Of the dropped lines, those that the disk refused for too long."""
+    removed: int = 0
+    """Of the dropped lines, those that were in a file until another program truncated or deleted it."""
     waiting: int = 0
     """Lines in memory, because the disk refuses them; they count as received once written or dropped."""
     other: int = 0
@@ -30,9 +33,16 @@ class RecorderCounts:
             f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
             f" + {self.dropped} dropped"
         )
-        return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
+        text += f"; {self.other} other{'s' * (self.other != 1)}" if self.other else ""
+        return text + (f"; another program removed {self.removed} written lines" if self.removed else "")
 
     def add_unwritable(self, lines: int) -> None:
         """Count lines that the disk did not take."""
         self.dropped += lines
         self.unwritable += lines
+
+    def move_removed(self, lines: int) -> None:
+        """Count lines that another program removed from a file after they were written."""
+        self.written -= lines
+        self.dropped += lines
+        self.removed += lines

@@ -19,6 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kalscope.common.files import sync_folder
+from kalscope.common.text import count
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
 from kalscope.sources.layout.sniffer import Layout
@@ -32,7 +33,6 @@ from kalscope.sources.recorder.paths import (
     continues_line,
     existing_parts,
     free_part,
-    rejects_path,
     taken,
     unwritable,
 )
@@ -47,12 +47,10 @@ class Recorder:
 
     path: Path
     """NAME.csv, the first part."""
-    rejects_path: Path
-    """NAME.rejects; it exists once there is something in it."""
     error: str
     """What keeps lines from reaching the disk, in words; "" if nothing."""
     warning: str
-    """A warning that the disk will soon be full; "" if it will not."""
+    """What another program did to a file, or a warning that the disk will soon be full; "" if neither."""
     counts: RecorderCounts
     """The account up to the last call."""
 
@@ -90,15 +88,16 @@ class Recorder:
         if not resume:
             check_free(path)
         parts = existing_parts(path) if resume else [path]
-        self.path, self.rejects_path = path, rejects_path(path)
+        self.path = path
         self.error = self.warning = ""
         self.counts = RecorderCounts()
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
         self._csv = AppendFile(parts[-1])
         self._rejects = RejectsFile(path, source)
+        self._parts = [self._csv]
         self._older: list[AppendFile] = []  # parts that wait for disk space
-        self._older_paths: list[Path] = []
+        self._notice = ""
         self._part = len(parts)
         self._header = ""
         self._layout: Layout | None = None
@@ -149,7 +148,23 @@ class Recorder:
     @property
     def paths(self) -> tuple[Path, ...]:
         """The parts written so far in this session, the current one last."""
-        return (*self._older_paths, self._csv.path)
+        return tuple(part.path for part in self._parts)
+
+    @property
+    def rejects_path(self) -> Path:
+        """NAME.rejects; it exists once there is something in it."""
+        return self._rejects.file.path
+
+    @property
+    def files(self) -> str:
+        """The names of the parts; where there are several, with the lines that are in each."""
+        texts: list[str] = []
+        for part in self._parts:
+            change = part.change or ("" if part.path.exists() else "deleted or renamed")
+            if change or len(self._parts) > 1:
+                by = f", {change} by another program" if change else ""
+                texts.append(f"{part.path.name} ({count(part.lines)} lines{by})")
+        return " and ".join(texts) or self.path.name
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
         """Write lines; called often, also without lines, and never raises disk errors.
@@ -190,6 +205,9 @@ class Recorder:
                 return self.counts
             self._closed = True
             self._flush(at_once=True)
+            for part in self._parts:
+                if change := part.find_change():
+                    self._settle(part, change)
             for file in self._files():
                 self._tally.add_unwritable(file.give_up())
             self._publish()
@@ -211,20 +229,53 @@ class Recorder:
         if not self._header:
             self._csv.put_note(header, self._started)
         elif header != self._header:
-            self._next_part()
-            self._csv.put_note(header, self._started)
+            self._next_part(header)
         self._layout, self._header = layout, header
         self._encode, self._width = row_encoder(layout), len(layout.columns)
 
-    def _next_part(self) -> None:
+    def _next_part(self, header: str) -> None:
         before = self._csv
         self._part, path = free_part(self.path, self._part + 1)
         before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
         self._older.append(before)
-        self._older_paths.append(before.path)
         self._csv = AppendFile(path)
-        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
-        self._csv.put_note(start, self._started)
+        self._parts.append(self._csv)
+        self._csv.put_note(self._start_of_part(before, header), self._started)
+
+    def _start_of_part(self, before: AppendFile, header: str) -> str:
+        return preamble(self._source, self._wall - self._offset) + continues_line(before.path) + header
+
+    def _leave_changed(self) -> None:
+        """Go on in a new file where another program truncated, renamed, replaced or deleted one."""
+        for file in (self._csv, self._rejects.file):
+            change = file.find_change()
+            if not change:
+                continue
+            try:
+                path = self._replace(file)
+            except OSError as error:  # the old one may still take lines, as in a folder that was renamed
+                result = f", and no new file can be created ({error.strerror})"
+            else:
+                self._settle(file, change)
+                file.close()
+                result = f": the recording goes on in {path.name}"
+            self._notice = f"{file.path.name} was {change} by another program{result}"
+
+    def _replace(self, file: AppendFile) -> Path:
+        """Create the file that takes the place of this one."""
+        if file is not self._csv:
+            return self._rejects.continue_in_new(self._wall - self._offset, self._clock())
+        number, path = free_part(self.path, self._part + 1)
+        self._csv = file.continued(path, self._start_of_part(file, self._header), self._clock())
+        self._parts.append(self._csv)
+        self._part = number
+        return path
+
+    def _settle(self, file: AppendFile, change: str) -> None:
+        """Correct the counts after a change by another program."""
+        removed = file.settle(change, self._header)
+        if file in self._parts:  # rejected lines stay counted as rejected
+            self._tally.move_removed(removed)
 
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
@@ -253,6 +304,7 @@ class Recorder:
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
+        self._leave_changed()
         for file in (*self._older, self._csv):
             self._tally.written += file.flush(now, at_once=at_once)
         self._tally.rejected += self._rejects.file.flush(now, at_once=at_once)
@@ -260,7 +312,8 @@ class Recorder:
             self._older.remove(file)
             file.close()
         self._sync.watch(self._files())
-        self.warning = self._disk_space.check(now, sum(file.size for file in self._files()))
+        space = self._disk_space.check(now, sum(file.size for file in self._files()))
+        self.warning = "; ".join(filter(None, (self._notice, space)))
         self._publish()
 
     def _publish(self) -> None:

@@ -9,7 +9,7 @@ from kalscope.recording import LineIssue
 from kalscope.sources.lines.line_reader import LineEvent
 from kalscope.sources.recorder.append_file import AppendFile
 from kalscope.sources.recorder.format import REJECTS_HEADER, preamble, rejects_lines
-from kalscope.sources.recorder.paths import rejects_path
+from kalscope.sources.recorder.paths import free_part, rejects_path
 from kalscope.sources.recorder.repair import repair
 
 
@@ -31,6 +31,16 @@ class RejectsFile:
         """
         if self.file.path.exists():
             self._begun = repair(self.file.path).kept > 0
+
+    def continue_in_new(self, wall: float, at: float) -> Path:
+        """Go on in NAME-2.rejects, because another program changed the file; returns the new path.
+
+        Raises:
+            OSError: It cannot be created.
+        """
+        _, path = free_part(self.file.path, 2)
+        self.file = self.file.continued(path, preamble(self._source, wall, rejects=True) + REJECTS_HEADER, at)
+        return path
 
     def put(
         self, host: float, at: float, wall: float, event: LineEvent, issues: Sequence[LineIssue], lines: int
