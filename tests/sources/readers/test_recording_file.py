@@ -443,3 +443,16 @@ def test_a_first_value_that_a_board_could_not_print_is_a_missing_sample(read, fi
     assert recording.values.shape == (200, 1)
     assert np.flatnonzero(np.isnan(recording.values[:, 0])).tolist() == list(range(0, 200, 10))
     assert _accounted(recording)
+
+
+def test_a_header_far_below_a_long_preamble_names_the_columns(tmp_path):
+    """As a log of PuTTY with carriage returns only: line numbers below the head are not those of the file."""
+    rows = [f"{i},{20 + i % 7}" for i in range(20_000)]
+    above = ["=~=~=~=~= PuTTY log 2020.01.01 12:00:00 =~=~=~=~=", "boot,1", "wifi,2", "ERR,5", "up,3"]
+    above += ["# no sensor"] * (len("\r".join(rows)) // len("# no sensor\r"))
+    path = tmp_path / "putty.log"
+    path.write_bytes("\r".join([*above, "millis,temp", *rows, ""]).encode())
+    recording = read_recording(path)
+    assert recording.names == ("temp",)
+    assert len(recording) == 20_000
+    assert f"names from line {len(above) + 1}" in recording.report.notes

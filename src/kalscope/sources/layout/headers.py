@@ -221,7 +221,7 @@ def _by_preface(names: Cells, width: int) -> tuple[Column, ...]:
 def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
     below = body.rows[0][1]
-    for number in range(min(body.first - 1, len(head)), 0, -1):
+    for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
             names = _commented_cells(text, table.form.delimiter, table.width)

@@ -93,7 +93,7 @@ def sniff(
         samples: Runs of whole lines from the middle and the end of the file, where there are any.
 
     Returns:
-        None where fewer than MIN_SHARE of the lines look like data.
+        None where fewer than MIN_SHARE of the lines look like data, or the head ends above the data.
 
     Raises:
         BadSetting: there is no such time column, or no such row.
@@ -116,10 +116,12 @@ def _marked(form: LineFormat, marks: LineFormat) -> LineFormat:
 
 def _layout(
     head: Sequence[str], plan: Plan, lines: list[HeadLine], table: HeadTable, second: HeadTable | None
-) -> Layout:
-    """The layout of a table among the lines of a file."""
+) -> Layout | None:
+    """The layout of a table among the lines of a file; None where its rows begin below the head."""
     kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
     body = find_body(lines, table, plan, len(head), kinds)
+    if body.first > len(head):  # lines of the samples have no number of the file
+        return None
     is_table = table.form.kind == "table"
     header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
     body = body.starting_at(header.first)
