@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import read_recording
+from kalscope.sources.readers.account import summary
 from kalscope.sources.times.jitter import jitter_of, rate_words
 
 
@@ -32,6 +33,7 @@ def test_steps_that_vary_have_their_standard_deviation(tmp_path):
     jitter = jitter_of(record)
     assert jitter == pytest.approx(steps.std() / steps.mean(), rel=1e-2)
     assert rate_words(record.sample_period, jitter) == "10.7 Hz, steps ± 28 %"
+    assert summary(record).endswith(", 10.7 Hz from uneven stamps, standard error 0.71 %, steps ± 28 %")
 
 
 def test_pauses_do_not_count(tmp_path):

@@ -9,6 +9,7 @@ from typing import Any
 from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
 from kalscope.recording import LineIssue, Recording
 from kalscope.sources.grammar.read_options import OPTIONS
+from kalscope.sources.times.jitter import jitter_of, steps_words
 from kalscope.sources.times.sample_rate import find_rate
 
 MAX_SHARE = 0.02
@@ -70,7 +71,8 @@ def _rate(recording: Recording) -> str:
     timing = recording.report.timing
     if recording.sample_period is None:
         return "sample period unknown (see --rate)"
-    return (timing.summary if timing else "") or sample_rate(recording.sample_period)
+    rate = (timing.summary if timing else "") or sample_rate(recording.sample_period)
+    return rate + steps_words(jitter_of(recording))
 
 
 def _short_reason(recording: Recording) -> str:

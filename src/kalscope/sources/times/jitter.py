@@ -32,4 +32,9 @@ def rate_words(period: float | None, jitter: float) -> str:
     """The rate of one sample every `period` s: "100 Hz", "13.4 Hz, steps ± 12 %", or that it is unknown."""
     if period is None:
         return "sample rate unknown"
-    return sample_rate(period) + (f", steps ± {percent(jitter)}" if jitter >= MIN_JITTER else "")
+    return sample_rate(period) + steps_words(jitter)
+
+
+def steps_words(jitter: float) -> str:
+    """What follows a rate: ", steps ± 12 %"; "" where the steps are even."""
+    return f", steps ± {percent(jitter)}" if jitter >= MIN_JITTER else ""

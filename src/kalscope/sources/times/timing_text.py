@@ -48,7 +48,7 @@ def _summary(timing: Timing) -> str:
 
 def _sure(timing: Timing) -> str:
     error = timing.error
-    return f", a mean known within {percent(error)}" if error is not None and error > _SURE else ""
+    return f", standard error {percent(error)}" if error is not None and error > _SURE else ""
 
 
 def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str]:
