@@ -52,7 +52,7 @@ class Timing:
     resolution: float | None = None
     """Step of the clock in s where it is coarser than the sample period."""
     summary: str = ""
-    """The rate in a few words: "13.4 Hz from uneven stamps, ±0.2 %"; "" where it is unknown."""
+    """The rate in a few words: "13.4 Hz from uneven stamps, standard error 0.20 %"; "" where it is unknown."""
     notes: tuple[str, ...] = ()
     """What was done with the stamps, each a sentence; they are among `ReadReport.notes` too."""
 

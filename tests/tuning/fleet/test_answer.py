@@ -143,7 +143,7 @@ def test_the_answer_is_saved_as_a_tuning_and_for_programs(fleet, tmp_path):
 def test_the_report_says_it_in_words(fleet, tmp_path):
     text = summary(answer_for(*fleet, NOTHING), TALLY, tmp_path)
     lines = text.splitlines()
-    assert lines[0] == "500 rows: 500 of 500 files or row groups read in 2 s, 250 rows/s"
+    assert lines[0] == "500 rows: 500 of 500 files or row groups done in 2 s, 250 rows/s"
     assert lines[1].startswith("One filter for all: q = 0.04")
     assert lines[2].startswith(
         "  for 99 % of 500 its prediction error on unseen samples is at most 10 % above that"

@@ -62,7 +62,7 @@ def _done(rows: int, tally: Tally) -> str:
         return f"{count(rows)} rows: nothing was missing"
     new = f"{count(tally.done)} of {count(tally.units)} files or row groups"
     speed = f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
-    return f"{count(rows)} rows: {new} read{speed}"
+    return f"{count(rows)} rows: {new} done{speed}"
 
 
 def _reasons(answer: Answer) -> Iterator[str]:
