@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
+from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.losses import Losses
@@ -116,7 +117,10 @@ def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
     else:
         fit, how = fit_pool(pool), "pooled maximum likelihood"
     if fit.params is None:
-        raise BadSetting(f"q and r of all must both be above 0 (got {fit.verdict} for {fit.devices} recordings)")
+        raise BadSetting(
+            f"q and r that fit all {fit.devices} recordings together must be above 0 (got q = {number(fit.q)},"
+            f" r = {number(fit.r)})"
+        )
     params = FilterParams(fit.q, fit.r, momentum=momentum)
     return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", devices.losses(params))
 
