@@ -99,7 +99,7 @@ def test_the_report_says_which_chain_runs_and_judges_nothing(files: tuple[str, s
     assert "process noise q" not in text
     assert "gain K" not in text
     assert "NIS" not in text
-    assert run(["report", files[0], "--config", files[1], "--channel", "b", "-o", str(page)]) == 0
+    assert run(["report", files[0], "--config", files[1], "--channel", "b", "-o", str(page), "--force"]) == 0
     text = page.read_text(encoding="utf-8")
     assert "median of 3, then Kalman" in text
     assert "process noise q" in text

@@ -61,7 +61,6 @@ def report_command(
 
     tell_compiling()
     kind = _kind_of(output)
-    check_new(output, force=force)
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
@@ -70,6 +69,7 @@ def report_command(
         raise BadSetting(
             "--momentum and --overshoot need --channel: a fusion has the momentum of --config (got none)"
         )
+    check_new(output, force=force)
     with progress_line() as progress:
         recording = open_source(source, reading, sample_period=sample_period, progress=progress)
     if recording.sample_period is None and tuning.sample_period is not None:

@@ -228,7 +228,8 @@ def test_the_command_line_writes_both_and_refuses_other_endings(tmp_path, capsys
         assert image.size == SIZE
     untimed = tmp_path / "untimed.csv"
     untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
-    assert run(["report", str(untimed), "--config", str(config), "-o", str(page), "--momentum", "24"]) == 0
+    again = ["-o", str(page), "--force", "--momentum", "24"]
+    assert run(["report", str(untimed), "--config", str(config), *again]) == 0
     text = page.read_text(encoding="utf-8")
     assert "100 samples, 50.0 Hz" in text  # the sample period of the tuning
     assert "480 ms (24 samples)" in text
