@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope import FilterParams, FusionParams, denoise, estimate, estimate_fusion, fuse
+from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Record:
     """The true quantity, shape (n + SETTLING + UNSEEN,)."""
     z: Array
     """Readings, shape (n + SETTLING + UNSEEN, sensors)."""
-    truth: FusionParams
+    truth: FilterParams
     """What it was made with; the offsets add up to 0."""
 
 
@@ -100,7 +100,7 @@ def simulate(index: int, rng: np.random.Generator) -> Record:
         z[rng.random(z.shape) < 0.2] = np.nan
     elif index // 8 % 3 == 2:
         z[np.arange(rows) % 5 != 0, 1] = np.nan
-    return Record(n, x, z, FusionParams(q=q, r=r, offset=offset))
+    return Record(n, x, z, FilterParams(q=q, r=r, offset=offset))
 
 
 def examine(record: Record) -> Row:
@@ -116,11 +116,11 @@ def examine(record: Record) -> Row:
         n=record.n,
         sensors=truth.sensors,
         verdict=found.verdict,
-        r_held=held(found.r_interval, truth.r),
+        r_held=held(found.r_interval, truth.sensor_r),
         offset_held=held(found.offset_interval, truth.offset),
         to_single=fused / min(singles),
         to_truth=fused / error(fuse(unseen, truth).x, record),
-        below_truth=found.loglik < fuse(z, truth).loglik - 1e-6,
+        below_truth=bool(found.loglik < fuse(z, truth).loglik - 1e-6),
     )
 
 

@@ -28,8 +28,8 @@ from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.common.text import number
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.params import FilterParams
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, options_from_text
 from kalscope.sources.readers.recording_file import read_recording
 
@@ -138,7 +138,7 @@ def readings(case: Case, folder: Path) -> tuple[Array, kalscope.Recording]:
     return z, recording
 
 
-def found_in_first_half(case: Case, z: Array) -> tuple[FusionParams, list[kalscope.FilterParams]]:
+def found_in_first_half(case: Case, z: Array) -> tuple[FilterParams, list[kalscope.FilterParams]]:
     """The fused filter, and the filter of each sensor alone."""
     half = z[: len(z) // 2]
     found = estimate_fusion(half, names=case.sensors, gains=True, reference=0)
@@ -154,7 +154,7 @@ def page(
     case: Case,
     z: Array,
     recording: kalscope.Recording,
-    fused: FusionParams,
+    fused: FilterParams,
     singles: list[kalscope.FilterParams],
 ) -> Iterator[str]:
     """The table of one case."""
@@ -162,7 +162,7 @@ def page(
     yield f"  {'':24}{'':>9}{'':>9}{'':>8} | {'alone':>8}{'fused':>9} | {'alone':>8}{'others':>9}{'fused':>9}"
     for i, name in enumerate(case.sensors):
         one = errors_of(z, i, fused, singles[i], case.hidden)
-        sigma, offset = number(math.sqrt(fused.r[i])), number(float(fused.offset[i]))
+        sigma, offset = number(math.sqrt(fused.sensor_r[i])), number(float(fused.offset[i]))
         yield (
             f"  {name[:24]:24}{sigma:>9}{offset:>9}{100.0 * fused.shares[i]:>6.0f} % | "
             f"{number(one.next_alone):>8}{number(one.next_fused):>9} | "
@@ -181,7 +181,7 @@ def page(
         yield f"  RMS beside {case.encoder} ({case.unit}): {said}"
 
 
-def errors_of(z: Array, i: int, fused: FusionParams, single: kalscope.FilterParams, rows: int) -> Errors:
+def errors_of(z: Array, i: int, fused: FilterParams, single: kalscope.FilterParams, rows: int) -> Errors:
     """How well sensor i is predicted in the second half."""
     n, order = len(z), [i, *(j for j in range(z.shape[1]) if j != i)]
     first = fused.only(order)  # sensor i before the others of its row, so that its innovation knows none of them
@@ -216,7 +216,7 @@ def rms(error: Array) -> float:
     return math.sqrt(float(np.mean(error * error))) if len(error) else math.nan
 
 
-def picture(case: Case, z: Array, recording: kalscope.Recording, fused: FusionParams) -> str:
+def picture(case: Case, z: Array, recording: kalscope.Recording, fused: FilterParams) -> str:
     """The readings without their offsets and the fused value."""
     corrected, x = (z - fused.offset) / fused.gain, fuse(z, fused).x
     styles = ("raw", "s1", "s3")

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope import FilterParams, FusionParams, fuse, kalman_filter
+from kalscope import FilterParams, fuse, kalman_filter
 
 Q, MAX_RATIO = 0.09, 1.5
 Samples = NDArray[np.float64]
@@ -60,7 +60,7 @@ def ratios(n: int, k: int, turns: int) -> dict[str, float]:
 def ratio(z: Samples, dt: Samples | None, turns: int, gate: float | None = None, momentum: float = 0.0) -> float:
     """One of them."""
     r, offset = np.linspace(1.0, 2.0, z.shape[1]), np.linspace(0.0, 1.0, z.shape[1])
-    together = FusionParams(Q, r, offset, gate=gate, momentum=momentum)
+    together = FilterParams(Q, r, gate=gate, momentum=momentum, offset=offset)
     alone = [FilterParams(Q, float(one), gate=gate, momentum=momentum) for one in r]
     columns = [np.ascontiguousarray(column) for column in z.T]
 

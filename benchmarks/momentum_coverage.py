@@ -27,7 +27,7 @@ from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.free import fit_around
 from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import search
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 LENGTHS = (300, 3000)
 TRUTHS = tuple(FilterParams(q=10.0, r=1.0, momentum=tau) for tau in (3.0, 10.0, 30.0))

@@ -15,7 +15,7 @@ def main() -> None:
     z = recording.channel("flex")
 
     # You know a lag in milliseconds and a noise level in your own unit; q follows from both.
-    r = kalscope.starting_params(z).r
+    r = float(kalscope.starting_params(z).r)
     ratio = kalscope.ratio_for(lag_s=0.100, sample_period=recording.sample_period)
     params = kalscope.FilterParams(q=ratio * r, r=r)
 

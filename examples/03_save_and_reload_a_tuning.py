@@ -23,7 +23,7 @@ def main() -> None:
         kalscope.save_tuning(tuning, path)
         print(path.read_text())
         again = kalscope.load_tuning(path)
-    result = kalscope.kalman_filter(recording.channel("volume"), again.params("volume"))
+    result = kalscope.kalman_filter(recording.channel("volume"), again.channel("volume").params)
     print(f"log-likelihood {result.loglik:.4f} (published: -632.5456 at the optimum)")
 
 

@@ -37,7 +37,7 @@ def main() -> None:
     print("sensor   noise σ  known   offset  known  share")
     for i, name in enumerate(recording.names):
         print(
-            f"{name:6}{np.sqrt(params.r[i]):10.3f}{SIGMAS[i]:7.1f}{params.offset[i]:9.3f}{OFFSETS[i]:7.1f}"
+            f"{name:6}{np.sqrt(params.sensor_r[i]):10.3f}{SIGMAS[i]:7.1f}{params.offset[i]:9.3f}{OFFSETS[i]:7.1f}"
             f"{100 * params.shares[i]:6.0f} %"
         )
 
@@ -50,7 +50,7 @@ def main() -> None:
     without[:, 0] = np.nan  # a sensor that drops out is a column of missing readings
     print(f"  a drops out   {error(kalscope.fuse(without, params).x, truth):.3f}")
 
-    stream = kalscope.FusionFilter(params)  # the same row by row, as a program that reads the sensors gets them
+    stream = kalscope.KalmanFilter(params)  # the same row by row, as a program that reads the sensors gets them
     assert [stream.update(row) for row in z[:50]] == kalscope.fuse(z, params).x[:50].tolist()
     if len(sys.argv) > 1:
         Path(sys.argv[1]).write_text(picture(), encoding="utf-8")

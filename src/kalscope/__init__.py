@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
     from kalscope.estimation.sensor.starting import starting_params
     from kalscope.export.registry import export_tuning
-    from kalscope.filtering.batch import FilterResult, SmootherResult, denoise, kalman_filter, smooth
     from kalscope.filtering.classic.chain import Chain
     from kalscope.filtering.classic.stages import (
         Butterworth,
@@ -38,13 +37,17 @@ if TYPE_CHECKING:
         OneEuro,
         PowerOfTwo,
     )
-    from kalscope.filtering.fusion.batch import FusionResult, fuse
-    from kalscope.filtering.fusion.params import FusionParams
-    from kalscope.filtering.fusion.smoothing import smooth_fusion
-    from kalscope.filtering.fusion.streaming import FusionFilter
+    from kalscope.filtering.filter import (
+        FilterResult,
+        KalmanFilter,
+        SmootherResult,
+        denoise,
+        fuse,
+        kalman_filter,
+        smooth,
+    )
     from kalscope.filtering.params import FilterParams
     from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
-    from kalscope.filtering.streaming import KalmanFilter
     from kalscope.recording import LineIssue, ReadReport, Recording
     from kalscope.sources.grammar.read_options import ReadOptions
     from kalscope.sources.readers.recording_file import read_recording
@@ -69,9 +72,6 @@ __all__ = [
     "FilterParams",
     "FilterResult",
     "FusionEstimate",
-    "FusionFilter",
-    "FusionParams",
-    "FusionResult",
     "FusionTuning",
     "FusionVerdict",
     "KalmanFilter",
@@ -112,100 +112,47 @@ __all__ = [
     "read_recording",
     "save_tuning",
     "smooth",
-    "smooth_fusion",
     "starting_params",
     "steady_state",
     "synthesize",
 ]
 
 _NAMES = {
-    "analysis.alternatives.agreement.comparison": ("compare_methods",),
-    "analysis.diagnostics": (
-        "Diagnostics",
-        "diagnose",
-        "diagnose_held_out",
-    ),
-    "analysis.fusion.judge": ("judge_fusion",),
-    "analysis.fusion.result": ("FusionVerdict",),
-    "catalogue": ("open_source",),
-    "errors": (
-        "BadDevice",
-        "BadFile",
-        "BadSetting",
-        "Cancelled",
-        "KalscopeError",
-    ),
-    "estimation.estimate": ("estimate",),
-    "estimation.fleet.many.estimate_many": ("estimate_many",),
-    "estimation.fleet.many.table": ("EstimateTable",),
-    "estimation.fusion.estimate_fusion": ("estimate_fusion",),
-    "estimation.fusion.result": ("FusionEstimate",),
-    "estimation.known": (
-        "estimate_fixed_r",
-        "estimate_fixed_ratio",
-        "params_for_specification",
-    ),
-    "estimation.likelihood.profile": ("log_likelihood",),
-    "estimation.momentum.profile": ("likelihood_profile",),
-    "estimation.result": ("Estimate",),
-    "estimation.sensor.noise": (
-        "noise_from_datasheet",
-        "noise_from_still",
-    ),
-    "estimation.sensor.starting": ("starting_params",),
-    "export.registry": ("export_tuning",),
-    "filtering.batch": (
-        "FilterResult",
-        "SmootherResult",
-        "denoise",
-        "kalman_filter",
-        "smooth",
-    ),
-    "filtering.classic.chain": ("Chain",),
-    "filtering.classic.stages": (
-        "Butterworth",
-        "Exponential",
-        "Median",
-        "MovingAverage",
-        "OneEuro",
-        "PowerOfTwo",
-    ),
-    "filtering.fusion.batch": (
-        "FusionResult",
-        "fuse",
-    ),
-    "filtering.fusion.params": ("FusionParams",),
-    "filtering.fusion.smoothing": ("smooth_fusion",),
-    "filtering.fusion.streaming": ("FusionFilter",),
-    "filtering.params": ("FilterParams",),
-    "filtering.steady_state": (
-        "SteadyState",
-        "ratio_for",
-        "steady_state",
-    ),
-    "filtering.streaming": ("KalmanFilter",),
-    "recording": (
-        "LineIssue",
-        "ReadReport",
-        "Recording",
-    ),
-    "sources.grammar.read_options": ("ReadOptions",),
-    "sources.readers.recording_file": ("read_recording",),
-    "sources.samples": ("list_samples",),
-    "sources.synthetic": ("synthesize",),
-    "tuning.fusion": ("FusionTuning",),
-    "tuning.tuning": (
-        "ChannelTuning",
-        "Tuning",
-    ),
-    "tuning.tuning_file": (
-        "load_tuning",
-        "save_tuning",
-    ),
+    "analysis.alternatives.agreement.comparison": "compare_methods",
+    "analysis.diagnostics": "Diagnostics diagnose diagnose_held_out",
+    "analysis.fusion.judge": "judge_fusion",
+    "analysis.fusion.result": "FusionVerdict",
+    "catalogue": "open_source",
+    "errors": "BadDevice BadFile BadSetting Cancelled KalscopeError",
+    "estimation.estimate": "estimate",
+    "estimation.fleet.many.estimate_many": "estimate_many",
+    "estimation.fleet.many.table": "EstimateTable",
+    "estimation.fusion.estimate_fusion": "estimate_fusion",
+    "estimation.fusion.result": "FusionEstimate",
+    "estimation.known": "estimate_fixed_r estimate_fixed_ratio params_for_specification",
+    "estimation.likelihood.profile": "log_likelihood",
+    "estimation.momentum.profile": "likelihood_profile",
+    "estimation.result": "Estimate",
+    "estimation.sensor.noise": "noise_from_datasheet noise_from_still",
+    "estimation.sensor.starting": "starting_params",
+    "export.registry": "export_tuning",
+    "filtering.classic.chain": "Chain",
+    "filtering.classic.stages": "Butterworth Exponential Median MovingAverage OneEuro PowerOfTwo",
+    "filtering.filter": "FilterResult KalmanFilter SmootherResult denoise fuse kalman_filter smooth",
+    "filtering.params": "FilterParams",
+    "filtering.steady_state": "SteadyState ratio_for steady_state",
+    "recording": "LineIssue ReadReport Recording",
+    "sources.grammar.read_options": "ReadOptions",
+    "sources.readers.recording_file": "read_recording",
+    "sources.samples": "list_samples",
+    "sources.synthetic": "synthesize",
+    "tuning.fusion": "FusionTuning",
+    "tuning.tuning": "ChannelTuning Tuning",
+    "tuning.tuning_file": "load_tuning save_tuning",
 }
 """The names by the module that they come from."""
 
-_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
+_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names.split()}
 
 
 if not TYPE_CHECKING:  # with it, a type checker would accept every mistyped name

@@ -12,7 +12,7 @@ from each import each
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
 from kalscope.analysis.noise.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
 from kalscope.analysis.noise.spectrum import magnitude_response, spectrum, whole_stretch
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 RNG = np.random.default_rng(21)
 PARAMS = FilterParams(q=0.01, r=1.0)

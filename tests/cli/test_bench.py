@@ -18,7 +18,7 @@ from kalscope.cli.bench import peers as bench_peers
 from kalscope.cli.bench.command import line_of
 from kalscope.cli.bench.contest import Contest, Row, Work, measure, take_turns
 from kalscope.cli.bench.own import five_lines, five_lines_in_python
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 SAME_WORK = 1e-9

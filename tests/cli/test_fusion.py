@@ -16,8 +16,8 @@ from kalscope.catalogue import open_source
 from kalscope.cli.app import run
 from kalscope.cli.filter.line_filter import LineFilter
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.params import FilterParams
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import load_tuning, save_tuning
@@ -87,7 +87,7 @@ def test_options_take_precedence_over_the_file_and_suffice_without_one(config: P
     assert run(["filter", SOURCE, "--config", str(config), *given]) == 0
     header, numbers = table(capsys.readouterr().out)
     assert header[-1] == "level_velocity_per_s"
-    params = FusionParams(0.01, np.array([1.0, 1.0, 9.0]), np.array(FUSION.offset), gate=16.0, momentum=5.0)
+    params = FilterParams(0.01, np.array([1.0, 1.0, 9.0]), np.array(FUSION.offset), gate=16.0, momentum=5.0)
     result = fuse(readings(), params)
     assert result.velocity is not None
     np.testing.assert_array_equal(numbers[:, 4], result.x)
@@ -97,7 +97,7 @@ def test_options_take_precedence_over_the_file_and_suffice_without_one(config: P
     assert err == ""
     header, numbers = table(out)
     assert header[3] == "fused"
-    expected = fuse(readings()[:, :2], FusionParams(0.01, np.array([2.0, 2.0]))).x
+    expected = fuse(readings()[:, :2], FilterParams(0.01, np.array([2.0, 2.0]))).x
     np.testing.assert_array_equal(numbers[:, 3], expected)
 
 
@@ -106,7 +106,7 @@ def test_q_follows_the_sample_period_of_the_recording(config: Path, capsys: Capt
     assert run(["filter", slow, "--config", str(config)]) == 0
     out, err = capsys.readouterr()
     assert "q was multiplied by 2" in err
-    expected = fuse(readings(slow), FusionParams(0.004, np.array(FUSION.r), np.array(FUSION.offset))).x
+    expected = fuse(readings(slow), FilterParams(0.004, np.array(FUSION.r), np.array(FUSION.offset))).x
     np.testing.assert_array_equal(table(out)[1][:, 4], expected)
 
 
@@ -205,7 +205,7 @@ def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> 
     long = WALK.replace("n=1200", "n=12000")
     said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
     assert recording.truth is not None
-    params = FusionParams(said["q"], np.array(of_each(said, "r")), np.array(of_each(said, "offset")))
+    params = FilterParams(said["q"], np.array(of_each(said, "r")), np.array(of_each(said, "offset")))
     error = fuse(recording.values, params).x - recording.truth[:, 0]
     assert error[100:].std() == pytest.approx(said["error"], rel=0.05)
 

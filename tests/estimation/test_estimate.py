@@ -22,7 +22,7 @@ from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods.expectation_maximization import passes
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 
 
 def walk(n, ratio, seed=0, missing=0.0, r=1.0):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kalscope import ChannelTuning, Recording, Tuning
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 ROWS = 400
 MISSING = math.nan

@@ -6,7 +6,7 @@ import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
 from kalscope.export.job import ExportJob, job_of, step_of
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 from kalscope.tuning.device_period import rescaled_to_period
 
 TUNING = Tuning(

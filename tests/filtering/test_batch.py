@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from kalscope import (
     BadSetting,
     FilterParams,
-    FusionFilter,
-    FusionParams,
+    KalmanFilter,
+    FilterParams,
     KalmanFilter,
     denoise,
     kalman_filter,
@@ -365,7 +365,7 @@ def test_a_masked_sample_is_missing():
         (lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf), "finite, or NaN where missing (got inf)"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt=-1), "dt must be finite and not negative"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt="a"), "dt must be finite and not negative"),
-        (lambda: FusionFilter(FusionParams(1, [1, 1])).update([1.0, 1.0], dt="a"), "dt must be finite"),
+        (lambda: KalmanFilter(FilterParams(1, [1, 1])).update([1.0, 1.0], dt="a"), "dt must be finite"),
         (lambda: kalman_filter([1.0], FilterParams(1, 1), dt=["a"]), "dt must be an array of numbers"),
     ],
 )

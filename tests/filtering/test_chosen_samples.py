@@ -7,7 +7,8 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.pieces.chosen import PIECE, filter_at, picked
+from kalscope.filtering.pieces.chosen import PIECE
+from kalscope.filtering.chosen import filter_at, picked
 
 PARAMS = (
     FilterParams(0.01, 1.0),
@@ -38,7 +39,7 @@ def test_it_is_the_whole_run_at_these_samples(params, timed, missing):
     dt = rng.random(N) * 3 if timed else None
     whole = kalman_filter(z, params, dt)
     for indices in (np.arange(N), np.flatnonzero(rng.random(N) < 0.01), np.array([PIECE - 1, PIECE, N - 1])):
-        kept, wanted = filter_at(z, params, indices, dt), picked(whole, indices)
+        kept, wanted = filter_at(z, params, indices, dt), whole.at(indices)
         for name in ("x", "p", "k", "innovation", "s", "velocity", "velocity_p"):
             assert (getattr(kept, name) is None) == (getattr(wanted, name) is None)
             np.testing.assert_array_equal(getattr(kept, name), getattr(wanted, name), err_msg=name)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.filtering.pieces import lanes
-from kalscope.filtering.pieces.chosen import PIECE, filter_at, picked
+from kalscope.filtering.pieces.chosen import PIECE
+from kalscope.filtering.chosen import filter_at, picked
 from kalscope.filtering.pieces.lane_kernels import BLOCK, LANES
 
 N = 3 * LANES * PIECE + 1234
@@ -22,7 +23,7 @@ PLAIN = FilterParams(1.0, 0.25)
 
 def assert_same(z, params, at=DRAWN):
     kept, whole = filter_at(z, params, at), kalman_filter(z, params)
-    wanted = picked(whole, at)
+    wanted = whole.at(at)
     for name in ("x", "p", "k", "innovation", "s"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(wanted, name), err_msg=name)
     assert (kept.m, kept.rejected) == (whole.m, whole.rejected)

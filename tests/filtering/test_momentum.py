@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, diagnose, kalman_filter, smooth
-from kalscope.filtering.pieces.running import RunningFilter
+from kalscope.filtering.filter import GrowingRun
 
 PARAMS = (
     FilterParams(0.05, 1.0, momentum=20.0),
@@ -50,7 +50,7 @@ def test_the_stream_equals_the_batch_bit_for_bit(params, timed):
 @given(cuts=st.lists(st.integers(0, 600), max_size=6), timed=st.booleans())
 def test_pieces_equal_the_whole(params, cuts, timed):
     z, dt = record()
-    whole, running = kalman_filter(z, params, dt if timed else None), RunningFilter(params)
+    whole, running = kalman_filter(z, params, dt if timed else None), GrowingRun(params)
     edges = [0, *sorted(cuts), len(z)]
     for start, end in itertools.pairwise(edges):
         running.extend(z[start:end], dt[start:end] if timed else None)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth
-from kalscope.filtering.batch import FilterResult, SmootherResult
+from kalscope.filtering.filter import FilterResult, SmootherResult
 from kalscope.filtering.momentum import kernels
 from kalscope.filtering.momentum.settled import settle
 from kalscope.filtering.momentum.smoothing_kernels import smooth_channel

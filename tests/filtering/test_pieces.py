@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.pieces.running import FIRST_CAPACITY, RunningFilter
+from kalscope.filtering.pieces.running import FIRST_CAPACITY
+from kalscope.filtering.filter import GrowingRun
 
 PARAMS = (
     FilterParams(0.01, 1.0),
@@ -41,7 +42,7 @@ def same(piecewise, whole):
 def test_pieces_equal_the_whole(params, cuts, timed):
     z = record()
     dt = np.random.default_rng(2).random(len(z)) * 3 if timed else None
-    running = RunningFilter(params)
+    running = GrowingRun(params)
     for part, steps in zip(np.split(z, sorted(cuts)), np.split(z if dt is None else dt, sorted(cuts)), strict=True):
         running.extend(part, None if dt is None else steps)
     same(running.result, kalman_filter(z, params, dt))
@@ -50,14 +51,14 @@ def test_pieces_equal_the_whole(params, cuts, timed):
 @each("cut", range(498, 512))
 def test_a_cut_within_refused_samples_keeps_their_count(cut):
     z, params = record(), PARAMS[3]
-    running = RunningFilter(params)
+    running = GrowingRun(params)
     running.extend(z[:cut])
     running.extend(z[cut:])
     same(running.result, kalman_filter(z, params))
 
 
 def test_what_was_given_out_never_changes():
-    running, z = RunningFilter(PARAMS[0]), record(5 * FIRST_CAPACITY)
+    running, z = GrowingRun(PARAMS[0]), record(5 * FIRST_CAPACITY)
     given_out, copies = [], []
     for part in np.array_split(z, 37):
         running.extend(part)
@@ -70,7 +71,7 @@ def test_what_was_given_out_never_changes():
 
 
 def test_forgetting_changes_nothing_that_follows():
-    running, z = RunningFilter(PARAMS[0]), record()
+    running, z = GrowingRun(PARAMS[0]), record()
     running.extend(z[:2000])
     running.forget(1500)
     running.extend(z[2000:])
@@ -81,7 +82,7 @@ def test_forgetting_changes_nothing_that_follows():
 
 
 def test_room_grows_with_what_is_kept_not_with_what_has_come():
-    running = RunningFilter(PARAMS[0])
+    running = GrowingRun(PARAMS[0])
     for _ in range(200):
         running.extend(np.zeros(1000))
         running.forget(len(running) - 2000)
@@ -90,7 +91,7 @@ def test_room_grows_with_what_is_kept_not_with_what_has_come():
 
 
 def test_a_refused_piece_leaves_what_was_filtered():
-    running, z = RunningFilter(PARAMS[0]), record()
+    running, z = GrowingRun(PARAMS[0]), record()
     running.extend(z[:100])
     for bad, dt in (([np.inf], None), ([1.0], [-1.0]), ([[1.0]], None)):
         with pytest.raises(BadSetting):
@@ -98,4 +99,4 @@ def test_a_refused_piece_leaves_what_was_filtered():
     running.extend(z[100:])
     same(running.result, kalman_filter(z, PARAMS[0]))
     with pytest.raises(BadSetting, match="one channel"):
-        RunningFilter(FilterParams([1.0, 2.0], 1.0))
+        GrowingRun(FilterParams([1.0, 2.0], 1.0))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.batch import smooth
+from kalscope.filtering.filter import smooth
 from kalscope.filtering.kernels import smooth_channel
 
 

@@ -9,7 +9,7 @@ import pytest
 from each import each
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.batch import denoise, kalman_filter
+from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.experiments import list_experiments, open_experiment

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.filter import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import StandardFilter
 from kalscope.papers.generalized.filter import (

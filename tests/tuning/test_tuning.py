@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording

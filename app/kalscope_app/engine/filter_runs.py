@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.chosen import filter_at
 from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.fusion.growing import FusedSignal, GrowingFusion, fused_at
+from kalscope.filtering.filter import FilterResult, GrowingRun, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.pieces.chosen import filter_at, picked
-from kalscope.filtering.pieces.running import RunningFilter
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.filtering.steady_state import SteadyState
 from kalscope_app.engine.cache import Cache
 from kalscope_app.engine.decimation import DrawnSamples
 from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import State
-
-R = TypeVar("R", RunningFilter, GrowingFusion)
 
 MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a whole run is kept: it takes 40 bytes per sample."""
@@ -41,10 +36,10 @@ class DrawnRun:
 
 
 @dataclass
-class _LiveRun(Generic[R]):
+class _LiveRun:
     """A run over a growing record."""
 
-    running: R
+    running: GrowingRun
     first: int
     """Number of its first sample, counted since the board began to send."""
 
@@ -56,9 +51,9 @@ class FilterRuns:
         self._whole = Cache[FilterResult]()
         self._drawn = Cache[DrawnRun]()
         self._settled = Cache[SteadyState]()
-        self._live = Cache[_LiveRun[RunningFilter]]()
-        self._fused = Cache[FusedSignal]()
-        self._live_fused = Cache[_LiveRun[GrowingFusion]]()
+        self._live = Cache[_LiveRun]()
+        self._fused = Cache[FilterResult]()
+        self._live_fused = Cache[_LiveRun]()
 
     def begin(self, state: State) -> None:
         """A new frame begins."""
@@ -84,7 +79,7 @@ class FilterRuns:
             self._drawn.begin(state.record_key, state.channel, state.recording.gaps, drawn)
             return self._drawn.get(used, lambda: _at_drawn(state, used, drawn))
         whole = self.of(state, used)
-        return DrawnRun(picked(whole, drawn.indices), lambda size: whole.k[:size], whole)
+        return DrawnRun(whole.at(drawn.indices), lambda size: whole.k[:size], whole)
 
     def settled(self, state: State, run: FilterResult) -> SteadyState:
         """The steady state of the State's filter, from its run; that of a chain is measured, which takes longer.
@@ -99,22 +94,22 @@ class FilterRuns:
         return self._settled.get(used, lambda: used.settled(run, period))
 
     def _continued(self, state: State, used: StandardFilter | ChainFilter) -> FilterResult:
-        def start() -> RunningFilter:
-            return RunningFilter(used.params if isinstance(used, StandardFilter) else used.start())
+        def start() -> GrowingRun:
+            return GrowingRun(used.params if isinstance(used, StandardFilter) else used.start())
 
         run = self._live.get(used, lambda: _LiveRun(start(), _first_of(state)))
         return _grown(run, state, start, lambda first: state.z[first:]).result
 
-    def _fused_at(self, state: State, fusion: Fusion, drawn: DrawnSamples) -> FusedSignal:
+    def _fused_at(self, state: State, fusion: Fusion, drawn: DrawnSamples) -> FilterResult:
         """The fused value at the samples drawn."""
         params, columns = fusion.params, fusion.columns(state.recording)
         if state.live is None:
             self._fused.begin(state.record_key, state.measured, state.recording.gaps, drawn)
             z = state.recording.values
-            return self._fused.get(params, lambda: fused_at(z[:, columns], params, drawn.indices, state.dt))
-        run = self._live_fused.get(params, lambda: _LiveRun(GrowingFusion(params), _first_of(state)))
+            return self._fused.get(params, lambda: filter_at(z[:, columns], params, drawn.indices, state.dt))
+        run = self._live_fused.get(params, lambda: _LiveRun(GrowingRun(params), _first_of(state)))
         values = state.recording.values
-        grown = _grown(run, state, lambda: GrowingFusion(params), lambda first: values[first:, columns])
+        grown = _grown(run, state, lambda: GrowingRun(params), lambda first: values[first:, columns])
         return grown.result.at(drawn.indices)
 
 
@@ -124,7 +119,9 @@ def _first_of(state: State) -> int:
     return 0 if snapshot is None else snapshot.first
 
 
-def _grown(run: _LiveRun[R], state: State, start: Callable[[], R], samples_from: Callable[[int], Array]) -> R:
+def _grown(
+    run: _LiveRun, state: State, start: Callable[[], GrowingRun], samples_from: Callable[[int], Array]
+) -> GrowingRun:
     """The run over a live record as it is now: only the new samples go through the filter."""
     first, n = _first_of(state), len(state.recording)
     if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
@@ -135,7 +132,7 @@ def _grown(run: _LiveRun[R], state: State, start: Callable[[], R], samples_from:
     return run.running
 
 
-def _as_drawn(fused: FusedSignal, params: FilterParams) -> DrawnRun:
+def _as_drawn(fused: FilterResult, params: FilterParams) -> DrawnRun:
     """Fused sensors as a run: no innovation is drawn for them, and their gain is that of the equivalent filter."""
     none = np.full(len(fused.x), np.nan)
     at = FilterResult(fused.x, fused.p, none, none, none, 0.0, 0, fused.rejected, fused.velocity, fused.velocity_p)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, smooth, was_rejected
-from kalscope.filtering.fusion.smoothing import smooth_fusion
+from kalscope.filtering.filter import FilterResult, smooth, was_rejected
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.sources.live.live_status import LiveStatus
 from kalscope_app.engine.decimation import DrawnSamples
@@ -161,7 +160,7 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     dt = None if state.dt is None else state.dt[first:last]
     if state.fusion is not None:
         z = state.recording.values[first:last, state.fusion.columns(state.recording)]
-        return smooth_fusion(z, state.fusion.params, dt).x[drawn.indices - first]
+        return smooth(z, state.fusion.params, dt).x[drawn.indices - first]
     return smooth(state.z[first:last], state.params, dt).x[drawn.indices - first]
 
 

@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
@@ -46,7 +45,7 @@ class Fusion:
         return self._of_used(self.tuning)
 
     @cached_property
-    def params(self) -> FusionParams:
+    def params(self) -> FilterParams:
         """Its parameters."""
         return self.used.params
 

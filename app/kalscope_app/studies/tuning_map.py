@@ -20,7 +20,7 @@ from kalscope.estimation.likelihood.contour import likelihood_contour
 from kalscope.estimation.likelihood.profile import Profile, loglik_map
 from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.tuning import ChannelTuning
@@ -256,8 +256,8 @@ def lags(log_ratio: Array, momentum: float) -> Array:
     if momentum == 0.0:
         return 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
     table = np.linspace(-60.0, 60.0, 241)
-    params = FilterParams(np.exp(table), np.ones(len(table)), momentum=momentum)
-    log_lags = np.log(np.maximum(np.asarray(steady_state(params).lag_samples), 1e-30))
+    settled = [steady_state(FilterParams(q, 1.0, momentum=momentum)) for q in np.exp(table).tolist()]
+    log_lags = np.log(np.maximum([one.lag_samples for one in settled], 1e-30))
     return np.exp(np.interp(log_ratio, table, log_lags))
 
 

@@ -24,7 +24,7 @@ from kalscope.common.array import Array, Indices
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import samples_of
-from kalscope.filtering.batch import FilterResult, was_rejected
+from kalscope.filtering.filter import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]

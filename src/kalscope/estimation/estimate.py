@@ -20,7 +20,7 @@ from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.momentum.verdict import with_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
-from kalscope.estimation.verdict.conclude import channel_fit, each_channel
+from kalscope.estimation.verdict.conclude import channel_fit, fit_record
 from kalscope.filtering.params import MAX_MOMENTUM, MIN_MOMENTUM
 
 
@@ -36,7 +36,7 @@ def estimate(
     """Find q, r and momentum in a record, with intervals and a verdict in words.
 
     Args:
-        z: measurements, shape (n,) or (n, channels: independent signals); NaN is a missing sample.
+        z: measurements, shape (n,); NaN is a missing sample.
         method: "ml" maximum likelihood (recommended), or for comparison: "em" the same by small safe steps,
             "moments" of the differences, "als" correlations of the innovations, "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
@@ -78,7 +78,7 @@ def estimate(
 
     full = channel(tau)
     whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust, method == "ml"))
-    return each_channel(z, dt, Progress(progress, cancelled), whole)
+    return fit_record(z, dt, Progress(progress, cancelled), whole)
 
 
 def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:

@@ -24,7 +24,7 @@ from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
 from kalscope.estimation.sensor.resolution import resolution_of
 from kalscope.estimation.verdict import words
-from kalscope.estimation.verdict.conclude import NOWHERE, channel_fit, conclude, each_channel, exp
+from kalscope.estimation.verdict.conclude import NOWHERE, channel_fit, conclude, exp, fit_record
 from kalscope.filtering.momentum.specification import momentum_for_overshoot
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for
@@ -98,8 +98,8 @@ def estimate_fixed_r(
     """Find q by maximum likelihood where r is known (a still stretch, a data sheet); method "fixed_r".
 
     Args:
-        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
-        r: measurement-noise variance of every channel, unit², > 0.
+        z: measurements, shape (n,); NaN is a missing sample.
+        r: measurement-noise variance, unit², > 0.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         robust: whether spikes are set aside, as in `estimate`.
 
@@ -108,7 +108,7 @@ def estimate_fixed_r(
     """
     noise = above_zero("r", r, MAX_VARIANCE)
     one = channel_fit("fixed_r", lambda data, progress: _fit_q(data, noise, progress))
-    return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
+    return fit_record(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
 def _fit_q(data: Differences, r: float, progress: Progress) -> tuple[Pair, Peak]:
@@ -135,7 +135,7 @@ def estimate_fixed_ratio(
     """Find r by maximum likelihood where λ = q/r is chosen; method "fixed_ratio". r = Σv²/f / m.
 
     Args:
-        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        z: measurements, shape (n,); NaN is a missing sample.
         ratio: λ = q/r, > 0; 0.01, r a hundred times q, is the advice of Ma'arif et al. (2019), section 4.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         robust: whether spikes are set aside, as in `estimate`.
@@ -154,7 +154,7 @@ def estimate_fixed_ratio(
         return Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak
 
     one = channel_fit("fixed_ratio", fit)
-    return each_channel(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
+    return fit_record(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
 def above_rounding(fit: Fit) -> Fit:

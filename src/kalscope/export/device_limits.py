@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from kalscope.errors import BadSetting
 from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import STALLING_GAIN, float32_params
+from kalscope.filtering.arrays import scalar
 from kalscope.filtering.classic.stages import (
     Butterworth,
     Exponential,
@@ -24,7 +25,7 @@ from kalscope.filtering.classic.stages import (
     PowerOfTwo,
     Stage,
 )
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, require_one_sensor
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuned
@@ -110,14 +111,13 @@ def device_limits(
         The limits that apply, none where the board runs the filter as shown.
 
     Raises:
-        BadSetting: level or sample_period is not positive; `params` holds several channels.
+        BadSetting: level or sample_period is not positive; `params` are not those of one sensor.
     """
     if not (0.0 < level < math.inf):
         raise BadSetting(f"level must be a positive number in the unit of the signal (got {level})")
     if sample_period is not None:
         above_zero("sample_period", sample_period)
-    if params.channels is not None:
-        raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
+    require_one_sensor(params)
     found = [_refused(params)]
     if found == [None]:
         found = [_gain(params, "" if constant_gain else _NO_CONSTANT), _estimate(params, level)]
@@ -241,7 +241,7 @@ def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
     With momentum the velocity collects what single corrections lose: a lasting innovation i drives it to τ L i.
     """
     gain, spread = _settled(params)
-    gain = max(gain, cast("float", params.momentum) * float(np.asarray(steady_state(params).velocity_gain)))
+    gain = max(gain, params.momentum * float(np.asarray(steady_state(params).velocity_gain)))
     half_ulp = float(np.spacing(np.float32(level))) / 2.0
     if gain * spread >= half_ulp:
         return None
@@ -259,7 +259,7 @@ def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
 def _settled(params: FilterParams) -> tuple[float, float]:
     """Settled gain, and the standard deviation of the innovation, unit: √s with s = r / (1 - K)."""
     gain = float(np.asarray(steady_state(params).gain))
-    q, r = cast("float", params.q), cast("float", params.r)
+    q, r = params.q, scalar(params.r)
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 

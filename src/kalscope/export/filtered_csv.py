@@ -19,7 +19,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.text import one_line, unused_name
-from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.recording import Recording

@@ -19,7 +19,7 @@ from kalscope.filtering.classic.running import RunningStage
 from kalscope.filtering.classic.stages import Median
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, require_one_sensor
 from kalscope.filtering.steady_state import steady_state
 
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
@@ -83,10 +83,9 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
         median: Window of the median before the filter, samples; 1 = none.
 
     Raises:
-        BadSetting: float32 cannot hold a value (the message names it); `params` holds several channels.
+        BadSetting: float32 cannot hold a value (the message names it); `params` are not those of one sensor.
     """
-    if params.channels is not None:
-        raise BadSetting(f"params must be those of one channel (got {params.channels} channels)")
+    require_one_sensor(params)
     q, r, p0, x0, gate = (cast("float | None", getattr(params, name)) for name in ("q", "r", "p0", "x0", "gate"))
     rounded = Float32Params(
         q=to_float32("q", q or 0.0),
@@ -95,7 +94,7 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
         x0=_UNKNOWN if x0 is None else to_float32("x0", x0),
         gate=_NOTHING if gate is None else to_float32("gate", gate),
         settled_gain=_settled_gain(params),
-        momentum=float32_momentum(cast("float", params.q), cast("float", params.momentum)),
+        momentum=float32_momentum(params.q, params.momentum),
         median=median,
     )
     parts = [v for v in (rounded.q, rounded.r, rounded.p0) if np.isfinite(v)]

@@ -7,7 +7,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, FusionJob
-from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.filter import fuse
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import FilterParams, require_params
+from kalscope.filtering.params import MAX_OFFSET, FilterParams, require_one_sensor
 
 
 def scalar(value: float | Array | None) -> float:
@@ -33,35 +32,52 @@ def samples_of(z: ArrayLike) -> Array:
 
 
 def one_channel(z: ArrayLike, params: FilterParams) -> Array:
-    """The samples z as float64, shape (n,), for functions of one signal with scalar parameters."""
-    require_params(params)
+    """The samples z as float64, shape (n,), for functions of one signal of one sensor."""
+    require_one_sensor(params)
     samples = samples_of(z)
-    if samples.ndim != 1 or params.channels is not None:
-        raise BadSetting(f"z must be one channel, shape (n,), with scalar parameters (got {samples.shape})")
+    if samples.ndim != 1:
+        raise BadSetting(f"z must be one channel, shape (n,) (got {samples.shape})")
     return samples
 
 
-def columns_of(z: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """The samples z as contiguous rows, one per channel (a view where possible), and z's own shape."""
-    array = samples_of(z)
-    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
-        raise BadSetting(f"z must have shape (n,) or (n, channels) (got {array.shape})")
-    rows = array.reshape(1, -1) if array.ndim == 1 else array.T
-    return np.ascontiguousarray(rows), array.shape
+def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
+    """The readings z as rows of shape (n, sensors), contiguous, a view where possible.
 
+    Args:
+        z: readings, shape (n,), or with an r per sensor (n, sensors).
+        params: the model.
+        first: the number of the first row, for the message.
 
-def shaped_like(rows: Array, shape: tuple[int, ...]) -> Array:
-    """Rows of channels back in the shape of z."""
-    return rows[0] if len(shape) == 1 else np.ascontiguousarray(rows.T)
-
-
-def rows_to_fill(columns: Array, counts: Sequence[int]) -> list[Array]:
-    """As many arrays like `columns` as the longest count; NaN where channel c fills only the first counts[c]."""
-    rows = [np.empty_like(columns) for _ in range(max(counts))]
-    for c, count in enumerate(counts):
-        for row in rows[count:]:
-            row[c] = np.nan
+    Raises:
+        BadSetting: z has another shape, or a reading that is infinite as a value of x, (z − offset)/gain.
+    """
+    if z.ndim != 1 + params.fuses or (params.fuses and z.shape[1] != params.sensors):
+        must = f"have a column for each of the {params.sensors} sensors" if params.fuses else "have shape (n,)"
+        raise BadSetting(f"z must {must} (got shape {z.shape})")
+    rows = np.ascontiguousarray(z).reshape(-1, params.sensors)
+    if not params.fuses and params.reads_x:
+        refuse_infinite(rows[:, 0], first)
+    elif max(np.fmax.reduce(rows.ravel(), initial=0.0), -np.fmin.reduce(rows.ravel(), initial=0.0)) > MAX_OFFSET:
+        # the usual case is smaller: no gain or offset can make these infinite
+        with np.errstate(over="ignore"):
+            values = (rows - params.offset) / params.gain
+        where = np.argwhere(np.isinf(values))
+        if len(where):
+            row, sensor = where[0]
+            raise BadSetting(
+                "z must be finite, or NaN where missing "
+                f"(got {rows[row, sensor]} at row {first + row}, sensor {sensor})"
+            )
     return rows
+
+
+def one_record(z: ArrayLike, dt: ArrayLike | None) -> tuple[Array, Array]:
+    """The samples z of one channel, shape (n,), and the steps dt, checked and contiguous."""
+    samples = samples_of(z)
+    if samples.ndim != 1:
+        raise BadSetting(f"z must be one channel, shape (n,) (got shape {samples.shape})")
+    refuse_infinite(samples)
+    return np.ascontiguousarray(samples), steps_of(dt, len(samples))
 
 
 def steps_of(dt: ArrayLike | None, n: int) -> Array:
@@ -90,15 +106,14 @@ def step_of(dt: float | None) -> float:
     return step
 
 
-def refuse_infinite(columns: Array) -> None:
+def refuse_infinite(column: Array, first: int = 0) -> None:
     """BadSetting where z holds inf; NaN is a missing sample."""
-    for column in columns:
-        with np.errstate(over="ignore", invalid="ignore"):
-            if math.isfinite(column.sum()):
-                continue
-        where = np.flatnonzero(np.isinf(column))
-        if len(where):
-            raise infinite(column[where[0]], int(where[0]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        if math.isfinite(column.sum()):
+            return
+    where = np.flatnonzero(np.isinf(column))
+    if len(where):
+        raise infinite(float(column[where[0]]), first + int(where[0]))
 
 
 def infinite(value: float, index: int) -> BadSetting:

@@ -1,7 +1,22 @@
-"""The compiled loops of the scalar filter and its smoother: one channel, contiguous float64, no checks.
+"""The compiled loops of the filter and its smoother, nothing else: contiguous float64, no checks.
 
-Every loop releases the GIL (a reader thread must not starve) and is cached on disk. None is parallel.
-`step` is the only place where the filter's five lines are written; every driver below calls it.
+The model: sensor i reads z = offset + gain x + noise of variance r. x is a random walk of variance q per sample, or
+with momentum dx = v dt, where v is an Ornstein-Uhlenbeck process of time constant tau whose position gains q per
+sample in the long run: v has the stationary variance q/(2 tau). Over a step of dt nominal sample periods
+
+    F = [[1, f], [0, e]],  e = exp(-dt/tau),  f = tau (1 - e),  Q = [[a, b], [b, c]]
+
+(the continuous-time correlated random walk: Johnson et al. 2008, Ecology 89(5), equations 5 and 6; Singer 1970 is
+one derivative higher). The variances of x and v are p and w, their covariance is g; velocity is in units per
+period.
+
+Each loop is written once. An argument that is None leaves out what it stands for: `tau` None is the random walk
+without a velocity, `scales` None one sensor that reads x itself. numba compiles each case apart and drops the
+branches of the other. A row predicts once; then its sensors update one after the other, which gives what one update
+with all of them would (independent noises: Durbin & Koopman 2012, section 6.4).
+
+Every loop releases the GIL (a reader thread must not starve) and is cached on disk. None is parallel, and none is
+made by a function: numba would not find it in its cache.
 """
 
 from __future__ import annotations
@@ -14,240 +29,519 @@ from numpy.typing import NDArray
 from kalscope.common.compiled import compiled
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 MISSING, START, REJECTED, UPDATED = 0, 1, 2, 3
-"""What `step` did with a sample: predicted only; set the start; rejected it at the gate; updated."""
+"""What `step` did with a reading: predicted only; set the start; rejected it at the gate; updated."""
 
 GATE_LIMIT = 5
-"""Samples in a row that the outlier gate may reject; the next one is used, so the filter cannot get stuck."""
+"""Readings in a row that the outlier gate may reject; the next one is used, so the filter cannot get stuck."""
+
+BLOCK = 8
+"""Samples that the settled filter advances at once."""
 
 CHUNK = 256
-"""Samples, a multiple of eight, that the settled filter advances before it looks for a missing one."""
+"""Samples, a multiple of BLOCK, that the settled filter advances before it looks for a missing one."""
 
 MIN_BLOCK_GAIN = 1e-3
-"""Below this gain the settled filter stays sample by sample: rounding grows like 1/gain (limit 1e-12)."""
+"""Below this gain the settled random walk stays sample by sample: rounding grows like 1/gain (limit 1e-12)."""
 
-MAX_DOUBLE = float(np.finfo(np.float64).max)
+SETTLED_WITHIN = 4e-16
+"""Relative change of the variances per sample below which the gains count as settled."""
 
-Step = tuple[float, float, float, float, float, int]
+SERIES_BELOW = 0.1
+"""Steps shorter than this many tau take the series of `transition`: the closed form loses digits like (tau/dt)²."""
 
-
-@compiled(plain=True, inline="always")
-def step(z: float, dt: float, q: float, r: float, gate: float, x: float, p: float, rejected: int) -> Step:
-    """One sample: predict over `dt` periods, then update; `rejected` counts gate rejections in a row.
-
-    Returns x, p, k, v (innovation), s (its variance) and what was done. Interactive matter (2009), C listing;
-    Ma'arif et al. (2019), equations (11)-(15), whose last line, p = (1 - k) p, is p = k r here: the same number
-    without the cancellation where p is much larger than r.
-    """
-    p = p + q * dt
-    s = p + r
-    if math.isnan(z):
-        return x, p, 0.0, math.nan, s, MISSING
-    if math.isinf(p):  # exact diffuse start: the limit of the lines below for p -> inf
-        return z, r, 1.0, math.nan, math.inf, START
-    if math.isnan(x):  # p0 is given, x0 is this first sample
-        k = p / s if s > 0.0 else 0.0
-        return z, k * r, k, math.nan, s, START
-    v = z - x
-    if s == 0.0:  # estimate and sample both claim to be exact (r = 0 and no time passed): keep the estimate
-        return x, p, 0.0, v, s, MISSING
-    if v * v > gate * s and rejected < GATE_LIMIT:
-        return x, p, 0.0, v, s, REJECTED
-    k = p / s
-    return x + k * v, k * r, k, v, s, UPDATED
+Transition = tuple[float, float, float, float, float]
+"""e, f, a, b and c."""
+State = tuple[float, float, float, float, float]
+"""x, v, p, g and w; without momentum v, g and w are 0."""
+States = tuple[Array, Array, Array, Array, Array]
+"""x, v, p, g and w of each row, shape (rows,)."""
+Readings = tuple[Array, Array, Array]
+"""k, innovation and s of each reading, shape (rows, sensors)."""
+Scales = tuple[Array, Array]
+"""Offset and gain of each sensor, shape (sensors,)."""
+Tally = tuple[Counts, Counts, Counts]
+"""Of each sensor, shape (sensors,): gate rejections in a row before the next reading; in all; scored readings."""
 
 
 @compiled(plain=True)
-def filter_channel(
+def transition(dt: float, q: float, tau: float | None) -> Transition:
+    """The transition over `dt` periods."""
+    if tau is None:
+        return 1.0, 0.0, q * dt, 0.0, 0.0
+    h = dt / tau
+    u = -math.expm1(-h)  # 1 - e
+    if h < SERIES_BELOW:
+        # h - 2(1 - e) + (1 - e²)/2 = Σ (-1)^(n+1) (2^(n-1) - 2) hⁿ/n! from n = 3
+        a = -510.0 / 3628800.0
+        a = 254.0 / 362880.0 + a * h
+        a = -126.0 / 40320.0 + a * h
+        a = 62.0 / 5040.0 + a * h
+        a = -30.0 / 720.0 + a * h
+        a = 7.0 / 60.0 + a * h
+        a = -0.25 + a * h
+        a = h * h * h * (1.0 / 3.0 + a * h)
+    else:
+        a = h - 2.0 * u - 0.5 * math.expm1(-2.0 * h)
+    return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
+
+
+@compiled(plain=True, inline="always")
+def predict(over: Transition, state: State) -> State:
+    """The state one step later."""
+    e, f, a, b, c = over
+    x, v, p, g, w = state
+    return x + f * v, e * v, p + f * (2.0 * g + f * w) + a, e * (g + f * w) + b, e * e * w + c
+
+
+@compiled(plain=True, forceinline=True)
+def step(  # noqa: PLR0911 - one for each that can happen
+    y: float, over: Transition, r: float, gate: float, state: State, rejected: int, tau: float | None
+) -> tuple[State, float, float, float, float, int]:
+    """One reading: predict over a step, then update; `rejected` counts gate rejections in a row.
+
+    Returns the state, its gains k (of x) and ell (of v), the innovation, its variance s and what was done. Without
+    momentum these are the five lines: interactive matter (2009), C listing; Ma'arif et al. (2019), equations
+    (11)-(15), whose last line, p = (1 - k) p, is p = k r here: the same number without the cancellation where p is
+    much larger than r. An infinite p is the exact diffuse start: the limit p -> inf, in which v keeps its
+    stationary distribution.
+    """
+    x, v, p, g, w = state
+    if tau is not None:
+        x, v, p, g, w = predict(over, state)
+    else:
+        p = p + over[2]
+    s = p + r
+    if math.isnan(y):
+        return (x, v, p, g, w), 0.0, 0.0, math.nan, s, MISSING
+    if math.isinf(p):
+        return (y, 0.0, r, 0.0, w), 1.0, 0.0, math.nan, math.inf, START
+    if s == 0.0 and not math.isnan(x):  # estimate and reading both claim to be exact: keep the estimate
+        return (x, v, p, g, w), 0.0, 0.0, y - x, s, MISSING
+    k = p / s if s > 0.0 else 0.0
+    ell = g / s if s > 0.0 else 0.0
+    if math.isnan(x):  # p0 is given, x0 is this first reading
+        return (y, 0.0, k * r, ell * r, w - ell * g), k, ell, math.nan, s, START
+    e = y - x
+    if e * e > gate * s and rejected < GATE_LIMIT:
+        return (x, v, p, g, w), 0.0, 0.0, e, s, REJECTED
+    if tau is not None:
+        return (x + k * e, v + ell * e, k * r, ell * r, w - ell * g), k, ell, e, s, UPDATED
+    return (x + k * e, 0.0, k * r, 0.0, 0.0), k, 0.0, e, s, UPDATED
+
+
+@compiled(plain=True)
+def filter_rows(  # noqa: PLR0912, PLR0915 - one loop in place of six
     z: Array,
     dt: Array,
     q: float,
-    r: float,
+    tau: float | None,
+    scales: Scales | None,
+    r: Array,
     gate: float,
-    x: float,
-    p: float,
-    in_a_row: int,
-    out: tuple[Array, Array, Array, Array, Array],
-) -> tuple[float, int, int, int]:
-    """Filter one channel into `out` = (x, p, k, v, s); `dt` empty means regular sampling.
+    state: State,
+    tally: Tally,
+    states: States,
+    readings: Readings,
+    ells: Array,
+    keep: bool | None,
+) -> tuple[State, float]:
+    """Filter the rows of z (n, sensors) into `states` = (x, v, p, g, w) and `readings` = (k, innovation, s).
 
-    `in_a_row` counts gate rejections right before the first sample. Returns the log-likelihood over the m scored
-    innovations, m, the number of gate rejections, and those right at the end. Where the variance repeats itself to
-    the last bit, the gain is kept instead of computed again: the same numbers.
+    `r` is on the scale of x, as are the readings. `dt` empty means regular sampling. Without momentum v, g and w
+    are not written. `tally` is continued; `ells` (sensors,) is scratch. Returns the last state, and the
+    log-likelihood of the scored readings. Of one sensor that reads x itself, `keep` None leaves out `readings` and
+    the likelihood. Where the variances repeat themselves to the last bit, the gains are kept: the same numbers.
     """
-    out_x, out_p, out_k, out_v, out_s = out
-    n, regular = z.shape[0], dt.shape[0] == 0
-    chi2 = logdet = 0.0
-    m = refused = i = 0
+    out_x, out_v, out_p, out_g, out_w = states
+    out_k, out_e, out_s = readings
+    in_a_row, refused, scored = tally
+    n, width, regular = z.shape[0], z.shape[1], dt.shape[0] == 0
+    last, over = 1.0, transition(1.0, q, tau)
+    no_time = (1.0, 0.0, 0.0, 0.0, 0.0)
+    chi2 = logdet = k = ell = s = 0.0
+    m = i = 0
+    if scales is None:
+        width = 1
     while i < n:
-        before = p
-        x, p, k, v, s, done = step(z[i], 1.0 if regular else dt[i], q, r, gate, x, p, in_a_row)
-        out_x[i], out_p[i], out_k[i], out_v[i], out_s[i] = x, p, k, v, s
+        if not regular:
+            if tau is None:
+                over = (1.0, 0.0, q * dt[i], 0.0, 0.0)
+            elif dt[i] != last:
+                last = dt[i]
+                over = transition(last, q, tau)
+        before, move, updates = state, over, 0
+        for j in range(width):
+            y = z[i, j]
+            if scales is not None:
+                y = (y - scales[0][j]) / scales[1][j]
+            state, k, ell, e, s, done = step(y, move, r[j], gate, state, in_a_row[j], tau)
+            move = no_time
+            if keep is not None:
+                out_k[i, j], out_e[i, j], out_s[i, j] = k, e, s
+            if tau is not None and scales is not None:
+                ells[j] = ell
+            if done == REJECTED:
+                in_a_row[j] += 1
+                refused[j] += 1
+            elif done != MISSING:
+                in_a_row[j] = 0
+                if done == UPDATED:
+                    scored[j] += 1
+                    updates += 1
+                    if keep is not None:
+                        chi2 += e / s * e
+                        logdet += math.log(s)
+        x, v, p, g, w = state
+        out_x[i], out_p[i] = x, p
+        if tau is not None:
+            out_v[i], out_g[i], out_w[i] = v, g, w
+        m += updates
         i += 1
-        if done == REJECTED:
-            refused += 1
-            in_a_row += 1
-            continue
-        if done == MISSING:
-            continue
-        in_a_row = 0
-        if done == START:
-            continue
-        m += 1
-        chi2 += v / s * v
-        logdet += math.log(s)
-        if regular and p == before:
-            first, sum_v2, limit = i, 0.0, gate * s
+        settled = p == before[2] and g == before[3] and w == before[4]
+        if regular and updates == width and settled:
+            first, row, limit, total = i, i - 1, gate * s, 0.0
             while i < n:
-                v = z[i] - x
-                if not v * v <= limit:  # a missing sample, or one for the gate
-                    break
-                x = x + k * v
-                sum_v2 += v * v
-                out_x[i], out_p[i], out_k[i], out_v[i], out_s[i] = x, p, k, v, s
+                x_next, v_next = x, v
+                if tau is not None:
+                    x_next, v_next = x + over[1] * v, over[0] * v
+                if scales is None:
+                    e = z[i, 0] - x_next
+                    if not e * e <= limit:  # a missing reading, or one for the gate
+                        break
+                    x_next = x_next + k * e
+                    if tau is not None:
+                        v_next = v_next + ell * e
+                    if keep is not None:
+                        total += e * e
+                        out_k[i, 0], out_e[i, 0], out_s[i, 0] = k, e, s
+                else:
+                    good = True
+                    for j in range(width):
+                        e = (z[i, j] - scales[0][j]) / scales[1][j] - x_next
+                        good = good and e * e <= gate * out_s[row, j]
+                        x_next = x_next + out_k[row, j] * e
+                        if tau is not None:
+                            v_next = v_next + ells[j] * e
+                        out_e[i, j] = e
+                    if not good:
+                        break
+                    for j in range(width):
+                        chi2 += out_e[i, j] / out_s[row, j] * out_e[i, j]
+                        out_k[i, j], out_s[i, j] = out_k[row, j], out_s[row, j]
+                x, v = x_next, v_next
+                out_x[i], out_p[i] = x, p
+                if tau is not None:
+                    out_v[i], out_g[i], out_w[i] = v, g, w
                 i += 1
-            m += i - first
-            chi2 += sum_v2 / s
-            logdet += (i - first) * math.log(s)
-    return -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2), m, refused, in_a_row
+            state = x, v, p, g, w
+            m += width * (i - first)
+            chi2 += total / s
+            for j in range(width):
+                scored[j] += i - first
+                if keep is not None:
+                    logdet += (i - first) * math.log(out_s[row, j])
+    return state, -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2)
 
 
 @compiled()
-def denoise_channel(z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out: Array) -> int:
-    """Filter one channel into `out` (not z itself), x only: in chunks once the variance has settled.
+def denoise_samples(
+    z: Array, dt: Array, q: float, tau: float | None, r: float, gate: float, state: State, out: Array
+) -> int:
+    """X only, of one sensor that reads x itself, into `out` (not z itself): in chunks once the gains have settled.
 
     Returns -1, or the index of the first infinite sample, where it stops.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
-    in_a_row = i = 0
+    last, over, response = 1.0, transition(1.0, q, tau), np.empty((BLOCK, 5))
+    in_a_row = i = chunks_from = 0
     while i < n:
         if math.isinf(z[i]):
             return i
-        before = p
-        x, p, k, _, _, done = step(z[i], 1.0 if regular else dt[i], q, r, gate, x, p, in_a_row)
+        if not regular:
+            if tau is None:
+                over = (1.0, 0.0, q * dt[i], 0.0, 0.0)
+            elif dt[i] != last:
+                last = dt[i]
+                over = transition(last, q, tau)
+        before = state
+        state, k, ell, _, _, done = step(z[i], over, r, gate, state, in_a_row, tau)
         in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
-        out[i] = x
+        out[i] = state[0]
         i += 1
-        settled = regular and done == UPDATED and abs(p - before) <= 2e-16 * p
-        if settled and k >= MIN_BLOCK_GAIN and math.isinf(gate):
-            i, x = advance_settled(z, k, x, i, out)
+        if i < chunks_from or not regular or done != UPDATED or not math.isinf(gate):
+            continue
+        if not has_settled(before, state) or not (state[4] > 0.0 or k >= MIN_BLOCK_GAIN):
+            continue
+        respond_to_block(k, ell, over, response)
+        x, v = state[0], state[1]
+        while i + CHUNK <= n:
+            x_next, v_next = advance_chunk(z[i : i + CHUNK], k, ell, over, response, x, v, out[i : i + CHUNK], tau)
+            if not (math.isfinite(x_next) and math.isfinite(v_next)):
+                break
+            x, v = x_next, v_next
+            i += CHUNK
+        state = (x, v, state[2], state[3], state[4])
+        chunks_from = i  # after the first sample of the next chunk that is not finite
+        while chunks_from < min(i + CHUNK, n) and math.isfinite(z[chunks_from]):
+            chunks_from += 1
+        chunks_from += 1
     return -1
 
 
-@compiled()
-def advance_settled(z: Array, k: float, x: float, i: int, out: Array) -> tuple[int, float]:
-    """Constant gain from sample `i` on, chunk by chunk, up to the first sample that is not finite.
+@compiled(inline="always")
+def has_settled(before: State, after: State) -> bool:
+    """True where no variance changed by more than rounding."""
+    return (
+        abs(after[2] - before[2]) <= SETTLED_WITHIN * after[2]
+        and abs(after[3] - before[3]) <= SETTLED_WITHIN * abs(after[3])
+        and abs(after[4] - before[4]) <= SETTLED_WITHIN * after[4]
+    )
 
-    Returns the first index not yet filtered (less than a chunk is left, or a sample is not finite) and x.
+
+@compiled()
+def respond_to_block(k: float, ell: float, over: Transition, response: Array) -> None:
+    """How a block of the settled filter depends on the state before it: row j is sample j of BLOCK.
+
+    Columns: the weights of x and v before the block in x_j, those in v_j, and the weight of z_j in the last v.
     """
-    while i + CHUNK <= z.shape[0]:
-        end = advance_chunk(z[i : i + CHUNK], k, x, out[i : i + CHUNK])
-        if not abs(end) <= MAX_DOUBLE:
-            while abs(out[i]) <= MAX_DOUBLE:
-                x = out[i]
-                i += 1
-            return i, x
-        x = end
-        i += CHUNK
-    return i, x
+    e, f = over[0], over[1]
+    m11, m12, m21, m22 = 1.0 - k, (1.0 - k) * f, -ell, e - ell * f
+    a11, a12, a21, a22 = 1.0, 0.0, 0.0, 1.0
+    for j in range(BLOCK):
+        response[BLOCK - 1 - j, 4] = a21 * k + a22 * ell
+        a11, a12, a21, a22 = (
+            m11 * a11 + m12 * a21,
+            m11 * a12 + m12 * a22,
+            m21 * a11 + m22 * a21,
+            m21 * a12 + m22 * a22,
+        )
+        response[j, 0], response[j, 1], response[j, 2], response[j, 3] = a11, a12, a21, a22
 
 
 @compiled(fastmath={"contract", "reassoc", "nsz"})
-def advance_chunk(z: Array, k: float, x: float, out: Array) -> float:
-    """Constant gain over one chunk, eight samples at once; returns the last x.
+def advance_chunk(
+    z: Array,
+    k: float,
+    ell: float,
+    over: Transition,
+    response: Array,
+    x: float,
+    v: float,
+    out: Array,
+    tau: float | None,
+) -> tuple[float, float]:
+    """Constant gains over one chunk, eight samples at once; returns the last x and v.
 
-    Within a block y_j = x + (c_j - g_j x) with c_j = a c_(j-1) + k z_j, a = 1 - k and g_j the same sum for
-    z = 1. Only c_8 - g_8 x waits for the block before, so the processor works on several blocks at once.
-    The fast-math flags let the compiler use its vector unit; the caller, compiled without them, looks for
-    missing samples.
+    Within a block c is x from the state 0, c_j = t c_(j-1) - d c_(j-2) + k z_j + b z_(j-1), the state equations
+    with v eliminated (without momentum c_j = t c_(j-1) + k z_j): it does not wait for the block before. Then the
+    faded state before the block is added. The fast-math flags let the compiler use its vector unit; the caller,
+    compiled without them, looks for missing samples.
     """
-    a = 1.0 - k
-    g1 = k
-    g2 = a * g1 + k
-    g3 = a * g2 + k
-    g4 = a * g3 + k
-    g5 = a * g4 + k
-    g6 = a * g5 + k
-    g7 = a * g6 + k
-    g8 = a * g7 + k
-    for i in range(0, CHUNK, 8):
-        c1 = k * z[i]
-        c2 = a * c1 + k * z[i + 1]
-        c3 = a * c2 + k * z[i + 2]
-        c4 = a * c3 + k * z[i + 3]
-        c5 = a * c4 + k * z[i + 4]
-        c6 = a * c5 + k * z[i + 5]
-        c7 = a * c6 + k * z[i + 6]
-        c8 = a * c7 + k * z[i + 7]
-        out[i] = x + (c1 - g1 * x)
-        out[i + 1] = x + (c2 - g2 * x)
-        out[i + 2] = x + (c3 - g3 * x)
-        out[i + 3] = x + (c4 - g4 * x)
-        out[i + 4] = x + (c5 - g5 * x)
-        out[i + 5] = x + (c6 - g6 * x)
-        out[i + 6] = x + (c7 - g7 * x)
-        x = x + (c8 - g8 * x)
-        out[i + 7] = x
-    return x
-
-
-@compiled()
-def smooth_channel(
-    z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
-) -> None:
-    """Smooth one channel into `out_x`, `out_p`, which hold the filtered values in between.
-
-    `dt` empty means regular sampling. No other memory is used: the backward pass replaces each filtered value once
-    it has been read.
-    """
-    n = z.shape[0]
-    filter_forward(z, dt, q, r, gate, x, p, out_x, out_p)
-    first = 0
-    while first < n and math.isnan(out_x[first]):
-        first += 1
-    if first < n:
-        smooth_backwards(dt, q, out_x[first], out_x, out_p)
-
-
-@compiled()
-def smooth_backwards(dt: Array, q: float, start: float, out_x: Array, out_p: Array) -> None:
-    """The backward pass over filtered `out_x`, `out_p`; `start` is used for x before it is known."""
-    last, regular = out_x.shape[0] - 1, dt.shape[0] == 0
-    x, p = float(out_x[last]), float(out_p[last])
-    for i in range(last - 1, -1, -1):
-        grown = q if regular else q * dt[i + 1]
-        p_i = out_p[i]
-        if math.isinf(p_i):  # before a diffuse start only what comes later is known
-            p = p + grown
+    e, f = over[0], over[1]
+    t, d, b = 1.0 - k, (1.0 - k) * e, ell * f - k * e
+    if tau is not None:
+        t = 1.0 - k + (e - ell * f)
+    px, pv, last, h = response[:, 0], response[:, 1], response[BLOCK - 1], response[:, 4]
+    for i in range(0, CHUNK, BLOCK):
+        z0, z1, z2, z3 = z[i], z[i + 1], z[i + 2], z[i + 3]
+        z4, z5, z6, z7 = z[i + 4], z[i + 5], z[i + 6], z[i + 7]
+        c0 = k * z0
+        if tau is not None:
+            c1 = t * c0 + (k * z1 + b * z0)
+            c2 = t * c1 + ((k * z2 + b * z1) - d * c0)
+            c3 = t * c2 + ((k * z3 + b * z2) - d * c1)
+            c4 = t * c3 + ((k * z4 + b * z3) - d * c2)
+            c5 = t * c4 + ((k * z5 + b * z4) - d * c3)
+            c6 = t * c5 + ((k * z6 + b * z5) - d * c4)
+            c7 = t * c6 + ((k * z7 + b * z6) - d * c5)
+            end = c7 + (px[7] * x + pv[7] * v)
+            out[i], out[i + 1] = c0 + (px[0] * x + pv[0] * v), c1 + (px[1] * x + pv[1] * v)
+            out[i + 2], out[i + 3] = c2 + (px[2] * x + pv[2] * v), c3 + (px[3] * x + pv[3] * v)
+            out[i + 4], out[i + 5] = c4 + (px[4] * x + pv[4] * v), c5 + (px[5] * x + pv[5] * v)
+            out[i + 6] = c6 + (px[6] * x + pv[6] * v)
+            new = ((h[0] * z0 + h[1] * z1) + (h[2] * z2 + h[3] * z3)) + (
+                (h[4] * z4 + h[5] * z5) + (h[6] * z6 + h[7] * z7)
+            )
+            v = new + (last[2] * x + last[3] * v)
+            x = end
         else:
-            p_pred = p_i + grown
-            j = p_i / p_pred if p_pred > 0.0 else 1.0
-            x_i = start if math.isnan(out_x[i]) else out_x[i]
-            x = x_i + j * (x - x_i)
-            p = j * grown + j * j * p  # = p_i + j² (p − p_pred), without the cancellation
-        out_x[i], out_p[i] = x, p
+            c1 = t * c0 + k * z1
+            c2 = t * c1 + k * z2
+            c3 = t * c2 + k * z3
+            c4 = t * c3 + k * z4
+            c5 = t * c4 + k * z5
+            c6 = t * c5 + k * z6
+            c7 = t * c6 + k * z7
+            out[i], out[i + 1] = c0 + px[0] * x, c1 + px[1] * x
+            out[i + 2], out[i + 3] = c2 + px[2] * x, c3 + px[3] * x
+            out[i + 4], out[i + 5] = c4 + px[4] * x, c5 + px[5] * x
+            out[i + 6] = c6 + px[6] * x
+            x = c7 + px[7] * x
+        out[i + 7] = x
+    return x, v
 
 
 @compiled()
-def filter_forward(
-    z: Array, dt: Array, q: float, r: float, gate: float, x: float, p: float, out_x: Array, out_p: Array
-) -> None:
-    """The filter's x and p only; the same numbers as `filter_channel`, bit for bit."""
-    n, regular = z.shape[0], dt.shape[0] == 0
-    in_a_row = i = 0
-    while i < n:
-        before = p
-        x, p, k, _, s, done = step(z[i], 1.0 if regular else dt[i], q, r, gate, x, p, in_a_row)
-        out_x[i], out_p[i] = x, p
-        i += 1
-        in_a_row = in_a_row + 1 if done == REJECTED else (in_a_row if done == MISSING else 0)
-        if regular and done == UPDATED and p == before:
-            limit = gate * s
-            while i < n:
-                v = z[i] - x
-                if not v * v <= limit:  # a missing sample, or one for the gate
-                    break
-                x = x + k * v
-                out_x[i], out_p[i] = x, p
+def smooth_states(dt: Array, q: float, tau: float | None, start: float, states: States) -> None:
+    """The pass backwards over filtered `states` = (x, v, p, g, w), which it replaces; `start` is x where unknown.
+
+    Rauch, Tung & Striebel (1965); with momentum in the form (I - C F) P (I - C F)' + C Q C' + C P' C', which is
+    never negative. Before a diffuse start only what comes later is known: the model is run back in time.
+    """
+    out_x, out_v, out_p, out_g, out_w = states
+    end, regular = out_x.shape[0] - 1, dt.shape[0] == 0
+    x, p = float(out_x[end]), float(out_p[end])
+    if tau is None:
+        for i in range(end - 1, -1, -1):
+            grown = q if regular else q * dt[i + 1]
+            before = out_p[i]
+            if math.isinf(before):
+                p = p + grown
+            else:
+                ahead = before + grown
+                j = before / ahead if ahead > 0.0 else 1.0
+                here = start if math.isnan(out_x[i]) else out_x[i]
+                x = here + j * (x - here)
+                p = j * grown + j * j * p  # = before + j² (p - ahead), without the cancellation
+            out_x[i], out_p[i] = x, p
+        return
+    last, over = 1.0, transition(1.0, q, tau)
+    after = x, float(out_v[end]), p, float(out_g[end]), float(out_w[end])
+    for i in range(end - 1, -1, -1):
+        if not regular and dt[i + 1] != last:
+            last = dt[i + 1]
+            over = transition(last, q, tau)
+        e, f, a, b, c = over
+        here = start if math.isnan(out_x[i]) else out_x[i]
+        if math.isinf(out_p[i]):
+            after = predict((e, -f, a, -b, c), after)
+        else:
+            after = smoothed(over, (here, out_v[i], out_p[i], out_g[i], out_w[i]), after)
+        out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = after
+
+
+@compiled(inline="always")
+def smoothed(over: Transition, state: State, after: State) -> State:
+    """The filtered `state`, given the smoothed state `after` it."""
+    e, f, a, b, c = over
+    x, v, p, g, w = state
+    x_next, v_next, p_next, g_next, w_next = predict(over, state)
+    # C = P F' / (F P F' + Q), multiplied out: what cancels in the products of large variances is left out
+    to_x, to_v, own = p + f * g, g + f * w, p * w - g * g  # covariances with x of the next sample; det P
+    det = (p_next - a) * c + (w_next - c) * a - 2.0 * (g_next - b) * b + (a * c - b * b) + e * e * own
+    if det > 1e-14 * p_next * w_next:
+        c11, c12 = (e * e * own + to_x * c - e * g * b) / det, (e * (g * a - f * own) - to_x * b) / det
+        c21, c22 = (to_v * c - e * w * b) / det, (e * (own + w * a) - to_v * b) / det
+    elif p_next > 0.0:  # x and v of the next sample carry the same information
+        c11, c21 = to_x / p_next, to_v / p_next
+        c12 = c22 = 0.0
+    else:  # x is known exactly, so only v of the next sample adds information
+        c11, c22 = 1.0, e * w / w_next if w_next > 0.0 else 0.0
+        c12 = c21 = 0.0
+    dx, dv = after[0] - x_next, after[1] - v_next
+    # A = I - C F, and the variance that comes from the step and from what follows, M = Q + P'
+    a11, a12 = 1.0 - c11, -(c11 * f + c12 * e)
+    a21, a22 = -c21, 1.0 - (c21 * f + c22 * e)
+    m11, m12, m22 = a + after[2], b + after[3], c + after[4]
+    return (
+        x + c11 * dx + c12 * dv,
+        v + c21 * dx + c22 * dv,
+        quadratic(a11, a12, a11, a12, p, g, w) + quadratic(c11, c12, c11, c12, m11, m12, m22),
+        quadratic(a11, a12, a21, a22, p, g, w) + quadratic(c11, c12, c21, c22, m11, m12, m22),
+        quadratic(a21, a22, a21, a22, p, g, w) + quadratic(c21, c22, c21, c22, m11, m12, m22),
+    )
+
+
+@compiled(inline="always")
+def quadratic(a1: float, a2: float, b1: float, b2: float, p: float, g: float, w: float) -> float:
+    """(a1, a2) [[p, g], [g, w]] (b1, b2)'."""
+    return a1 * (p * b1 + g * b2) + a2 * (g * b1 + w * b2)
+
+
+# The settled random walk on eight stretches of a record at once: one recursion waits 12 processor cycles for each
+# sample, and eight independent ones take no longer.
+
+LANES = 8
+"""Stretches that are filtered at once."""
+
+LANE_BLOCK = 384
+"""Samples that every lane takes before what is drawn of them is picked; a multiple of all periods of the gain."""
+
+
+@compiled()
+def filter_lanes(
+    z: Array,
+    warm: int,
+    k: Array,
+    weight: Array,
+    x: float,
+    at: NDArray[np.intp],
+    begin: NDArray[np.intp],
+    end: NDArray[np.intp],
+    out: tuple[Array, Array],
+) -> tuple[int, float, float]:
+    """Filter z, of warm + 8 n samples; lane l runs from sample l n to warm + (l + 1) n.
+
+    Lane 0 begins with `x`. Every other one begins with a guess, and what it does with its first `warm` samples is
+    done by the lane before too: it counts only if both then hold the same x to the last bit, which decides all that
+    follows. `k` and `weight` = 1/s are those of one block. `at` are the samples kept, begin[l] to end[l] those of
+    lane l, whose x and innovation go into `out`. warm and n are multiples of LANE_BLOCK.
+
+    Returns how many lanes count (the first ones; none where a sample is missing or infinite in lane 0), the last x
+    of these, and their Σ v²/s.
+    """
+    n, out_x, out_v = (z.shape[0] - warm) // LANES, out[0], out[1]
+    rows = np.empty((LANES, LANE_BLOCK + 1))
+    warmed, chi2 = np.empty(LANES), np.zeros(LANES)
+    for lane in range(LANES):
+        rows[lane, LANE_BLOCK] = z[lane * n] if lane else x
+    for t in range(0, warm + n, LANE_BLOCK):
+        if t == warm:
+            warmed[:] = rows[:, LANE_BLOCK]
+        rows[:, 0] = rows[:, LANE_BLOCK]
+        filter_blocks(z[t:], n, k, rows)
+        for lane in range(LANES):
+            if lane and t < warm:
+                continue
+            first, i = lane * n + t, begin[lane]
+            chi2[lane] += weighted_squares(z[first : first + LANE_BLOCK], rows[lane], weight)
+            while i < end[lane] and at[i] < first + LANE_BLOCK:
+                j = at[i] - first
+                out_x[i], out_v[i] = rows[lane, j + 1], z[at[i]] - rows[lane, j]
                 i += 1
+            begin[lane] = i
+    lanes, last, total = 0, x, 0.0
+    while lanes < LANES and np.isfinite(rows[lanes, LANE_BLOCK]) and (lanes == 0 or last == warmed[lanes]):
+        last, total = rows[lanes, LANE_BLOCK], total + chi2[lanes]
+        lanes += 1
+    return lanes, last, total
+
+
+@compiled()
+def filter_blocks(z: Array, n: int, k: Array, rows: Array) -> None:
+    """One block in all lanes: rows[l, 0] is the x before, rows[l, 1:] becomes that after each sample of z[l n:]."""
+    a, b, c, d, e, f, g, h = rows
+    a0, b0, c0, d0, e0, f0, g0, h0 = a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0]
+    for j in range(LANE_BLOCK):
+        a0 = a0 + k[j] * (z[j] - a0)
+        b0 = b0 + k[j] * (z[j + n] - b0)
+        c0 = c0 + k[j] * (z[j + 2 * n] - c0)
+        d0 = d0 + k[j] * (z[j + 3 * n] - d0)
+        e0 = e0 + k[j] * (z[j + 4 * n] - e0)
+        f0 = f0 + k[j] * (z[j + 5 * n] - f0)
+        g0 = g0 + k[j] * (z[j + 6 * n] - g0)
+        h0 = h0 + k[j] * (z[j + 7 * n] - h0)
+        a[j + 1], b[j + 1], c[j + 1], d[j + 1] = a0, b0, c0, d0
+        e[j + 1], f[j + 1], g[j + 1], h[j + 1] = e0, f0, g0, h0
+
+
+@compiled(fastmath={"contract", "reassoc", "nsz"})
+def weighted_squares(z: Array, x: Array, weight: Array) -> float:
+    """Σ weight (z − x)² of one block, added in any order."""
+    total = 0.0
+    for j in range(LANE_BLOCK):
+        total += weight[j] * (z[j] - x[j]) * (z[j] - x[j])
+    return total

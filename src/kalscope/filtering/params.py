@@ -1,14 +1,15 @@
-"""The model's parameters as one frozen, checked value.
+"""The model's parameters as one frozen, checked value: one sensor, or several of one quantity.
 
-The model is the local level: x is a random walk of variance q per sample, z = x + noise of variance r. With
-momentum τ the walk keeps its direction for about τ samples; τ = 0 is the plain one.
+The model is the local level: x is a random walk of variance q per sample, and sensor i reads offset + gain x +
+noise of variance r. With momentum τ the walk keeps its direction for about τ samples; τ = 0 is the plain one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,11 +22,10 @@ MIN_MOMENTUM = 1e-12
 """Shorter ones, in sample periods, count as none: they change no digit of the filter."""
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
-NO_GATE = 1e300
-"""A gate that rejects nothing: for channels without one beside others with one."""
-
-Parameter = float | Array
-"""One number for every channel, or an array of shape (channels,)."""
+MAX_OFFSET = 1e200
+"""Largest offset accepted, and readings of this size need no check."""
+MIN_GAIN, MAX_GAIN = 1e-100, 1e100
+"""Smallest and largest size of a gain."""
 
 _VARIANCE = "a finite variance from 0 to 1e300"
 _MUST = {
@@ -35,74 +35,163 @@ _MUST = {
     "x0": "a finite number in the unit of the signal",
     "gate": "a finite threshold on v²/s above 0, such as 9",
     "momentum": "a number of sample periods from 0 to 1e5",
+    "offset": "a number of a size up to 1e200",
+    "gain": "a number of a size from 1e-100 to 1e100",
 }
 """What each parameter must be."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FilterParams:
-    """Parameters of the scalar Kalman filter: scalars, or arrays of shape (channels,).
+    """Parameters of the scalar Kalman filter.
 
     Raises:
-        BadSetting: a value is not a finite number in its range, q and r are both 0, x0 comes without p0, or
-            the arrays have different lengths.
+        BadSetting: a value is not a finite number in its range, r, offset and gain have different lengths, q and r
+            are both 0, more than one r is 0 (exact sensors that differ contradict each other), or x0 comes without
+            p0.
     """
 
-    q: Parameter
+    q: float
     """Process-noise variance added per nominal sample period, unit², 0 … 1e300."""
-    r: Parameter
-    """Measurement-noise variance, unit², 0 … 1e300; q and r are not both 0."""
-    p0: Parameter | None = None
+    r: float | Array
+    """Measurement-noise variance, unit², 0 … 1e300: a number, or one per sensor of the same quantity, in (unit of
+    its readings)², shape (sensors,), read-only. At most one is 0, and none with q = 0."""
+    p0: float | None = None
     """Variance of the estimate before the first predict, unit², ≥ 0; None = exact diffuse start."""
-    x0: Parameter | None = None
-    """Estimate before the first predict, unit; None = the first finite sample. Needs p0."""
-    gate: Parameter | None = None
-    """Outlier gate: a sample whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
-    momentum: Parameter = 0.0
+    x0: float | None = None
+    """Estimate before the first predict, unit; None = the first finite reading. Needs p0."""
+    gate: float | None = None
+    """Outlier gate: a reading whose v²/s exceeds it is not used (9 = three sigma), > 0; None = off."""
+    momentum: float = 0.0
     """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not,
     and below 1e-12 is taken as 0."""
+    offset: Array = cast("Array", 0.0)  # noqa: RUF009 - one number stands for all sensors
+    """Reading of each sensor where the quantity is 0, shape (sensors,), read-only."""
+    gain: Array = cast("Array", 1.0)  # noqa: RUF009
+    """Rise of each reading when the quantity rises by 1, not 0, shape (sensors,), read-only."""
 
     def __post_init__(self) -> None:
-        given = {name: getattr(self, name) for name in _MUST}
-        checked = {
-            name: None if value is None and name not in ("q", "r", "momentum") else _checked(name, value)
-            for name, value in given.items()
-        }
-        if self.x0 is not None and self.p0 is None:
-            raise BadSetting(f"x0 needs p0, the variance of that first estimate (got x0 = {self.x0} alone)")
-        lengths = {len(v) for v in checked.values() if isinstance(v, np.ndarray)}
-        if len(lengths) > 1:
-            raise BadSetting(f"parameters must have one value per channel (got {sorted(lengths)} values)")
-        if np.any((np.asarray(checked["q"]) == 0.0) & (np.asarray(checked["r"]) == 0.0)):
-            raise BadSetting("q and r must not both be 0: their ratio decides the filter (got q = 0, r = 0)")
+        checked: dict[str, Any] = {"r": _number("r", self.r) if np.ndim(self.r) == 0 else _each("r", self.r, None)}
+        sensors = np.size(checked["r"])
+        for name, none in (("offset", _NO_OFFSET), ("gain", _NO_GAIN)):
+            value: Any = getattr(self, name)
+            is_none = np.ndim(checked["r"]) == 0 and np.array_equal(np.atleast_1d(value), none)
+            checked[name] = none if is_none else _each(name, value, sensors)
+        for name in ("q", "p0", "x0", "gate", "momentum"):
+            value = getattr(self, name)
+            checked[name] = None if value is None and name not in ("q", "momentum") else _number(name, value)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.x0 is not None and self.p0 is None:
+            raise BadSetting(f"x0 needs p0, the variance of that first estimate (got x0 = {self.x0} alone)")
+        if self.q == 0.0 and np.any(np.equal(self.r, 0.0)):
+            raise BadSetting(
+                f"q and r must not both be 0: their ratio decides the filter (got q = 0, r = {self.r})"
+            )
+        if not self.reads_x:
+            self._check_sensors()
+
+    def _check_sensors(self) -> None:
+        if np.count_nonzero(np.equal(self.r, 0.0)) > 1:
+            raise BadSetting(
+                f"at most one r may be 0: exact sensors that differ contradict each other (got {self.r})"
+            )
+        with np.errstate(over="ignore", under="ignore"):
+            noise = self.scaled_r
+        if np.any((noise > MAX_VARIANCE) | ((noise == 0.0) & (self.sensor_r > 0.0))):
+            raise BadSetting(f"r/gain² must be a variance up to 1e300 (got r {self.r} with gain {self.gain})")
 
     @property
-    def channels(self) -> int | None:
-        """Number of channels of the arrays; None where all values are scalars."""
-        return next((len(v) for v in self._values() if isinstance(v, np.ndarray)), None)
+    def sensors(self) -> int:
+        """Number of sensors."""
+        return len(self.r) if isinstance(self.r, np.ndarray) else 1
 
     @property
-    def ratio(self) -> Parameter:
-        """λ = q / r, dimensionless; inf for r = 0."""
+    def fuses(self) -> bool:
+        """Whether r is given per sensor: z then has a column for each, and all of them make one x."""
+        return isinstance(self.r, np.ndarray)
+
+    @property
+    def reads_x(self) -> bool:
+        """Whether there is one sensor that reads x itself, without offset and gain."""
+        return not self.fuses and self.offset is _NO_OFFSET and self.gain is _NO_GAIN
+
+    @property
+    def sensor_r(self) -> Array:
+        """Noise variance r of each sensor, shape (sensors,)."""
+        return np.atleast_1d(self.r)
+
+    @property
+    def scaled_r(self) -> Array:
+        """Noise variance of each sensor on the scale of x, r/gain², unit², shape (sensors,)."""
+        return self.r / self.gain / self.gain
+
+    @property
+    def ratio(self) -> float:
+        """λ = q by the r of all sensors together, dimensionless; inf without noise."""
+        noise = self.r if self.reads_x else self.as_single.r
         with np.errstate(divide="ignore", over="ignore", under="ignore"):
-            value = np.divide(self.q, self.r)
-        return float(value) if np.ndim(value) == 0 else value
+            return float(np.divide(self.q, noise))
+
+    @property
+    def information(self) -> Array:
+        """Information in a reading of each sensor, gain²/r, 1/unit², shape (sensors,); 1e300 where r is 0."""
+        return 1.0 / np.maximum(self.scaled_r, 1.0 / MAX_VARIANCE)
+
+    @property
+    def shares(self) -> Array:
+        """What each sensor contributes while all answer, gain²/r as parts of their sum, shape (sensors,)."""
+        return self.information / self.information.sum()
+
+    @property
+    def as_single(self) -> FilterParams:
+        """The filter of the mean of (z − offset)/gain weighted by `shares`: the fused one while all answer.
+
+        Its r is 1/Σ gain²/r. It has no gate, which rejects single readings; and with p0 but no x0 it starts at the
+        mean, not at the first reading.
+        """
+        noise = self.scaled_r
+        r = 0.0 if noise.min() == 0.0 else float(noise.min() / (noise.min() / noise).sum())
+        return FilterParams(self.q, r, self.p0, self.x0, momentum=self.momentum)
+
+    def only(self, indices: Sequence[int]) -> FilterParams:
+        """The same quantity from the sensors of these indices only, in this order.
+
+        Raises:
+            BadSetting: there is no index, or one that no sensor has.
+        """
+        chosen = list(indices)
+        if not chosen or not all(-self.sensors <= one < self.sensors for one in chosen):
+            raise BadSetting(f"indices must be those of sensors, 0 to {self.sensors - 1} (got {chosen})")
+        return replace(self, r=self.sensor_r[chosen], offset=self.offset[chosen], gain=self.gain[chosen])
+
+    def __repr__(self) -> str:
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        shown = {k: v for k, v in given.items() if k in ("q", "r") or np.any(np.not_equal(v, _USUAL[k]))}
+        return f"FilterParams({', '.join(f'{k}={_text(v)}' for k, v in shown.items())})"
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, FilterParams):
-            return NotImplemented
-        return all(map(_same, self._values(), other._values()))
+        return self._values() == other._values() if isinstance(other, FilterParams) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self._values()))
+        return hash(self._values())
 
-    def _values(self) -> tuple[Parameter | None, ...]:
-        return self.q, self.r, self.p0, self.x0, self.gate, self.momentum
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Arrays are read-only after a copy too."""
+        return FilterParams, tuple(getattr(self, f.name) for f in fields(self))
+
+    def _values(self) -> tuple[Any, ...]:
+        values = (getattr(self, f.name) for f in fields(self))
+        return tuple(tuple(v.tolist()) if isinstance(v, np.ndarray) else v for v in values)
 
 
-def require_params(params: object) -> None:
+_NO_OFFSET, _NO_GAIN = np.zeros(1), np.ones(1)
+_NO_OFFSET.setflags(write=False)
+_NO_GAIN.setflags(write=False)
+_USUAL: dict[str, Any] = {"p0": None, "x0": None, "gate": None, "momentum": 0.0, "offset": 0.0, "gain": 1.0}
+
+
+def require_params(params: object) -> FilterParams:
     """Refuse what is no parameters, above all the None of an estimate that found no usable q and r.
 
     Raises:
@@ -113,38 +202,58 @@ def require_params(params: object) -> None:
             f"params must be FilterParams (got {params!r:.60}): where estimate finds no usable q and r, its "
             "message says why; choose them, as in FilterParams(q=0.01, r=1)"
         )
+    return params
 
 
-def _checked(name: str, value: Any) -> Parameter:
-    """`value` as a float or a read-only array of shape (channels,), in the range that _MUST states."""
-    wrong = f"{name} must be {_MUST[name]}"
-    if isinstance(value, float):  # as an array it would take ten times as long
-        if not (math.isfinite(value) and _in_range(name, value)):
-            raise BadSetting(f"{wrong} (got {value})")
-        return 0.0 if name == "momentum" and value < MIN_MOMENTUM else float(value)
+def require_one_sensor(params: object) -> FilterParams:
+    """Refuse what is not the parameters of one sensor that reads x itself.
+
+    Raises:
+        BadSetting: They are not, or they are no parameters.
+    """
+    checked = require_params(params)
+    if not checked.reads_x:
+        raise BadSetting(f"params must be those of one sensor without offset and gain (got {checked})")
+    return checked
+
+
+def _number(name: str, value: Any) -> float:
+    """`value` as a float in the range that _MUST states."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and _in_range(name, number)):
+        raise BadSetting(f"{name} must be {_MUST[name]} (got {value!r})")
+    return 0.0 if name == "momentum" and number < MIN_MOMENTUM else number
+
+
+def _each(name: str, value: Any, sensors: int | None) -> Array:
+    """`value` as a read-only array of shape (sensors,), one number for all; `sensors` None = of any number."""
     try:
         array = np.array(value, dtype=np.float64)
+        array = np.full(sensors, array) if sensors and array.ndim == 0 else array
     except (TypeError, ValueError):
-        raise BadSetting(f"{wrong} (got {value!r})") from None
-    if array.ndim > 1 or array.size == 0 or not np.all(np.isfinite(array) & _in_range(name, array)):
-        raise BadSetting(f"{wrong} (got {value})")
-    if name == "momentum":
-        array = np.where(array < MIN_MOMENTUM, 0.0, array)
-    if array.ndim == 0:
-        return float(array)
+        raise BadSetting(f"{name} must be {_MUST[name]} (got {value!r})") from None
+    if array.ndim != 1 or array.size == 0 or (sensors is not None and array.shape != (sensors,)):
+        raise BadSetting(f"{name} must have one value per sensor, as r (got {value})")
+    for one in array.tolist():
+        _number(name, one)
     array.setflags(write=False)
     return array
 
 
-def _in_range(name: str, value: Any) -> Any:
+def _in_range(name: str, value: float) -> bool:
     if name == "x0":
         return True
     if name == "gate":
         return value > 0.0
-    return (value >= 0.0) & (value <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE))
+    if name == "offset":
+        return abs(value) <= MAX_OFFSET
+    if name == "gain":
+        return MIN_GAIN <= abs(value) <= MAX_GAIN
+    return 0.0 <= value <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE)
 
 
-def _same(a: Parameter | None, b: Parameter | None) -> bool:
-    if a is None or b is None:
-        return a is b
-    return math.prod(np.shape(a)) == math.prod(np.shape(b)) and np.array_equal(a, b)
+def _text(value: Any) -> str:
+    return str(cast("Array", value).tolist()) if isinstance(value, np.ndarray) else repr(value)

@@ -11,10 +11,9 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult, denoise, kalman_filter
+from kalscope.filtering.filter import FilterResult, KalmanFilter, denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
-from kalscope.filtering.streaming import KalmanFilter
 
 
 class StreamingFilter(Protocol):

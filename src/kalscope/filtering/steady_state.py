@@ -12,9 +12,6 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numpy as np
-
-from kalscope.common.array import Array
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import scalar
@@ -34,32 +31,30 @@ _TARGETS: dict[str, Target] = {
 }
 """The targets of `ratio_for`, as `ratio_with_momentum` names them."""
 
-Value = float | Array
-
 
 @dataclass(frozen=True)
 class SteadyState:
-    """The settled filter in practical terms; floats, or (channels,) arrays."""
+    """The settled filter in practical terms."""
 
-    gain: Value
+    gain: float
     """K, the share of each innovation that is added to the estimate, 0 … 1."""
-    p: Value
+    p: float
     """Posterior variance K·r, unit²."""
-    lag_samples: Value
+    lag_samples: float
     """Lag on a ramp in samples, (1 − K)/K; inf for q = 0."""
-    lag_s: Value | None
+    lag_s: float | None
     """The same in s; None without a sample period."""
-    noise_reduction_db: Value
+    noise_reduction_db: float
     """White noise, in to out: −10·log10(K/(2 − K)) dB, 0 = none."""
-    cutoff_hz: Value | None
+    cutoff_hz: float | None
     """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
-    settle_samples: Value
+    settle_samples: float
     """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
-    time_constant_s: Value | None
+    time_constant_s: float | None
     """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
-    overshoot: Value = 0.0
+    overshoot: float = 0.0
     """Overshoot of the step response, as a share of the step; 0 without momentum."""
-    velocity_gain: Value = 0.0
+    velocity_gain: float = 0.0
     """Share of each innovation that is added to the velocity, per sample; 0 without momentum."""
 
 
@@ -67,7 +62,7 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
     """The settled filter of q and r.
 
     Args:
-        params: q, r and momentum, scalars or (channels,) arrays; p0 and x0 do not matter.
+        params: q, r and momentum; of several sensors, that of all together; p0 and x0 do not matter.
         sample_period: nominal sample period in s, > 0; None leaves out the results in s and Hz.
 
     Raises:
@@ -75,17 +70,7 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
     """
     require_params(params)
     period = None if sample_period is None else above_zero("sample_period", sample_period)
-    columns = (_flat(value, params) for value in (params.q, params.r, params.momentum))
-    rows = [_one(q, r, momentum, period) for q, r, momentum in zip(*columns, strict=True)]
-    if params.channels is None:
-        return rows[0]
-    names = SteadyState.__dataclass_fields__
-
-    def column(name: str) -> Value | None:
-        values = [getattr(row, name) for row in rows]
-        return None if values[0] is None else np.array(values)
-
-    return SteadyState(**{name: column(name) for name in names})  # pyright: ignore[reportArgumentType]
+    return _one(params.q, float(params.as_single.r if params.fuses else params.r), params.momentum, period)
 
 
 def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
@@ -223,7 +208,3 @@ def _plain(q: float, r: float, period: float | None) -> SteadyState:
         settle_samples=-math.log(SETTLED) * constant,
         time_constant_s=None if period is None else constant * period,
     )
-
-
-def _flat(value: Value, params: FilterParams) -> list[float]:
-    return np.broadcast_to(value, params.channels or 1).astype(float).tolist()

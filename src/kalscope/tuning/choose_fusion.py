@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.choose import Given, at_recording, rescaled
 from kalscope.tuning.fused_channels import channels_to_fuse, for_each_sensor
@@ -156,9 +156,10 @@ def _estimated(
     return fusion_tuning(found.params, names, units_of(recording)[names[0]], "maximum likelihood")
 
 
-def fusion_tuning(params: FusionParams, names: tuple[str, ...], unit: str, how: str) -> FusionTuning:
+def fusion_tuning(params: FilterParams, names: tuple[str, ...], unit: str, how: str) -> FusionTuning:
     """Parameters as a tuning holds them."""
-    each = {name: tuple(getattr(params, name).tolist()) for name in ("r", "offset", "gain")}
+    columns = {"r": params.sensor_r, "offset": params.offset, "gain": params.gain}
+    each = {name: tuple(column.tolist()) for name, column in columns.items()}
     whole = {name: getattr(params, name) for name in ("q", "p0", "x0", "gate", "momentum")}
     return FusionTuning(FUSED, unit, names, **each, **whole, how=how)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 from kalscope.tuning.toml_text import shown
 
 
@@ -16,7 +16,7 @@ class FusionTuning:
     """One filter for several sensors of one quantity: sensor i reads offset_i + gain_i·x + noise of variance r_i.
 
     Raises:
-        BadSetting: The numbers are not valid parameters (see `FusionParams`), or there is not one value of each per
+        BadSetting: The numbers are not valid parameters (see `FilterParams`), or there is not one value of each per
             sensor, or two sensors have the same name.
     """
 
@@ -60,11 +60,11 @@ class FusionTuning:
             )
         for name in ("q", "p0", "x0", "gate", "momentum"):
             object.__setattr__(self, name, getattr(params, name))
-        for name in ("r", "offset", "gain"):
-            object.__setattr__(self, name, tuple(getattr(params, name).tolist()))
+        for name, column in (("r", params.sensor_r), ("offset", params.offset), ("gain", params.gain)):
+            object.__setattr__(self, name, tuple(column.tolist()))
 
     @property
-    def params(self) -> FusionParams:
+    def params(self) -> FilterParams:
         """The parameters as the filter takes them."""
         r, offset, gain = (np.array(values) for values in (self.r, self.offset, self.gain))
-        return FusionParams(self.q, r, offset, gain, self.p0, self.x0, self.gate, self.momentum)
+        return FilterParams(self.q, r, self.p0, self.x0, self.gate, self.momentum, offset, gain)

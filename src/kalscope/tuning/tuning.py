@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from kalscope.common.checks import above_zero
 from kalscope.common.text import duration, number
 from kalscope.common.version import program
@@ -16,7 +14,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.classic.rescaling import rescaled_chain
-from kalscope.filtering.params import MAX_MOMENTUM, NO_GATE, FilterParams
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.toml_text import shown
@@ -65,15 +63,14 @@ class ChannelTuning:
 
     def __post_init__(self) -> None:
         params = self.params
+        if params.fuses:
+            raise BadSetting(f"r of a channel must be one number (got {self.r})")
         for name in ("q", "r", "p0", "x0", "gate", "momentum"):
-            value = getattr(params, name)
-            if isinstance(value, np.ndarray):
-                raise BadSetting(f"{name} of a channel must be one number (got {value})")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, getattr(params, name))
 
     @property
     def params(self) -> FilterParams:
-        """The parameters as the filter takes them, scalars."""
+        """The parameters as the filter takes them."""
         return FilterParams(self.q, self.r, self.p0, self.x0, self.gate, self.momentum)
 
     @property
@@ -152,24 +149,6 @@ class Tuning:
         """With the channel `name` alone, so that nothing else is rescaled or refused; itself for None."""
         return self if name is None else replace(self, channels=(self.channel(name),), selected="", fusion=None)
 
-    def params(self, channel_name: str | None = None) -> FilterParams:
-        """Parameters of one channel as scalars, or of all as arrays of shape (channels,) for None.
-
-        Raises:
-            BadSetting: No such channel; or some channels have a p0 or x0 and others have not, which arrays
-                cannot represent. Ask for each channel by its name then.
-        """
-        if channel_name is not None:
-            return self.channel(channel_name).params
-        return FilterParams(
-            np.array([channel.q for channel in self.channels]),
-            np.array([channel.r for channel in self.channels]),
-            p0=self._together("p0"),
-            x0=self._together("x0"),
-            gate=self._together("gate", NO_GATE),
-            momentum=np.array([channel.momentum for channel in self.channels]) if self.has_momentum else 0.0,
-        )
-
     @property
     def has_chain(self) -> bool:
         """Whether any channel has a chain."""
@@ -197,13 +176,6 @@ class Tuning:
         channels = tuple(_rescaled(one, ratio, period) for one in self.channels)
         fusion = None if self.fusion is None else _rescaled(self.fusion, ratio, period)
         return replace(self, channels=channels, fusion=fusion, sample_period=period)
-
-    def _together(self, name: str, instead: float | None = None) -> np.ndarray | None:
-        given = [getattr(channel, name) for channel in self.channels]
-        values = [instead if value is None else value for value in given]
-        if instead is None and None in given and given != [None] * len(given):
-            raise BadSetting(f"{name} must be given for all channels or for none (got {shown(given)})")
-        return None if given == [None] * len(given) else np.array(values)
 
 
 Tuned = TypeVar("Tuned", ChannelTuning, FusionTuning)

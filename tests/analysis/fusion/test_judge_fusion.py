@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FusionParams, estimate_fusion, fuse, judge_fusion, steady_state
+from kalscope import BadSetting, FilterParams, estimate_fusion, fuse, judge_fusion, steady_state
 
 R = np.array([0.25, 1.0, 4.0])
-PARAMS = FusionParams(0.01, R)
+PARAMS = FilterParams(0.01, R)
 
 
 def recorded(seed=1, sensors=3, n=3000):
@@ -67,7 +67,7 @@ def test_the_pull_of_a_stuck_sensor_is_where_the_fused_value_ends(gate):
     z = 0.1 * recorded(5)
     z -= z.mean(axis=1, keepdims=True)
     z[500:, 0] = 70.0
-    params = FusionParams(0.01, R, gate=gate)
+    params = FilterParams(0.01, R, gate=gate)
     assert judged(z, params=params).sensors[0].pull == pytest.approx(
         fuse(z, params).x[1500:].mean() / 70.0, abs=0.03
     )
@@ -135,7 +135,7 @@ def test_the_drift_of_two_sensors_is_one_number():
     z = np.cumsum(rng.normal(0.0, 0.1, 800))[:, None] + rng.normal(size=(800, 2)) * [1.0, 3.0]
     z[:, 1] += np.linspace(0.0, 20.0, 800)
     z[rng.random(z.shape) < 0.4] = np.nan
-    first, second = judged(z, params=FusionParams(0.01, [1.0, 9.0])).sensors
+    first, second = judged(z, params=FilterParams(0.01, [1.0, 9.0])).sensors
     assert first.drift == second.drift > 15.0  # to the bit: both read alike
 
 
@@ -156,7 +156,7 @@ def test_a_fused_value_that_is_better_is_said_so_on_the_second_half():
     rng = np.random.default_rng(4)
     x = np.cumsum(rng.normal(0.0, 1.0, 3000))
     z = x[:, None] + rng.normal(size=(3000, 3))
-    found = judged(z, params=FusionParams(1.0, np.ones(3)), fit=lambda *_: FusionParams(1.0, np.ones(3)))
+    found = judged(z, params=FilterParams(1.0, np.ones(3)), fit=lambda *_: FilterParams(1.0, np.ones(3)))
     assert found.held_out.is_certain
     assert found.held_out.fused < 0.95 * found.held_out.single.min()
     assert "better than by" in found.sentences[1]
@@ -191,7 +191,7 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
 
 
 def test_a_sensor_without_noise_is_all_of_the_fused_value_and_missed_when_it_fails():
-    found = judged(recorded(sensors=2), params=FusionParams(0.01, [0.0, 1.0]))
+    found = judged(recorded(sensors=2), params=FilterParams(0.01, [0.0, 1.0]))
     assert "While all answer, the fused value is 100 % a." in found.sentences
     assert found.sensors[0].sentences[-2].startswith("If a drops out, the error is 0.308, with it 0;")
     assert (
@@ -228,7 +228,7 @@ def test_a_sensor_of_coarse_steps_is_stuck_only_where_the_others_move():
     x = np.append(np.linspace(0.0, 40.0, 2000), np.full(2000, 40.2))
     z = x[:, None] + np.random.default_rng(3).normal(0.0, 0.5, (4000, 3))
     z[:, 0] = np.round(x)
-    params = FusionParams(1e-3, np.array([1.0 / 12.0, 0.25, 0.25]))
+    params = FilterParams(1e-3, np.array([1.0 / 12.0, 0.25, 0.25]))
     assert judged(z, params=params).sensors[0].stuck == (0, 0)
     z[500:1900, 0] = z[500, 0]
     z[1900:, 0] += np.arange(2100) % 30 // 15
@@ -236,5 +236,5 @@ def test_a_sensor_of_coarse_steps_is_stuck_only_where_the_others_move():
 
 
 def test_shares_next_to_all_are_not_said_to_be_all():
-    found = judged(recorded(sensors=2), params=FusionParams(1.0, np.array([1.0, 200.0])))
+    found = judged(recorded(sensors=2), params=FilterParams(1.0, np.array([1.0, 200.0])))
     assert "99.5 % a and 0.50 % b" in found.sentences[2]

@@ -10,9 +10,9 @@ import pytest
 from feed import Board
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.growing import GrowingFusion
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.filter import GrowingRun
+from kalscope.filtering.params import FilterParams
 from kalscope.tuning.fusion import FusionTuning
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
 from kalscope_app.engine.filter_runs import FilterRuns
@@ -48,7 +48,7 @@ def recording(names=(*SENSORS, "t"), units=("mm", "mm", "mm", "degC"), n=600, pe
 
 
 def params():
-    return FusionParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.5, -0.5], gate=16.0)
+    return FilterParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.5, -0.5], gate=16.0)
 
 
 def fused_state(rec=None):
@@ -275,8 +275,8 @@ def test_an_answer_that_comes_too_late_changes_nothing():
 
 def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(monkeypatch):
     board, runs, taken = Board(SENSORS), FilterRuns(), []
-    extend = GrowingFusion.extend
-    monkeypatch.setattr(GrowingFusion, "extend", lambda self, z: (taken.append(len(z)), extend(self, z))[1])
+    extend = GrowingRun.extend
+    monkeypatch.setattr(GrowingRun, "extend", lambda self, z: (taken.append(len(z)), extend(self, z))[1])
     state = refreshed(opened_live(board.id, "x"), board.send(500).snapshot())
     state = apply_fusion(state.recording, SENSORS, params(), "")(state)
     for sent, first in ((0, 0), (20, 0), (7, 100), (0, 100)):

@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FusionParams, Recording
+from kalscope import BadSetting, FilterParams, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.board.connected import BoardFilter, board_filter
 from kalscope.export.board.momentum import momentum_on_board
@@ -83,7 +83,7 @@ def test_a_channel_is_known_by_its_place_among_the_filtered_ones():
 def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(state):
     readings = np.column_stack([state.z, state.z + 1.0])
     recording = Recording(state.recording.time, ("a", "b"), ("", ""), readings, 0.005)
-    fused = apply_fusion(recording, ("a", "b"), FusionParams(1.0, np.ones(2)), "by hand")(opened(recording))
+    fused = apply_fusion(recording, ("a", "b"), FilterParams(1.0, np.ones(2)), "by hand")(opened(recording))
     fused = replace(fused, live=state.live)
     board = Board()
     with pytest.raises(BadSetting, match="sketch of fused sensors takes no values while it runs: export it again"):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Cancelled, FusionParams, estimate, estimate_fusion, fuse
+from kalscope import BadSetting, Cancelled, FilterParams, estimate, estimate_fusion, fuse
 from kalscope.estimation.likelihood.search import DROP
 
 PLAIN = {"momentum": 0.0, "robust": False}
@@ -35,7 +35,7 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum, missing):
 
 @pytest.mark.slow
 def test_the_likelihood_is_that_of_the_filter_and_not_below_the_truth():
-    truth = FusionParams(q=0.1, r=[0.25, 1.0, 2.0], offset=[1.0, -3.0, 2.0])
+    truth = FilterParams(q=0.1, r=[0.25, 1.0, 2.0], offset=[1.0, -3.0, 2.0])
     for seed in range(6):
         z = record(n=200, seed=seed, missing=0.2)
         found = estimate_fusion(z, **PLAIN)

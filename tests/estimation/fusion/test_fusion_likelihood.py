@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope import FusionParams, fuse
+from kalscope import FilterParams, fuse
 from kalscope.estimation.fusion.search.climb import climb
 from kalscope.estimation.fusion.search.likelihood import Coordinates, Readings, place_at
 
@@ -32,7 +32,7 @@ def test_it_is_that_of_the_fused_filter(tau):
     z, dt = record()
     data = Readings.of(z, dt)
     one = place(data, tau)
-    params = FusionParams(
+    params = FilterParams(
         q=one.q * data.scale**2,
         r=one.r * data.scale**2,
         offset=one.offset * data.scale + data.centre,
@@ -61,7 +61,7 @@ def test_no_other_offsets_are_more_likely():
     scale = data.scale
     for side in ([0.0, 0.01, 0.0], [0.0, -0.01, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, -0.01]):
         offset = (one.offset + side) * scale + data.centre
-        other = fuse(z, FusionParams(one.q * scale**2, one.r * scale**2, offset, one.c), dt)
+        other = fuse(z, FilterParams(one.q * scale**2, one.r * scale**2, offset, one.c), dt)
         assert other.loglik < one.loglik
         # and by as much as their covariance says: a parabola
         assert one.loglik - other.loglik == pytest.approx(

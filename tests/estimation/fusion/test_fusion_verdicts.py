@@ -10,7 +10,7 @@ from each import each
 
 from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
 from kalscope.estimation.fusion.doubts import held_for
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 PLAIN = {"momentum": 0.0, "robust": False}
 

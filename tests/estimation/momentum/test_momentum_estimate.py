@@ -11,7 +11,7 @@ from each import each
 from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
 from kalscope.estimation.likelihood.profile import log_likelihood
 from kalscope.estimation.momentum import kernels
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 
 def moving(n, tau, q=10.0, r=1.0, seed=0):

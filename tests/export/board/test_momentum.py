@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope.export.board.momentum import momentum_on_board
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 F = np.float32
 

@@ -17,7 +17,7 @@ from kalscope.filtering.classic.stages import (
     OneEuro,
     PowerOfTwo,
 )
-from kalscope.filtering.pieces.running import RunningFilter
+from kalscope.filtering.filter import GrowingRun
 
 STAGES = (
     MovingAverage(1),
@@ -77,7 +77,7 @@ def test_a_record_that_grows_has_the_run_of_the_whole():
     for chain in CHAINS:
         for steps in (None, dt):
             used = ChainFilter(chain, PARAMS)
-            whole, grown = used.run(z, steps), RunningFilter(used.start())
+            whole, grown = used.run(z, steps), GrowingRun(used.start())
             for at in (slice(0, 1), slice(1, 1), slice(1, 57), slice(57, None)):
                 grown.extend(z[at], None if steps is None else steps[at])
             for name in ("x", "p", "k", "innovation", "s", "velocity", "velocity_p", "rejected"):

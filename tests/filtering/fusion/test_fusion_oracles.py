@@ -10,7 +10,7 @@ from dense_fusion import dense_loglik, dense_posterior
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import FusionParams, fuse, smooth_fusion
+from kalscope import FilterParams, fuse, smooth
 
 
 def record(rng, n, params, missing=0.3):
@@ -23,7 +23,7 @@ def record(rng, n, params, missing=0.3):
 
 def random_case(seed, sensors, momentum, start, spread, n=24):
     rng = np.random.default_rng(seed)
-    params = FusionParams(
+    params = FilterParams(
         10.0 ** rng.uniform(-3, 1),
         10.0 ** rng.uniform(-1, 2, sensors),
         rng.normal(0.0, 5.0, sensors),
@@ -62,7 +62,7 @@ def test_filter_smoother_and_likelihood_are_those_of_one_gaussian_vector(seed, s
         mean, cov = dense_posterior(z, params, dt, i + 1)
         assert found.p[i] == pytest.approx(cov[2 * i, 2 * i], rel=1e-10, abs=1e-13)
         assert found.x[i] == pytest.approx(mean[2 * i], rel=1e-10, abs=1e-10 * (math.sqrt(found.p[i]) + 20.0))
-    must_agree(smooth_fusion(z, params, dt), *dense_posterior(z, params, dt, len(z)), 1e-10)
+    must_agree(smooth(z, params, dt), *dense_posterior(z, params, dt, len(z)), 1e-10)
     assert found.loglik == pytest.approx(dense_loglik(z, params, dt), rel=1e-10, abs=1e-9)
     assert found.m == np.isfinite(z).sum() - (params.p0 is None)
 
@@ -71,7 +71,7 @@ def test_filter_smoother_and_likelihood_are_those_of_one_gaussian_vector(seed, s
 def test_a_state_space_of_statsmodels_agrees():
     from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
-    params = FusionParams(0.4, np.array([1.0, 9.0]), np.array([0.5, -2.0]), np.array([1.0, 3.0]), p0=4.0, x0=1.0)
+    params = FilterParams(0.4, np.array([1.0, 9.0]), np.array([0.5, -2.0]), np.array([1.0, 3.0]), p0=4.0, x0=1.0)
     z = record(np.random.default_rng(5), 200, params)
     theirs = KalmanSmoother(2, 1)
     theirs.bind(z.copy())
@@ -79,7 +79,7 @@ def test_a_state_space_of_statsmodels_agrees():
     theirs["obs_cov"], theirs["transition"] = np.diag(params.r), np.eye(1)
     theirs["selection"], theirs["state_cov"] = np.eye(1), np.array([[params.q]])
     theirs.initialize_known(np.array([params.x0]), np.array([[params.p0 + params.q]]))
-    run, found, smoothed = theirs.smooth(), fuse(z, params), smooth_fusion(z, params)
+    run, found, smoothed = theirs.smooth(), fuse(z, params), smooth(z, params)
     np.testing.assert_allclose(found.x, run.filtered_state[0], rtol=1e-10)
     np.testing.assert_allclose(found.p, run.filtered_state_cov[0, 0], rtol=1e-10)
     np.testing.assert_allclose(smoothed.x, run.smoothed_state[0], rtol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FusionParams
+from kalscope import BadSetting, FilterParams
 
 R = np.array([1.0, 4.0])
 
@@ -36,16 +36,16 @@ R = np.array([1.0, 4.0])
 )
 def test_what_cannot_be_is_refused_with_what_came(wrong, message):
     with pytest.raises(BadSetting, match=message):
-        FusionParams(**{"q": 1.0, "r": R, **wrong})
+        FilterParams(**{"q": 1.0, "r": R, **wrong})
 
 
 def test_they_are_values():
-    one = FusionParams(1.0, R, gate=9.0)
-    other = FusionParams(1, [1, 4], offset=[0, 0], gain=(1, 1), gate=9)  # pyright: ignore
+    one = FilterParams(1.0, R, gate=9.0)
+    other = FilterParams(1, [1, 4], offset=[0, 0], gain=(1, 1), gate=9)  # pyright: ignore
     assert one == other
     assert hash(one) == hash(other)
-    assert one != FusionParams(1.0, R)
-    assert one != FusionParams(1.0, R, gain=[1.0, 2.0], gate=9.0)
+    assert one != FilterParams(1.0, R)
+    assert one != FilterParams(1.0, R, gain=[1.0, 2.0], gate=9.0)
     R_before = R.copy()
     with pytest.raises(ValueError, match="read-only"):
         one.r[0] = 5.0
@@ -53,12 +53,12 @@ def test_they_are_values():
 
 
 def test_some_sensors_are_a_fused_filter_too():
-    params = FusionParams(1.0, [1.0, 2.0, 4.0], [0.0, 1.0, 2.0], [1.0, -1.0, 2.0], 3.0, 0.5, 9.0, 7.0)
-    assert params.only([2, 0]) == FusionParams(1.0, [4.0, 1.0], [2.0, 0.0], [2.0, 1.0], 3.0, 0.5, 9.0, 7.0)
+    params = FilterParams(1.0, [1.0, 2.0, 4.0], [0.0, 1.0, 2.0], [1.0, -1.0, 2.0], 3.0, 0.5, 9.0, 7.0)
+    assert params.only([2, 0]) == FilterParams(1.0, [4.0, 1.0], [2.0, 0.0], [2.0, 1.0], 3.0, 0.5, 9.0, 7.0)
     assert params.shares.tolist() == pytest.approx([0.4, 0.2, 0.4])
 
 
 @each("indices", [[9], [-3], []])
 def test_sensors_that_are_not_there_are_refused(indices):
     with pytest.raises(BadSetting, match="indices must be those of sensors, 0 to 1"):
-        FusionParams(1.0, R).only(indices)
+        FilterParams(1.0, R).only(indices)

@@ -7,9 +7,11 @@ import pytest
 from each import each
 
 from kalscope import BadSetting
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.growing import FIRST_CAPACITY, PIECE, GrowingFusion, fused_at
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.fusion.growing import FIRST_CAPACITY, PIECE
+from kalscope.filtering.filter import GrowingRun
+from kalscope.filtering.chosen import filter_at
+from kalscope.filtering.params import FilterParams
 
 NAMES = ("x", "p", "velocity", "velocity_p")
 
@@ -23,7 +25,7 @@ def readings(n, missing=0.02):
 
 
 def model(momentum, gate=None):
-    return FusionParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.3, -0.2], [1.0, 1.0, 1.1], momentum=momentum, gate=gate)
+    return FilterParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.3, -0.2], [1.0, 1.0, 1.1], momentum=momentum, gate=gate)
 
 
 def assert_same(one, other, rows=slice(None)):
@@ -42,13 +44,13 @@ def test_chosen_rows_are_those_of_the_whole_run(momentum, dt, missing):
     steps = np.tile([1.0, 2.0], len(z))[: len(z)] if dt else None
     indices = np.array([0, 5, PIECE - 1, PIECE, 2 * PIECE, len(z) - 1])
     params = model(momentum, gate=9.0)
-    assert_same(fused_at(z, params, indices, steps), fuse(z, params, steps), indices)
+    assert_same(filter_at(z, params, indices, steps), fuse(z, params, steps), indices)
 
 
 @pytest.mark.parametrize("momentum", [0.0, 12.0])
 def test_a_record_that_grows_gives_the_same_numbers(momentum):
     z, params = readings(FIRST_CAPACITY + PIECE + 500), model(momentum, gate=9.0)
-    growing = GrowingFusion(params)
+    growing = GrowingRun(params)
     for first, last in ((0, 1), (1, 1), (1, 700), (700, len(z))):
         growing.extend(z[first:last])
     assert_same(growing.result, fuse(z, params))
@@ -58,7 +60,7 @@ def test_a_record_that_grows_gives_the_same_numbers(momentum):
 
 
 def test_earlier_results_stay_as_they_were():
-    z, growing = readings(3 * FIRST_CAPACITY), GrowingFusion(model(0.0))
+    z, growing = readings(3 * FIRST_CAPACITY), GrowingRun(model(0.0))
     growing.extend(z[:10])
     early = growing.result
     kept = early.x.copy()
@@ -67,7 +69,7 @@ def test_earlier_results_stay_as_they_were():
 
 
 def test_what_is_infinite_is_refused_and_changes_nothing():
-    z, growing = readings(20), GrowingFusion(model(0.0))
+    z, growing = readings(20), GrowingRun(model(0.0))
     growing.extend(z)
     with pytest.raises(BadSetting, match="finite"):
         growing.extend(np.array([[np.inf, 0.0, 0.0]]))

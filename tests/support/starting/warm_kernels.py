@@ -15,7 +15,7 @@ from kalscope import (
     Butterworth,
     Exponential,
     FilterParams,
-    FusionParams,
+    FilterParams,
     KalmanFilter,
     Median,
     MovingAverage,
@@ -35,7 +35,7 @@ from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
 from kalscope.filtering.classic.running import RunningStages
-from kalscope.filtering.pieces.chosen import filter_at
+from kalscope.filtering.chosen import filter_at
 from kalscope.papers.generalized import filter as generalized
 
 SAMPLES = 30_000
@@ -69,7 +69,7 @@ generalized.generalized_filter(np.abs(z) + 1.0, generalized.GeneralizedParams(1.
 pool_of([z[:400], spiky])
 held_out([z[:400], spiky])
 for momentum in (0.0, 5.0):
-    fused = FusionParams(0.1, **TWO, momentum=momentum)
+    fused = FilterParams(0.1, **TWO, momentum=momentum)
     fuse(pair, fused)
     fuse_float32(pair, fused)
     estimate_fusion(pair[:400], momentum=momentum)

@@ -17,7 +17,7 @@ from kalscope.estimation.fleet.losses import left_by
 from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.estimation.fleet.pooled import fit_pool
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import answer_for, unlike_in

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.fusion import FusionTuning
 from kalscope_app.session.changes.parameters import DECADES
@@ -63,7 +63,7 @@ def apply_estimate(recording: Recording, sensors: tuple[str, ...], found: Fusion
 def apply_fusion(
     recording: Recording,
     sensors: tuple[str, ...],
-    params: FusionParams,
+    params: FilterParams,
     how: str,
     estimate: FusionEstimate | None = None,
 ) -> Change:
@@ -74,7 +74,7 @@ def apply_fusion(
             note = "The sensors were fused after another recording was opened; nothing was changed."
             return state.with_answers(note=note)
         unit = recording.units[recording.index(sensors[0])]
-        r, offset, gain = (tuple(column.tolist()) for column in (params.r, params.offset, params.gain))
+        r, offset, gain = (tuple(column.tolist()) for column in (params.sensor_r, params.offset, params.gain))
         start = params.p0, params.x0, params.gate, params.momentum
         name = name_of_fused(recording)
         tuning = FusionTuning(name, unit, sensors, params.q, r, offset, gain, *start, how)

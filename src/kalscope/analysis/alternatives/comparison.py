@@ -26,8 +26,8 @@ from kalscope.common.array import Array
 from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_channel, scalar
-from kalscope.filtering.batch import FilterResult, kalman_filter
 from kalscope.filtering.classic.bench import bench_of
+from kalscope.filtering.filter import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 

@@ -13,10 +13,10 @@ from kalscope.analysis.alternatives.verdict import Difference, difference, inter
 from kalscope.common.array import Array
 from kalscope.common.text import plural
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import kalman_filter
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.response import chain_response
 from kalscope.filtering.classic.stages import Median
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.steady_state import SteadyState, ratio_for
 
 WINDOWS = (3, 5)

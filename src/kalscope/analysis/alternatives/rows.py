@@ -13,9 +13,9 @@ from kalscope.analysis.alternatives.error_measures import Errors
 from kalscope.analysis.alternatives.verdict import Difference, difference
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import FilterResult, smooth
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
+from kalscope.filtering.filter import FilterResult, smooth
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kalscope.common.array import Array
 from kalscope.common.text import number, plural
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.filter import FilterResult
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 

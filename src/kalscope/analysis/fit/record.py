@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from kalscope.analysis.fit.run import Run
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences, differences
+from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.pieces.passing import filter_pieces
 
 Indices = NDArray[np.int64]
 

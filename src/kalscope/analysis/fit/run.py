@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.filter import PIECE, FilterResult, filter_pieces
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.pieces.passing import PIECE, filter_pieces
 
 Columns = tuple[Array, ...]
 """x, p, k, innovation and s of one channel."""

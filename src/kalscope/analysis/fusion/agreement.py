@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.smoothing import smooth_fusion
+from kalscope.filtering.filter import smooth
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 BEYOND_CHANCE = 5.0
@@ -64,7 +64,7 @@ class Difference:
         return self.d / np.sqrt(np.maximum(self.own, MIN_OWN))
 
 
-def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, others: Sequence[int]) -> Difference:
+def difference(z: Array, dt: Array | None, params: FilterParams, sensor: int, others: Sequence[int]) -> Difference:
     """Sensor less others."""
     y = (z - params.offset) / params.gain
     own, rest = y[:, sensor], y[:, list(others)]
@@ -76,7 +76,7 @@ def difference(z: Array, dt: Array | None, params: FusionParams, sensor: int, ot
         mean = (information * np.where(np.isfinite(rest), rest, 0.0)).sum(axis=1)[both] / total[both]
         return Difference(own[both] - mean, r + 1.0 / total[both], 0.0, 1.0)
     remaining = params.only(others)
-    smoothed = smooth_fusion(z[:, list(others)], remaining, dt)
+    smoothed = smooth(z[:, list(others)], remaining, dt)
     error = np.where(answered & np.isfinite(smoothed.p), smoothed.p, math.inf)
     known = np.isfinite(error) & (error <= MAX_FAINTER * error.min(initial=math.inf))
     per_row = known.sum() / max(len(z), 1)

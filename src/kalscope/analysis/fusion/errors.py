@@ -9,8 +9,8 @@ import numpy as np
 
 from kalscope.analysis.fusion.result import HeldOut
 from kalscope.common.array import Array, Mask
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.params import FilterParams
 
 BLOCKS = 16
 """Blocks from whose scatter the standard error of a mean comes."""
@@ -31,14 +31,14 @@ def started(z: Array) -> int:
     return max(int(SETTLED_AFTER * len(z)), begins)
 
 
-def predicted_error(z: Array, dt: Array | None, params: FusionParams, first: int) -> float:
+def predicted_error(z: Array, dt: Array | None, params: FilterParams, first: int) -> float:
     """√ of the mean variance that the model gives to x, from row `first` on; inf without a reading."""
     p = fuse(z, params, dt).p[first:]
     p = p[np.isfinite(p)]
     return math.sqrt(float(p.mean())) if len(p) else math.inf
 
 
-def held_out(z: Array, dt: Array | None, params: FusionParams, counted: Mask) -> HeldOut | None:
+def held_out(z: Array, dt: Array | None, params: FilterParams, counted: Mask) -> HeldOut | None:
     """Predict every reading of the second half from the rows before it, by all sensors and by each alone.
 
     Args:
@@ -65,7 +65,7 @@ def held_out(z: Array, dt: Array | None, params: FusionParams, counted: Mask) ->
     )
 
 
-def _squared_errors(z: Array, dt: Array | None, params: FusionParams, sensors: Sequence[int]) -> Array:
+def _squared_errors(z: Array, dt: Array | None, params: FilterParams, sensors: Sequence[int]) -> Array:
     """Squared errors of the second half in the unit of x, shape (rows, all sensors), predicted by these sensors."""
     run = fuse(z[:, sensors], params.only(sensors), dt)
     first = max(len(z) // 2, 1)
@@ -82,7 +82,7 @@ def _differ(weighted: Array) -> bool:
     return abs(float(means.mean())) > CERTAIN * float(means.std(ddof=1)) / math.sqrt(BLOCKS)
 
 
-def pull(params: FusionParams, sensor: int) -> float:
+def pull(params: FilterParams, sensor: int) -> float:
     """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
 
     Without a gate this is its share. A gate rejects it at first, but accepts a reading after a number of

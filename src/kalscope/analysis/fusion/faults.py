@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from kalscope.common.array import Array, Mask
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.smoothing import smooth_fusion
+from kalscope.filtering.filter import fuse, smooth
+from kalscope.filtering.params import FilterParams
 
 MAD = 1.4826
 """Standard deviation of normal numbers over the median of their size."""
@@ -29,7 +28,7 @@ Stretch = tuple[int, int]
 """First row, and one past the last; (0, 0) for none."""
 
 
-def spikes(z: Array, dt: Array | None, params: FusionParams) -> list[int]:
+def spikes(z: Array, dt: Array | None, params: FilterParams) -> list[int]:
     """Readings of each sensor that are far off, by a filter of its own, and that no other sensor confirms."""
     sizes = np.stack([_sizes(z[:, [i]], dt, params.only([i])) for i in range(params.sensors)], axis=1)
     far, confirming = sizes > FAR_OFF, sizes > CONFIRMED
@@ -38,7 +37,7 @@ def spikes(z: Array, dt: Array | None, params: FusionParams) -> list[int]:
     return alone.sum(axis=0).tolist()
 
 
-def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
+def _sizes(z: Array, dt: Array | None, params: FilterParams) -> Array:
     """|v|/√s of one sensor, over their usual size; 0 where none is scored."""
     run = fuse(z, params, dt)
     with np.errstate(invalid="ignore"):
@@ -48,7 +47,7 @@ def _sizes(z: Array, dt: Array | None, params: FusionParams) -> Array:
     return np.where(scored, size, 0.0) / max(usual, 1.0)
 
 
-def stuck(z: Array, dt: Array | None, params: FusionParams, sensor: int) -> Stretch:
+def stuck(z: Array, dt: Array | None, params: FilterParams, sensor: int) -> Stretch:
     """The longest stretch of equal readings, where it is far longer than the others of this sensor.
 
     A sensor that repeats its readings anyway, because it rounds, is stuck only if the others moved at that time.
@@ -65,12 +64,12 @@ def stuck(z: Array, dt: Array | None, params: FusionParams, sensor: int) -> Stre
     return stretch
 
 
-def _others_moved(z: Array, dt: Array | None, params: FusionParams, sensor: int, stretch: Stretch) -> bool:
+def _others_moved(z: Array, dt: Array | None, params: FilterParams, sensor: int, stretch: Stretch) -> bool:
     """Whether the others show movement of the quantity in this stretch far beyond the noise of this sensor."""
     others = [j for j in range(params.sensors) if j != sensor]
     if not others:
         return False
-    smoothed = smooth_fusion(z[:, others], params.only(others), dt).x[slice(*stretch)]
+    smoothed = smooth(z[:, others], params.only(others), dt).x[slice(*stretch)]
     spread = np.nanmax(smoothed) - np.nanmin(smoothed) if np.isfinite(smoothed).any() else 0.0
     return bool(spread > FAR_OFF * np.sqrt(params.scaled_r[sensor]))
 

@@ -18,12 +18,11 @@ from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.fusion.shared import Shared, shared_by_params
-from kalscope.filtering.arrays import samples_of, steps_of
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.running import checked_readings
+from kalscope.filtering.arrays import checked_readings, samples_of, steps_of
+from kalscope.filtering.filter import fuse
+from kalscope.filtering.params import FilterParams
 
-FusionFit = Callable[[Array, Array | None], FusionParams]
+FusionFit = Callable[[Array, Array | None], FilterParams]
 
 MIN_SPIKES, MIN_SPIKE_SHARE = 3, 5e-4
 """Spikes that are worth reporting: at least this many, and at least this share of the readings of the sensor."""
@@ -31,7 +30,7 @@ MIN_SPIKES, MIN_SPIKE_SHARE = 3, 5e-4
 
 def judge_fusion(
     z: ArrayLike,
-    estimate: FusionEstimate | FusionParams,
+    estimate: FusionEstimate | FilterParams,
     dt: ArrayLike | None = None,
     *,
     names: Sequence[str] | None = None,
@@ -85,13 +84,13 @@ def _numbered(sensors: int) -> list[str]:
     return [f"sensor {i + 1}" for i in range(sensors)]
 
 
-def _shared(z: Array, dt: Array | None, params: FusionParams) -> Shared | None:
+def _shared(z: Array, dt: Array | None, params: FilterParams) -> Shared | None:
     """The noise that sensors share, by the readings that the gate lets through."""
     kept = z if params.gate is None else np.where(fuse(z, params, dt).k == 0.0, np.nan, z)
     return shared_by_params(kept, np.empty(0) if dt is None else dt, params)
 
 
-def _of_first_half(z: Array, dt: Array | None, fit: FusionFit) -> FusionParams:
+def _of_first_half(z: Array, dt: Array | None, fit: FusionFit) -> FilterParams:
     half = len(z) // 2
     return fit(z[:half], None if dt is None else dt[:half])
 
@@ -101,7 +100,7 @@ def _sensors(
     alive: Array,
     stuck: Sequence[faults.Stretch],
     dt: Array | None,
-    params: FusionParams,
+    params: FilterParams,
     words: Words,
     error: float,
 ) -> tuple[SensorVerdict, ...]:
@@ -141,7 +140,7 @@ def _without(z: Array, stretches: Sequence[faults.Stretch]) -> Array:
 
 
 def _beside_the_others(
-    z: Array, dt: Array | None, params: FusionParams
+    z: Array, dt: Array | None, params: FilterParams
 ) -> tuple[dict[int, float], dict[int, float]]:
     """The sensors whose difference from the others moves, and those whose noise changes; and by how much."""
 
@@ -163,7 +162,7 @@ def _beside_the_others(
     return drifts, changes
 
 
-def _alone_and_missing(z: Array, dt: Array | None, params: FusionParams, name: str, sensor: int) -> SensorVerdict:
+def _alone_and_missing(z: Array, dt: Array | None, params: FilterParams, name: str, sensor: int) -> SensorVerdict:
     """What the filter would be with this sensor only, and without it; no faults yet."""
     others, first = [j for j in range(params.sensors) if j != sensor], errors.started(z)
     shares = np.zeros(params.sensors)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.filtering.arrays import one_channel, scalar
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import settled_transfer, steady_state
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 Timed = Callable[[], Any]

@@ -16,7 +16,7 @@ from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.many.table import EstimateTable
 from kalscope.estimation.momentum.profile import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.batch import denoise, kalman_filter
+from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 

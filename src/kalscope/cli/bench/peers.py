@@ -16,9 +16,8 @@ import numpy as np
 from kalscope.cli.bench.contest import PARAMS, Contest, Q, R, Row, Work
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import KalmanFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.streaming import KalmanFilter
 
 SAME_DIGITS = 1e-30
 """When statsmodels takes its variance as settled: at its own 1e-19 the result is off by 4e-7 and no faster."""

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 
 from kalscope.common.text import plural
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.streaming import FusionFilter
+from kalscope.filtering.filter import KalmanFilter
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StreamingFilter
 from kalscope.sources.grammar.cells import is_comment, parse_number
 
-Filters = Filter | Sequence[Filter] | FusionParams
+Filters = Filter | Sequence[Filter] | FilterParams
 """One for as many channels as there are, one a channel, or one that fuses all of them."""
 
 Update = Callable[[Sequence[float]], str]
@@ -80,13 +80,13 @@ class LineFilter:
 
 def _known_channels(params: Filters) -> int:
     """How many channels the filters are for; 0 = any number."""
-    if isinstance(params, FusionParams):
+    if isinstance(params, FilterParams):
         return params.sensors
     return len(params) if isinstance(params, Sequence) else 0
 
 
 def _start(params: Filters, channels: int) -> Update:
-    if isinstance(params, FusionParams):
+    if isinstance(params, FilterParams):
         return _fused(params)
     return _each(params if isinstance(params, Sequence) else [params] * channels)
 
@@ -102,9 +102,9 @@ def _each(chosen: Sequence[Filter]) -> Update:
     return lambda samples: ",".join(map(answer, filters, samples))
 
 
-def _fused(params: FusionParams) -> Update:
+def _fused(params: FilterParams) -> Update:
     """One filter for all channels."""
-    fusion = FusionFilter(params)
+    fusion = KalmanFilter(params)
 
     def answer(samples: Sequence[float]) -> str:
         x = fusion.update(samples)

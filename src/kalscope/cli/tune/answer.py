@@ -19,7 +19,7 @@ from kalscope.estimation.finding import Found, Noise, Request, find_parameters, 
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 

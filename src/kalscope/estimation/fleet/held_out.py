@@ -19,7 +19,7 @@ from kalscope.estimation.estimate import estimate
 from kalscope.estimation.fleet import error_kernels as kernels
 from kalscope.estimation.fleet.many.plain import fitted_ratios
 from kalscope.estimation.fleet.many.series import Series, series_of
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE
 
 LOG_RATIOS = np.linspace(-15.0, 7.0, 23)

@@ -13,7 +13,7 @@ from kalscope.common.array import Array, Mask
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import words
 from kalscope.estimation.verdict.words import BAD_UNIT, MIN_SAMPLES, OTHER_UNIT
-from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
+from kalscope.filtering.arrays import refuse_infinite, samples_of, steps_of
 from kalscope.filtering.params import MAX_VARIANCE
 
 _MAX_SIZE = 1e140
@@ -76,9 +76,13 @@ def question(
     known_r: ArrayLike | None,
 ) -> Question:
     """Check what was given; BadSetting as in `estimate_fusion`."""
-    columns, _ = columns_of(z)
-    sensors, n = columns.shape
-    refuse_infinite(columns)
+    readings = samples_of(z)
+    readings = readings[:, None] if readings.ndim == 1 else readings
+    if readings.ndim != 2 or readings.shape[1] == 0:
+        raise BadSetting(f"z must have shape (n, sensors) (got {readings.shape})")
+    n, sensors = readings.shape
+    for column in readings.T:
+        refuse_infinite(column)
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
         raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
@@ -88,7 +92,7 @@ def question(
         known = np.empty(0)
     if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
         raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
-    return Question(columns.T, steps_of(dt, n), given, _index(reference, given), known)
+    return Question(readings, steps_of(dt, n), given, _index(reference, given), known)
 
 
 def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:

@@ -26,8 +26,7 @@ from kalscope.estimation.fusion.spikes import with_gate
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.conclude import MIN_VARIANCE
 from kalscope.estimation.verdict.words import BAD_UNIT, FLAT
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.params import MAX_VARIANCE
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
 
 LITTLE = 0.01
@@ -82,7 +81,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
     used_r = np.where(r > 0.0, r, r_interval[:, 1])
     if not (math.isfinite(used_q) and np.isfinite(used_r).all()):
         return refused(asked, "flat", FLAT)
-    params = FusionParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
+    params = FilterParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
     params = with_gate(params, asked.z, asked.steps, away)
     shared = shared_noise(asked.without(away).z, asked.steps, found)
     verdict, message = _verdict(asked, params, place.q, r, shared)
@@ -157,7 +156,7 @@ def _errors(turned: Array, spread: Array) -> Array:
     return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _verdict(asked: Question, params: FusionParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
+def _verdict(asked: Question, params: FilterParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
     settled = steady_state(params.as_single)
     said = words.found(asked.names, params.shares.tolist(), float(settled.gain), float(settled.lag_samples))
     if shared is not None:
@@ -168,7 +167,7 @@ def _verdict(asked: Question, params: FusionParams, q: float, r: Array, shared: 
         return "no_movement", f"{words.no_movement(params.q)} {said}"
     if r.min() == 0.0:
         i = int(r.argmin())
-        return "no_noise", f"{words.no_noise(asked.names[i], float(params.r[i]), len(r) == 1)} {said}"
+        return "no_noise", f"{words.no_noise(asked.names[i], float(params.sensor_r[i]), len(r) == 1)} {said}"
     return "ok", said
 
 
@@ -199,7 +198,7 @@ def _unsure(asked: Question, q: float, q_interval: Array, r: Array, r_interval: 
     return [words.not_excluded(names)] if names else []
 
 
-def _sensor_notes(asked: Question, away: Mask, params: FusionParams, r: Array, floor: Array) -> list[str]:
+def _sensor_notes(asked: Question, away: Mask, params: FilterParams, r: Array, floor: Array) -> list[str]:
     """What is said of single sensors; `floor` is the variance of rounding of each, unit²."""
     notes: list[str] = []
     for i, (name, share) in enumerate(zip(asked.names, params.shares.tolist(), strict=True)):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from kalscope.common.array import Array, Indices
 from kalscope.estimation.fusion.shared import Shared
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class FusionEstimate:
     """What was found and what to do, for the user."""
     notes: tuple[str, ...]
     """What cannot be known, or should be checked; one sentence each."""
-    params: FusionParams | None
+    params: FilterParams | None
     """The fused filter; None where there is none: the message says why."""
     shared: Shared | None = None
     """The sensors whose noises are correlated; None where none shows."""

@@ -12,7 +12,7 @@ from kalscope.common.array import Array
 from kalscope.estimation.fusion.moving import fused_signal
 from kalscope.estimation.fusion.search.fit import Asked, Found, climbed
 from kalscope.estimation.fusion.search.likelihood import Place, Readings, place_at
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 
 MIN_ROWS = 30
 """Least number of rows in which the sensors that are compared answer together."""
@@ -44,13 +44,13 @@ class Shared:
     """By how much it raises twice the log-likelihood."""
 
 
-def shared_by_params(z: Array, steps: Array, params: FusionParams) -> Shared | None:
+def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | None:
     """As `shared_noise` of the best fit near a filter; None where a sensor has hardly a reading."""
     if np.isfinite(z).sum(axis=0).min(initial=len(z)) < MIN_ROWS:
         return None
     data = Readings.of(z, steps)
     unit = data.scale * data.scale
-    start = place_at(data, params.q / unit, params.momentum, params.r / unit, params.gain)
+    start = place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
     free = np.full(data.sensors, math.nan)
     asked = Asked(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
     return shared_noise(z, steps, climbed(data, asked, start, FINE))

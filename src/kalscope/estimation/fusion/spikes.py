@@ -10,9 +10,8 @@ import numpy as np
 from kalscope.common.array import Array, Mask
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.spikes import SIGMAS
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
-from kalscope.filtering.fusion.smoothing import smooth_fusion
+from kalscope.filtering.filter import fuse, smooth
+from kalscope.filtering.params import FilterParams
 
 
 def spikes_of(singles: Sequence[Estimate], z: Array) -> Mask:
@@ -29,7 +28,7 @@ def spikes_of(singles: Sequence[Estimate], z: Array) -> Mask:
     return away
 
 
-def with_gate(params: FusionParams, z: Array, steps: Array, away: Mask) -> FusionParams:
+def with_gate(params: FilterParams, z: Array, steps: Array, away: Mask) -> FilterParams:
     """The parameters with a gate, where it brings the fused filter nearer to the signal; as `robust.gate` for one.
 
     Args:
@@ -41,7 +40,7 @@ def with_gate(params: FusionParams, z: Array, steps: Array, away: Mask) -> Fusio
     if not away.any():
         return params
     dt = steps if len(steps) else None
-    signal = smooth_fusion(np.where(away, np.nan, z), params, dt).x
+    signal = smooth(np.where(away, np.nan, z), params, dt).x
     gated = replace(params, gate=SIGMAS**2)
     errors = [float(np.nansum(np.square(fuse(z, one, dt).x - signal))) for one in (params, gated)]
     return gated if errors[1] < errors[0] else params

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.estimation.likelihood import kernels as profile_kernels
-from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.arrays import one_record
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 DEFAULT_LOG_RATIOS = np.linspace(-24.0, 24.0, 121)
@@ -163,15 +163,11 @@ def profile_input(
     z: ArrayLike, log_ratios: ArrayLike | None, dt: ArrayLike | None, default: Array = DEFAULT_LOG_RATIOS
 ) -> tuple[Differences, Array]:
     """The record and the ln λ of a profile, checked as `likelihood_profile` says."""
-    columns, shape = columns_of(z)
-    if len(shape) != 1:
-        raise BadSetting(f"z must be one channel, shape (n,) (got {shape})")
-    steps = steps_of(dt, shape[0])
-    refuse_infinite(columns)
+    samples, steps = one_record(z, dt)
     grid = default if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
     if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
         raise BadSetting(f"log_ratios must be two or more ascending numbers within ±300 (got {log_ratios})")
-    data = differences(columns[0], steps)
+    data = differences(samples, steps)
     if data.m < 1:
         raise BadSetting("z must hold at least two finite samples (got fewer)")
     return data, grid

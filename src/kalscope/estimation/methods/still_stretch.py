@@ -18,13 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.array import Array
 from kalscope.common.centred_median import centred_median
 from kalscope.common.progress import Progress
-from kalscope.errors import BadSetting
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.sensor.resolution import resolution_of
-from kalscope.filtering.arrays import refuse_infinite, samples_of, steps_of
+from kalscope.filtering.arrays import one_record
+from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.pieces.passing import filter_pieces
 
 BLOCK = 13
 """Samples of a block."""
@@ -68,11 +67,7 @@ def find_still_stretch(z: ArrayLike, dt: ArrayLike | None = None) -> tuple[int, 
     Raises:
         BadSetting: z holds inf or has another shape; dt does not fit z.
     """
-    column = samples_of(z)
-    if column.ndim != 1:
-        raise BadSetting(f"z must be one channel, shape (n,) (got shape {column.shape})")
-    steps = steps_of(dt, len(column))
-    refuse_infinite(column[None, :])
+    column, steps = one_record(z, dt)
     place = np.flatnonzero(np.isfinite(column))
     unit = _unit(column[place])
     column, step = column / unit, resolution_of(column[place]) / unit

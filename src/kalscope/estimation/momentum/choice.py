@@ -18,7 +18,7 @@ from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.momentum.free import params_at
 from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import Top, climb
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 MIN_GAIN = 12.0

@@ -15,7 +15,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.momentum import kernels
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.estimation.robust.spikes import SIGMAS, Mask
-from kalscope.filtering.batch import denoise, smooth
+from kalscope.filtering.filter import denoise, smooth
 from kalscope.filtering.params import FilterParams
 
 

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.compiled import compiled
-from kalscope.filtering import kernels as plain
-from kalscope.filtering.kernels import MISSING, REJECTED, START
-from kalscope.filtering.momentum import kernels as moving
+from kalscope.filtering.kernels import MISSING, REJECTED, START, step, transition
 
 Array = NDArray[np.float64]
 
@@ -29,7 +27,7 @@ def judge_samples(
     dt: Array,
     q: float,
     r: float,
-    tau: float,
+    tau: float | None,
     gate: float,
     start: tuple[float, float],
     longest: int,
@@ -39,26 +37,23 @@ def judge_samples(
 ) -> None:
     """Write v and s of each sample, and whether it is refused; `longest` may be refused side by side.
 
-    `z` holds NaN where missing, `dt` may be empty, `tau` = 0 is the filter without momentum, and `start` the level
+    `z` holds NaN where missing, `dt` may be empty, `tau` None is the filter without momentum, and `start` the level
     before the first sample and its variance. Samples refused before one is taken have no past to be predicted from:
     s = inf. More than AT_END rejected samples at the end may be a step, and count as predicted.
     """
     n, regular = z.shape[0], dt.shape[0] == 0
     last = 1.0
-    over = moving.transition(last, q, tau) if tau > 0.0 else (0.0, 0.0, 0.0, 0.0, 0.0)
-    w = 0.5 * q / tau if tau > 0.0 else 0.0
+    over = transition(last, q, tau)
+    w = 0.0
+    if tau is not None:
+        w = 0.5 * q / tau
     state = (start[0], 0.0, start[1], 0.0, w)
     first = run = taken = i = 0
     while i < n:
-        step = 1.0 if regular else dt[i]
-        if tau > 0.0:
-            if step != last:
-                last = step
-                over = moving.transition(last, q, tau)
-            state, _, v, s, done = moving.step(z[i], over, r, gate, state, 0)
-        else:
-            x, p, _, v, s, done = plain.step(z[i], step, q, r, gate, state[0], state[2], 0)
-            state = (x, 0.0, p, 0.0, 0.0)
+        if not regular and dt[i] != last:
+            last = dt[i]
+            over = transition(last, q, tau)
+        state, _, _, v, s, done = step(z[i], over, r, gate, state, 0, tau)
         refused[i] = done == REJECTED
         if done == REJECTED:
             first = i if run == 0 else first

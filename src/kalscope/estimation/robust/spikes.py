@@ -68,7 +68,9 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
     for side, (samples, gaps) in enumerate(((z, steps), (np.ascontiguousarray(z[::-1]), back))):
         start = _start(samples, gaps, q, noise)
-        judge_samples(samples, gaps, q, noise, tau, SIDE_SIGMAS**2, start, LONGEST, v[side], s[side], refused[side])
+        judge_samples(
+            samples, gaps, q, noise, tau or None, SIDE_SIGMAS**2, start, LONGEST, v[side], s[side], refused[side]
+        )
     for rows in (v, s, refused):
         rows[1] = rows[1, ::-1].copy()
     away, present = refused[0] & refused[1], np.isfinite(z)

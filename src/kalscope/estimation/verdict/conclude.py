@@ -13,9 +13,9 @@ from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood.profile import Differences, differences
 from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods.pair import Pair
-from kalscope.estimation.result import USABLE, Estimate, stack
+from kalscope.estimation.result import USABLE, Estimate
 from kalscope.estimation.verdict import words
-from kalscope.filtering.arrays import columns_of, refuse_infinite, steps_of
+from kalscope.filtering.arrays import one_record
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
@@ -25,17 +25,13 @@ MIN_VARIANCE = 1e-300
 """Smallest variance accepted, unit²; smaller ones lose digits."""
 
 
-def each_channel(
+def fit_record(
     z: ArrayLike, dt: ArrayLike | None, progress: Progress, fit: Callable[[Array, Array, Progress], Estimate]
 ) -> Estimate:
-    """Check z and dt, `fit` each channel, and stack the results."""
-    columns, shape = columns_of(z)
-    steps = steps_of(dt, columns.shape[1])
-    refuse_infinite(columns)
-    count = len(columns)
-    found = [fit(column, steps, progress.part(c / count, (c + 1) / count)) for c, column in enumerate(columns)]
+    """Check z and dt, and `fit` them."""
+    found = fit(*one_record(z, dt), progress)
     progress(1.0, "done")
-    return found[0] if len(shape) == 1 else stack(found)
+    return found
 
 
 def channel_fit(
@@ -43,7 +39,7 @@ def channel_fit(
     fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
     extend: Callable[[Differences, Estimate, Progress], Estimate] | None = None,
 ) -> Callable[[Array, Array, Progress], Estimate]:
-    """The fit of one channel, for `each_channel`: `fit` it if it passes the precheck, and `extend` its estimate."""
+    """The fit of one channel, for `fit_record`: `fit` it if it passes the precheck, and `extend` its estimate."""
 
     def whole(column: Array, steps: Array, progress: Progress) -> Estimate:
         data = _informative(differences(column, steps))

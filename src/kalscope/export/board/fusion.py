@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.compiled import compiled
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import Float32Momentum, float32_momentum, to_float32, without_momentum
-from kalscope.filtering.fusion.params import FusionParams
 from kalscope.filtering.kernels import GATE_LIMIT
+from kalscope.filtering.params import FilterParams
 
 Floats = NDArray[np.float32]
 
@@ -39,7 +39,7 @@ class Float32Fusion:
     """By how much its reading grows with x, shape (sensors,)."""
 
 
-def fusion_on_board(params: FusionParams) -> Float32Fusion:
+def fusion_on_board(params: FilterParams) -> Float32Fusion:
     """The parameters rounded to float32.
 
     Raises:
@@ -62,7 +62,7 @@ def fusion_on_board(params: FusionParams) -> Float32Fusion:
     return held
 
 
-def fuse_float32(z: ArrayLike, params: FusionParams | Float32Fusion) -> Floats:
+def fuse_float32(z: ArrayLike, params: FilterParams | Float32Fusion) -> Floats:
     """The fused value of each row in float32, shape (n,).
 
     Args:

@@ -36,7 +36,7 @@ from kalscope.export.report.tables import (
     rmse,
     simpler_filters,
 )
-from kalscope.filtering.batch import FilterResult
+from kalscope.filtering.filter import FilterResult
 from kalscope.recording import Recording
 from kalscope.sources.readers.account import summary, warnings
 from kalscope.tuning.tuning import ChannelTuning, Tuning

@@ -24,7 +24,7 @@ from kalscope.export.report.content import (
 )
 from kalscope.export.report.tables import ReportTable, Rows, meaning, parameters, rmse
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.fusion.batch import FusionResult, fuse
+from kalscope.filtering.filter import FilterResult, fuse
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.fusion import FusionTuning
@@ -119,7 +119,7 @@ def _without_r(rows: Rows) -> Rows:
     return tuple(row for row in rows if row[0] != "measurement noise r")
 
 
-def _charts(recording: Recording, fusion: FusionTuning, z: Array, result: FusionResult) -> tuple[Panel, ...]:
+def _charts(recording: Recording, fusion: FusionTuning, z: Array, result: FilterResult) -> tuple[Panel, ...]:
     n, timed = len(z), recording.sample_period is not None
     x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
 

@@ -24,8 +24,7 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
-from kalscope.filtering.batch import FilterResult
-from kalscope.filtering.fusion.batch import FusionResult
+from kalscope.filtering.filter import FilterResult
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -63,7 +62,7 @@ def parameters(own: ChannelTuning, period: float | None) -> Rows:
     return (*rows, ("found", own.how))
 
 
-def meaning(steady: SteadyState, result: FilterResult | FusionResult, period: float | None, error: str) -> Rows:
+def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: float | None, error: str) -> Rows:
     """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
     lag, settle = float(steady.lag_samples), float(steady.settle_samples)
     rows = [

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import denoise
 from kalscope.filtering.classic.bench import Run, bench_of
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.running import RunningStages
@@ -22,6 +21,7 @@ from kalscope.filtering.classic.stages import (
     PowerOfTwo,
     Stage,
 )
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SETTLED, SteadyState, ratio_for, steady_state
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.array import Array
-from kalscope.filtering.channels import FiveLines, Rows, Sums, channel_filters
+from kalscope.filtering.arrays import one_record
 from kalscope.filtering.classic import kernels
 from kalscope.filtering.classic.stages import (
     Butterworth,
@@ -21,6 +21,7 @@ from kalscope.filtering.classic.stages import (
     PowerOfTwo,
     Stage,
 )
+from kalscope.filtering.filter import FilterResult, KalmanFilter
 from kalscope.filtering.params import FilterParams
 
 Floats = NDArray[Any]
@@ -116,21 +117,18 @@ class RunningChain:
     def __init__(self, stages: tuple[Stage, ...], kalman: FilterParams | None) -> None:
         """Args: the classic filters; the parameters of the Kalman filter behind them, scalars, or None."""
         self._stages = RunningStages(stages)
-        self._kalman = None if kalman is None else channel_filters(kalman, 1)[0]
+        self._kalman = None if kalman is None else KalmanFilter(kalman)
         self._before = math.nan
-        self.rows = FiveLines.rows if self._kalman is None else self._kalman.rows
 
-    def filter(self, z: Array, dt: Array, out: Rows) -> Sums:
-        """Take the samples z into the rows of `out`; dt may be empty."""
-        staged = self._stages.take(z, dt)
+    def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
+        """Take the samples that follow; arguments, result and errors as `ChainFilter.run` of one channel."""
+        samples, steps = one_record(z, dt)
+        staged = self._stages.take(samples, steps)
         if self._kalman is not None:
-            staged[np.isnan(z)] = np.nan
-            _, _, refused = self._kalman.filter(staged, dt, out)
-            out[3][:] = z - (staged - out[3])
-            return math.nan, 0, refused
-        for row in out:
-            row[:] = np.nan
-        out[0][:] = staged
-        out[3][:] = z - np.concatenate([[self._before], staged[:-1]])
-        self._before = float(staged[-1])
-        return math.nan, 0, 0
+            staged[np.isnan(samples)] = np.nan
+            found = self._kalman.run(staged, dt)
+            return replace(found, innovation=samples - (staged - found.innovation), loglik=math.nan, m=0)
+        unknown = np.full(len(samples), np.nan)
+        innovation = samples - np.concatenate([[self._before], staged])[:-1]
+        self._before = float(staged[-1]) if len(staged) else self._before
+        return FilterResult(staged, unknown, unknown, innovation, unknown, math.nan, 0, 0)

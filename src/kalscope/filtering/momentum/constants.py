@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 FORGOTTEN = 1.2e-38
 """Shares of a velocity below this are 0: float32 cannot hold them, and they change no later value."""

@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import columns_of, refuse_infinite, shaped_like, step_of, steps_of
-from kalscope.filtering.batch import FilterResult, kalman_filter
+from kalscope.filtering.arrays import one_record, samples_of, step_of
+from kalscope.filtering.filter import FilterResult, KalmanFilter, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
-from kalscope.filtering.streaming import KalmanFilter
 from kalscope.papers.generalized import kernels
 
 READINGS = ("printed", "without_slip")
@@ -137,8 +136,7 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
     """Filter a record with the generalized filter; called like `kalman_filter`, with a result of the same kind.
 
     Args:
-        z: measurements, shape (n,) or (n, channels: independent filters); NaN is a missing sample, in which
-            nothing changes.
+        z: measurements, shape (n,); NaN is a missing sample, in which nothing changes.
         params: σM, the start and the reading of equation (3).
         dt: checked as everywhere, shape (n,), ≥ 0, but without effect: the filter has no process noise.
 
@@ -152,86 +150,64 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
 
     Source: Khan et al., equations (1)–(3).
     """
-    columns, shape = columns_of(z)
-    steps_of(dt, columns.shape[1])
     if params.reading == "without_slip":
         return kalman_filter(z, params.five_line_params, dt)
-    refuse_infinite(columns)
-    out = tuple(np.empty_like(columns) for _ in range(5))
-    start = _start(params)
-    for c, column in enumerate(columns):
-        stopped = kernels.run(column, params.sigma_m, *start, tuple(o[c] for o in out))
-        if stopped >= 0:
-            raise _not_above_zero(f"at sample {stopped}", float(column[stopped]))
-    x, p, k, innovation, s = (shaped_like(o, shape) for o in out)
-    if len(shape) == 1:
-        return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
-    none = np.zeros(len(columns), dtype=np.int64)
-    return FilterResult(x, p, k, innovation, s, np.full(len(columns), math.nan), none, none.copy())
+    samples, _ = one_record(z, dt)
+    x, p, k, innovation, s = (np.empty_like(samples) for _ in range(5))
+    stopped = kernels.run(samples, params.sigma_m, *_start(params), (x, p, k, innovation, s))
+    if stopped >= 0:
+        raise _not_above_zero(f"at sample {stopped}", float(samples[stopped]))
+    return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
 
 
 class GeneralizedFilter:
     """The streaming generalized filter: one `update` per sample, equal to `generalized_filter` bit for bit.
 
-    `x`, `p` and `k` are E, σE and K after the last update: floats, or arrays of shape (channels,) once the
-    samples are arrays.
+    `x`, `p` and `k` are E, σE and K after the last update.
     """
 
     def __init__(self, params: GeneralizedParams) -> None:
         self.params = params
         self._kalman = KalmanFilter(params.five_line_params) if params.reading == "without_slip" else None
-        self._states: list[tuple[float, float, float]] = [(*_start(params), 0.0)]
-        self._scalar, self._started = True, False
+        self._state = (*_start(params), 0.0)
 
     @property
-    def x(self) -> float | Array:
+    def x(self) -> float:
         """Filtered value E, unit."""
-        return self._gather(0) if self._kalman is None else self._kalman.x
+        return self._state[0] if self._kalman is None else self._kalman.x
 
     @property
-    def p(self) -> float | Array:
+    def p(self) -> float:
         """Estimated error σE."""
-        return self._gather(1) if self._kalman is None else self._kalman.p
+        return self._state[1] if self._kalman is None else self._kalman.p
 
     @property
     def k(self) -> float | Array:
         """Gain of the last update, 0 … 1."""
-        return self._gather(2) if self._kalman is None else self._kalman.k
+        return self._state[2] if self._kalman is None else self._kalman.k
 
-    def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
+    def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one sample and return the filtered value.
 
         Args:
-            z: the sample, a number or shape (channels,); NaN is a missing sample.
+            z: the sample; NaN is a missing one.
             dt: checked, ≥ 0, but without effect.
 
         Raises:
-            BadSetting: z is infinite or has another number of channels; dt is negative; in the printed
-                reading an estimate that would not be above 0. The state stays.
+            BadSetting: z is infinite or not one number; dt is negative; in the printed reading an estimate that
+                would not be above 0. The state stays.
         """
         if self._kalman is not None:
             return self._kalman.update(z, dt)
         step_of(dt)
-        samples = np.atleast_1d(np.asarray(z, dtype=np.float64))
-        if np.isinf(samples).any():
-            raise BadSetting(f"z must be finite, or NaN where missing (got {z})")
-        first_array = np.ndim(z) == 1 and self._scalar and not self._started
-        states = self._states * len(samples) if first_array else self._states
-        if samples.shape != (len(states),):
-            raise BadSetting(f"z must hold {len(states)} channels (got shape {samples.shape})")
-        self._states = [self._advanced(float(m), *state) for m, state in zip(samples, states, strict=True)]
-        self._scalar, self._started = self._scalar and not first_array, True
-        return self.x
-
-    def _advanced(self, m: float, e: float, sigma_e: float, _: float) -> tuple[float, float, float]:
-        e, sigma_e, k, _, _ = kernels.step(m, self.params.sigma_m, e, sigma_e)
+        sample = samples_of(z)
+        if sample.ndim or np.isinf(sample):
+            raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
+        e, sigma_e, k, _, _ = kernels.step(float(sample), self.params.sigma_m, *self._state[:2])
         if e <= 0.0:
-            raise _not_above_zero("now", m)
-        return e, sigma_e, k
-
-    def _gather(self, field: int) -> float | Array:
-        values = [state[field] for state in self._states]
-        return values[0] if self._scalar else np.array(values)
+            raise _not_above_zero("now", float(sample))
+        self._state = (e, sigma_e, k)
+        return e
 
 
 def _start(params: GeneralizedParams) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.common.progress import OnProgress
-from kalscope.filtering.batch import denoise, kalman_filter
+from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.papers.appendices import c_listing
 from kalscope.papers.interactive_matter_2009 import document as paper
 from kalscope.papers.interactive_matter_2009 import questions, tilt

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.parts import Experiment, Settings

@@ -12,9 +12,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
-from kalscope.filtering.batch import denoise
-from kalscope.filtering.fusion.batch import fuse
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.filter import denoise, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.interactive_matter_2009.document import P0, X0, moved_board, truth_of, walk_params
@@ -132,7 +130,7 @@ def answer_fusion() -> FusionAnswer:
     n = 10 * RECORD
     truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(n))
     z = truth[:, None] + np.sqrt(SENSOR_R) * rng.standard_normal((n, 2))
-    both = FusionParams(TRUE_Q, np.array(SENSOR_R))
+    both = FilterParams(TRUE_Q, np.array(SENSOR_R))
     fused, one = fuse(z, both).x, both.as_single
     mean = (z * both.shares).sum(axis=1)
     alone = [_rmse(denoise(z[:, i], FilterParams(q=TRUE_Q, r=SENSOR_R[i])), truth) for i in range(2)]

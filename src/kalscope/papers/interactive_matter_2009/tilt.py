@@ -14,8 +14,7 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
-from kalscope.filtering.batch import denoise
-from kalscope.filtering.fusion.batch import fuse
+from kalscope.filtering.filter import denoise, fuse
 from kalscope.recording import Recording
 from kalscope.sources.synthetic import synthesize
 

@@ -11,7 +11,7 @@ import numpy as np
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel

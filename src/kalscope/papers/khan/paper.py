@@ -13,7 +13,7 @@ from functools import cache, partial
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point

@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.progress import OnProgress
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.appendices import arduino_appendix, matlab_appendix
 from kalscope.papers.maarif_2019 import paper

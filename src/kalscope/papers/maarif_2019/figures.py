@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kalscope.common.charts import Line, Mark, Panel, draw_svg, raw_and_filtered
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.maarif_2019 import paper
 from kalscope.papers.maarif_2019.limits import ADVISED, RATIOS, RULE, AdviceTest

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import denoise
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.maarif_2019.paper import SIGMA, theoretical_mean_error

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.filtering.batch import denoise, kalman_filter
+from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.papers.parts import Experiment, Settings

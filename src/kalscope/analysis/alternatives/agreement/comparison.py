@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.analysis.alternatives.agreement.weighing import spikes_in, weigh
@@ -18,8 +17,8 @@ from kalscope.estimation.methods import by_name
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.by_name import METHODS
 from kalscope.estimation.methods.pair import Pair
-from kalscope.estimation.result import Estimate, stack
-from kalscope.estimation.verdict.conclude import channel_fit, conclude, each_channel
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict.conclude import channel_fit, conclude, fit_record
 
 _REASON = (
     "It contains more than a random walk and white noise: a trend, an oscillation, spikes or slow noise. "
@@ -41,7 +40,7 @@ def compare_methods(
     that spikes or gaps mislead does not count.
 
     Args:
-        z: measurements, shape (n,) or (n, channels); NaN is a missing sample.
+        z: measurements, shape (n,); NaN is a missing sample.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words.
         cancelled: whether to stop.
@@ -50,29 +49,19 @@ def compare_methods(
         BadSetting: z holds inf or has another shape; dt does not fit z.
         Cancelled: `cancelled()` was true.
     """
-    others: dict[str, list[Estimate]] = {method: [] for method in METHODS[1:]}
+    others: dict[str, Estimate] = {}
 
     def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
         peak = ml.search(data, progress.part(0.0, 0.1))
         best, second = _opinions(data, peak, progress.part(0.1, 1.0))
         for one in second:
-            others[one.method].append(one)
+            others[one.method] = one
         found = disagreement([conclude("ml", data, best, peak), *second])
         reason = best.note or (_REASON if found else "")
         return replace(best, note=f"{found} {reason}".strip()), peak
 
-    first = each_channel(z, dt, Progress(progress, cancelled), above_rounding(channel_fit("ml", fit)))
-    if np.ndim(z) == 1:
-        return first, *(found[0] if found else replace(first, method=m) for m, found in others.items())
-    columns = [first.channel(c) for c in range(np.shape(z)[1])]
-    rest: list[Estimate] = []
-    for method, found in others.items():
-        waiting = iter(found)
-        silent = ("too_few", "constant")
-        rest.append(
-            stack([replace(one, method=method) if one.verdict in silent else next(waiting) for one in columns])
-        )
-    return first, *rest
+    first = fit_record(z, dt, Progress(progress, cancelled), above_rounding(channel_fit("ml", fit)))
+    return first, *(others.get(method) or replace(first, method=method) for method in METHODS[1:])
 
 
 def _opinions(data: Differences, peak: Peak, progress: Progress) -> tuple[Pair, list[Estimate]]:

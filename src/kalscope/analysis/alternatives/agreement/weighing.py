@@ -21,7 +21,7 @@ from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods.by_name import QUICK
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.verdict.conclude import gain_of
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
 _USUAL = 0.2

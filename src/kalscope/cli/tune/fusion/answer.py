@@ -19,7 +19,7 @@ from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.choose_fusion import units_of
@@ -46,7 +46,7 @@ class FusionAnswer:
     """What was asked for."""
     estimate: FusionEstimate
     """What maximum likelihood found."""
-    params: FusionParams | None
+    params: FilterParams | None
     """The filter: the estimate, or the one that meets the target; None where there is none."""
     how: str
     """How it was found, for the tuning file."""
@@ -71,7 +71,7 @@ def answer_fusion(
     dt = recording.steps() if recording.gaps == "dt" else None
     known = known_noise(asked, recording, sensors)
 
-    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[FusionEstimate, FusionParams | None]:
+    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[FusionEstimate, FilterParams | None]:
         """The estimate, and the filter that is asked for."""
         found = estimate_fusion(
             z,
@@ -123,7 +123,7 @@ def _sensors(recording: Recording, fusing: FusionOptions) -> tuple[tuple[str, ..
     return sensors, None if reference is None else sensor_named(sensors, "--reference", reference)
 
 
-def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> FusionParams | None:
+def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> FilterParams | None:
     """The filter with the q and momentum that meet the target while all sensors answer; as found without a target.
 
     A target needs no q of the record: the noises of the sensors are enough.
@@ -132,7 +132,7 @@ def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> F
         return found.params
     params = found.params
     if params is None and np.all(found.r > 0.0):
-        params = FusionParams(1.0, found.r, found.offset, found.gain)
+        params = FilterParams(1.0, found.r, offset=found.offset, gain=found.gain)
     if params is None:
         return None
     r = scalar(params.as_single.r)
@@ -147,7 +147,7 @@ def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> F
     return replace(params, q=scalar(met.q), momentum=scalar(met.momentum))
 
 
-def _with_gate(params: FusionParams | None, gate: float | None) -> FusionParams | None:
+def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams | None:
     if params is None or gate is None:
         return params
     return replace(params, gate=None if math.isnan(gate) else gate)

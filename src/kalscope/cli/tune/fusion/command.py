@@ -50,7 +50,7 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
             "name": name,
             "unit": answer.units[i],
             "readings": answer.readings[i],
-            "r": None if params is None else float(params.r[i]),
+            "r": None if params is None else float(params.sensor_r[i]),
             "offset": None if params is None else float(params.offset[i]),
             "gain": None if params is None else float(params.gain[i]),
             "share": None if params is None else float(params.shares[i]),

@@ -23,7 +23,7 @@ from kalscope.common.text import (
 )
 from kalscope.estimation.fusion.words import listed
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.fusion.params import FusionParams
+from kalscope.filtering.params import FilterParams
 
 NOTHING_FOUND = (
     "Next: give the noise of a sensor (--sigma a=0.4), or choose a filter by its lag or its cut-off (--lag-ms, "
@@ -74,7 +74,7 @@ def details_of(answer: FusionAnswer) -> list[str]:
     return lines
 
 
-def _about_fit(answer: FusionAnswer, params: FusionParams) -> Iterator[str]:
+def _about_fit(answer: FusionAnswer, params: FilterParams) -> Iterator[str]:
     """What a goal costs, and that the record leaves a parameter open; nothing where it is the best fit."""
     found, goal = answer.estimate, answer.request.goal
     if goal:
@@ -98,7 +98,7 @@ def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _next(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) -> str:
+def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> str:
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
     odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
@@ -121,7 +121,7 @@ def _page(*texts: str) -> list[str]:
     return [line for text in texts for line in wrapped(text)]
 
 
-def _filter(answer: FusionAnswer, params: FusionParams) -> str:
+def _filter(answer: FusionAnswer, params: FilterParams) -> str:
     tau, period = params.momentum, answer.sample_period
     momentum = f"momentum {lag_in_full(tau, period)}" if tau else "no momentum"
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
@@ -135,7 +135,7 @@ def _filter(answer: FusionAnswer, params: FusionParams) -> str:
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 
-def _table(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) -> Iterator[str]:
+def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     gains = _has_gains(answer)
     head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "error alone", "without it")
@@ -145,8 +145,8 @@ def _table(answer: FusionAnswer, params: FusionParams, verdict: FusionVerdict) -
         rows.append(
             (
                 name if len(name) <= MAX_NAME else f"{name[: MAX_NAME - 1]}…",
-                f"{number(math.sqrt(float(params.r[i])))}{unit}",
-                f"{number(float(params.r[i]))} {squared(answer.units[i])}",
+                f"{number(math.sqrt(float(params.sensor_r[i])))}{unit}",
+                f"{number(float(params.sensor_r[i]))} {squared(answer.units[i])}",
                 f"{number(float(params.offset[i]))}{unit}",
                 *((number(float(params.gain[i])),) if gains else ()),
                 percent(float(params.shares[i])),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kalscope.common.array import Array, Mask
 from kalscope.estimation.fleet.many import fit_kernels as kernels
 from kalscope.estimation.fleet.many.series import Series
-from kalscope.estimation.result import Estimate, Value
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.arrays import scalar
 
 KINDS = {"ml": kernels.FREE, "fixed_r": kernels.KNOWN_R, "fixed_ratio": kernels.KNOWN_RATIO}
@@ -75,7 +75,7 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
     return low, high, r_low, r_high
 
 
-def _around(value: Value, error: Value) -> tuple[float, float]:
+def _around(value: float, error: float) -> tuple[float, float]:
     """The 95 % interval of a variance from its standard error, on the scale of the logarithm."""
     size, spread = scalar(value), scalar(error)
     if not (size > 0.0 and math.isfinite(spread)):

@@ -136,8 +136,8 @@ def unpredicted(z: Array, steps: Array, q: float, r: float) -> Array:
     v, s, refused = np.empty((2, n)), np.empty((2, n)), np.empty((2, n), np.bool_)
     turned = z[::-1].copy()
     gate = SIDE_SIGMAS**2
-    judge_samples(z, steps, q, r, 0.0, gate, start_of(z, steps, q, r), LONGEST, v[0], s[0], refused[0])
-    judge_samples(turned, back, q, r, 0.0, gate, start_of(turned, back, q, r), LONGEST, v[1], s[1], refused[1])
+    judge_samples(z, steps, q, r, None, gate, start_of(z, steps, q, r), LONGEST, v[0], s[0], refused[0])
+    judge_samples(turned, back, q, r, None, gate, start_of(turned, back, q, r), LONGEST, v[1], s[1], refused[1])
     found, any_found = np.zeros(n), False
     for i in range(n):
         j = n - 1 - i

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.compiled import compiled
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -19,7 +19,7 @@ from kalscope.estimation.fleet.many.plain import fitted_ratios, pair_intervals
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.pool import Pool, pool_of
 from kalscope.filtering.arrays import scalar
-from kalscope.filtering.batch import kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.store.left import packed
