@@ -144,7 +144,7 @@ def test_the_answer_is_saved_as_a_tuning_and_for_programs(fleet, tmp_path):
 def test_the_report_says_it_in_words(fleet, tmp_path):
     text = summary(answer_for(*fleet, NOTHING), TALLY, tmp_path)
     lines = text.splitlines()
-    assert lines[0] == "500 rows: 500 of 500 files or row groups done in 2 s, 250 rows/s"
+    assert lines[0] == "500 rows: 500 with q and r; 500 of 500 files or row groups done in 2 s, 250 rows/s"
     assert lines[1].startswith("One filter for all: q = 0.04")
     assert lines[2].startswith(
         "  for 99 % of 500 its prediction error on unseen samples is at most 10 % above that"
@@ -168,7 +168,8 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
     assert load_tuning(tmp_path / TUNING).source_name == "log.csv"
     assert json.loads((tmp_path / SUMMARY).read_text())["one_filter"] is None
     text = summary(answer, TALLY, tmp_path)
-    assert "3 without q and r:\n  3 × constant\n" in text
+    assert text.startswith("3 rows: 3 without; ")
+    assert "\nWhy not all have q and r:\n  3 × constant\n" in text
     assert "No filter for all: the fleet must hold at least one series that can be fitted (got none)" in text
     assert answer_for(devices_of(constant), Pool.empty(), NOTHING).shared is None
 

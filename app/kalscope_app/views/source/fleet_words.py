@@ -22,8 +22,7 @@ MAX_NAME = 16
 
 def about_fleet(fleet: Fleet) -> str:
     """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
-    failed = f", {count(fleet.failed)} without q and r" if fleet.failed else ""
-    said = [f"{count(len(fleet))} {'row' if len(fleet) == 1 else 'rows'}{failed}."]
+    said = [f"{fleet.devices.counted}."]
     if fleet.done is not None:
         known = "" if fleet.begun.units is None else f" of {count(fleet.begun.units)}"
         said.append(f"**Not finished: {count(fleet.done)}{known} files or row groups done.**")

@@ -117,12 +117,10 @@ def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
     else:
         fit, how = fit_pool(pool), "pooled maximum likelihood"
     if fit.params is None:
-        raise BadSetting(
-            f"q and r that fit all {fit.devices} recordings together must be above 0 (got q = {number(fit.q)},"
-            f" r = {number(fit.r)})"
-        )
+        got = "r = 0" if fit.q > 0.0 else "q = 0"
+        raise BadSetting(f"q and r of all must both be above 0 (got {got}): a goal such as --lag-ms 50 gives both")
     params = FilterParams(fit.q, fit.r, momentum=momentum)
-    return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", devices.losses(params))
+    return Shared(fit, params, how, devices.losses(params))
 
 
 def unlike_in(devices: Devices, name: str) -> Unlike:

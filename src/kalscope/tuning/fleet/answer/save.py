@@ -79,7 +79,7 @@ def tuning_of(devices: Devices, shared: Shared) -> Tuning:
     """The tuning of the filter for all."""
     q, r, momentum = (scalar(value) for value in (shared.params.q, shared.params.r, shared.params.momentum))
     served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
-    how = f"{shared.how}{served if shared.judged else ''}"
+    how = f"one filter for a fleet, {shared.how}{served if shared.judged else ''}"
     channel = ChannelTuning(devices.channel, devices.unit, q, r, how=how, momentum=momentum)
     return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
 
@@ -91,6 +91,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         "tool": program(),
         "rows": len(devices),
         "usable": int(devices.usable.sum()),
+        "failed": devices.failed,
         "reasons": dict(devices.reasons.most_common(MAX_LISTED)),
         "channel": devices.channel,
         "unit": devices.unit,

@@ -41,7 +41,7 @@ NAMES = {"r": "r", "q": "q", "rate_hz": "sample rate"}
 def summary(answer: Answer, tally: Tally, folder: Path) -> str:
     """How many rows, how many without q and r and why, one filter for all, the devices unlike others, the files."""
     lines = [
-        _done(len(answer.devices), tally),
+        f"{answer.devices.counted}; {_done(tally)}",
         *_reasons(answer),
         *_filter(answer),
         *_unlike(answer),
@@ -56,20 +56,20 @@ def _harmless(line: str) -> str:
     return "".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line)
 
 
-def _done(rows: int, tally: Tally) -> str:
-    """How many rows there are, and what this run did for them."""
+def _done(tally: Tally) -> str:
+    """What this run did."""
     if not tally.done:
-        return f"{count(rows)} rows: nothing was missing"
+        return "nothing was missing"
     new = f"{count(tally.done)} of {count(tally.units)} files or row groups"
     speed = f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
-    return f"{count(rows)} rows: {new} done{speed}"
+    return f"{new} done{speed}"
 
 
 def _reasons(answer: Answer) -> Iterator[str]:
     reasons = answer.devices.reasons
     if reasons:
         common = reasons.most_common(MAX_REASONS)
-        yield f"{count(reasons.total())} without q and r:"
+        yield "Why not all have q and r:"
         yield from (f"  {count(times)} × {reason}" for reason, times in common)
         others = reasons.total() - sum(times for _, times in common)
         if others:
