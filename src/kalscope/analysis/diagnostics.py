@@ -97,7 +97,7 @@ class Diagnostics:
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
-    """Advised factor for q, by likelihood; 1 = keep. With momentum it is that for r, which keeps the curve."""
+    """Advised factor for q, by likelihood; 1 = keep."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
     nis_before: float = 1.0
@@ -186,7 +186,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
-        few = Findings(n, momentum=run.momentum)
+        few = Findings(n, momentum=run.momentum > 0.0)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_in_words(few, known)), findings=few)
     spikes = Spikes.among(scored, *residuals.taken(), residuals.prior and not first)
     refusals = residuals.refusals()

@@ -9,7 +9,7 @@ from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.analysis.fit.findings import Findings
 from kalscope.analysis.fit.goal import Choice, Finding
-from kalscope.analysis.fit.words import CHOOSE, KEEP, NO_FAULT, Known, findings_in_words
+from kalscope.analysis.fit.words import CHOOSE, KEEP, NO_FAULT, WITH_MOMENTUM, Known, findings_in_words
 from kalscope.analysis.headlines import HEADLINES, NO_PAIR, NO_PAIR_HEADLINES, WORDS, Tone
 from kalscope.analysis.held_out import halves_differ, held_out_clause, small_misfit
 from kalscope.common.text import count, decibels, number
@@ -36,9 +36,6 @@ FIRST_IS_SPIKE: Finding = (
     Advice("leave the first sample out of the record: it is a spike, and the filter takes it for the signal"),
 )
 """All that is said where the filter has to find its way back from a spike: its residuals show mostly that."""
-
-BEST = " No other q/r fits clearly better."
-"""What a wrong band adds where the other pairs were compared: with momentum only an estimate compares them."""
 
 
 @dataclass(frozen=True)
@@ -195,14 +192,16 @@ def advice_words(judgement: Judgement) -> str:
 
 
 def _headline(status: Status, found: Findings, known: Known) -> str:
-    choice, compared = known.choice, known.estimated or not found.momentum
+    choice, best = known.choice, found.correction
+    at = f" {WITH_MOMENTUM}" if found.momentum else ""
     if status == "too_few":
         return f"Too few samples to judge the filter: {count(found.n)} were scored, {MIN_SAMPLES} are needed."
     if status == "band":
         is_wrong, errors = _band_word(found).replace("band", "band is"), _by_factor(found, "smaller", "larger")
-        return f"The ± {is_wrong}: it predicts {errors} errors.{BEST if compared else ''}"
-    if status == "changes" and not compared:
-        return "The size of the residuals changes along the record."
+        said = f"The ± {is_wrong}: it predicts {errors} errors."
+        # two factors too alike to be worth a change may still fit clearly better, and so may others with the spikes
+        compared = best.q_factor == best.r_factor and not found.spikes
+        return f"{said} No other q/r fits clearly better{at}." if compared else said
     return f"{_chosen(choice) if WORDS[status][1] == 'note' else ''}{HEADLINES[status]}"
 
 

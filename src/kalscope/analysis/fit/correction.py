@@ -1,10 +1,11 @@
 """How to correct a filter that does not fit its record: factors for q and r.
 
-The whole record is filtered again with λ changed by factors from 1/1000 to 1000; where the best λ is not among
-them, with all λ that the record can distinguish. Four corrections compete by their likelihood: q alone, r alone,
-both by one factor (which keeps the curve and corrects its variance), or each by its own. The simplest one that
-a likelihood-ratio test does not reject is advised. Structure that is then left in the residuals cannot be
-removed by q and r: the model does not describe the signal.
+λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with λ changed by
+factors from 1/1000 to 1000; where the best λ is not among them, with all λ that the record can distinguish. Four
+corrections compete by their likelihood: q alone, r alone, both by one factor (which keeps the curve and corrects
+its variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised.
+Structure that is then left in the residuals cannot be removed by q and r: the model, at this momentum, does not
+describe the signal.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.analysis.fit.record import Indices, Record
+from kalscope.analysis.fit.record import Indices, Record, variance_of_step
 from kalscope.analysis.residual_tests import dot
 from kalscope.common.array import Array
 
@@ -62,7 +63,7 @@ class Correction:
     r_factor: float = 1.0
     """Multiply r by it, 1e-12 … 1e12; 1 = keep."""
     instead_of_edge: float | None = None
-    """λ that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
+    """q/r that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
     edge_factor: float = 1.0
     """Multiply by it the variance that is not 0, together with `instead_of_edge`."""
     e: Array | None = None
@@ -157,11 +158,8 @@ class Profile:
         return q_factor, r_factor
 
 
-def find_scale(e: Array, spikes: Indices) -> Correction:
-    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best.
-
-    For a filter with momentum: other corrections would need its momentum, which its output does not hold.
-    """
+def _find_scale(e: Array, spikes: Indices) -> Correction:
+    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best."""
     calm = np.delete(e, spikes)
     m = len(calm)
     scale = dot(calm, calm) / max(m, 1)
@@ -171,7 +169,7 @@ def find_scale(e: Array, spikes: Indices) -> Correction:
 
 
 def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
-    """The simplest change of q and r that the record does not reject.
+    """The simplest change of q and r that the record does not reject, at the filter's momentum.
 
     Args:
         record: what the filter was given.
@@ -181,12 +179,12 @@ def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
     if record.data.m < MIN_SAMPLES:
         return Correction()
     if record.ratio == 0.0 or math.isinf(record.ratio):
-        return _from_edge(record, find_scale(e, spikes))
+        return _from_edge(record, _find_scale(e, spikes))
     profile = _profile(record)
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, scale = _best(record, profile)
-    left = record.residuals(math.exp(log_best))
+    left = record.residuals(log_best, record.momentum)
     if free <= profile.present() + LR_LIMIT[1]:
         return Correction(e=left)
     likelihood, q_factor, r_factor = profile.one_factor()
@@ -208,8 +206,12 @@ def _profile(record: Record) -> Profile:
 
 
 def _lowest(record: Record) -> float:
-    """The least ln λ that differs from q = 0 in the record: its movement is then a tenth of the noise of a mean."""
-    return min(LOWEST, -math.log(100.0) - 2.0 * math.log(record.data.m))
+    """The least ln λ that differs from q = 0 in the record: its movement is then a tenth of the noise of a mean.
+
+    Steps that keep their direction for τ samples move as far as those of a τ times larger variance.
+    """
+    m = record.data.m
+    return min(LOWEST, -math.log(100.0) - 2.0 * math.log(m) - math.log(min(max(record.momentum, 1.0), m)))
 
 
 def _best(record: Record, profile: Profile) -> tuple[float, float, float]:
@@ -227,10 +229,11 @@ def _from_edge(record: Record, scale: Correction) -> Correction:
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, size = _best(record, profile)
-    left = record.residuals(math.exp(log_best))
+    left = record.residuals(log_best, record.momentum)
     if free > _at_edge(record, profile.m) + LR_LIMIT[0]:
-        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # the record is in units of √r or of √q
-        return Correction(instead_of_edge=math.exp(log_best), edge_factor=_bounded(factor)[0], e=left)
+        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # in the unit of the record
+        ratio = math.exp(log_best) / variance_of_step(record.momentum)
+        return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=left)
     return Correction(scale.q_factor, scale.r_factor, e=left)
 
 
@@ -239,8 +242,7 @@ def _at_edge(record: Record, m: float) -> float:
     if record.ratio < 1.0:
         chi2, logdet = (float(part[0]) for part in record.sums(np.array([-math.inf])))
         return -0.5 * (logdet + m * math.log(chi2 / m) + m) if chi2 > 0.0 else -math.inf
-    loglik, _ = record.data.random_walk()
-    return loglik + 0.5 * m * math.log(2.0 * math.pi)
+    return record.without_noise() + 0.5 * m * math.log(2.0 * math.pi)
 
 
 def _bounded(*factors: float) -> tuple[float, ...]:

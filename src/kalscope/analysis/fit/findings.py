@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.analysis.fit.correction import Correction, find_correction, find_scale
+from kalscope.analysis.fit.correction import Correction, find_correction
 from kalscope.analysis.fit.record import Indices, Record, lost_by_lag
 from kalscope.analysis.fit.run import Run
 from kalscope.analysis.fit.spikes import CLEAR, MAX_OUTLIERS, Spikes, burst_of
-from kalscope.analysis.fit.structure import Structure, find_change, find_shape, find_structure, with_momentum
+from kalscope.analysis.fit.structure import Structure, find_change, find_free, find_shape, find_structure
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.array import Array
 
@@ -31,7 +31,7 @@ class Findings:
     constant: bool = False
     """Whether the signal does not move: all residuals are 0, or they only show a given start."""
     ratio: float = 1.0
-    """λ of the filter."""
+    """Variance of a step over r of the filter; without momentum λ."""
     momentum: bool = False
     """Whether the filter has momentum."""
     start: float = 0.0
@@ -81,20 +81,20 @@ def find_misfits(
         lags: of the Ljung-Box test.
     """
     found = Findings(
-        n=len(seen), momentum=run.momentum, refused=len(refusals), refused_in_a_row=_longest_run(refusals)
+        n=len(seen), momentum=run.momentum > 0.0, refused=len(refusals), refused_in_a_row=_longest_run(refusals)
     )
     if not e.any():
         return replace(found, constant=True)
     spiky, steps = _too_many(spikes, len(seen))
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * len(seen) else spikes.off[:0]
     skewness, excess = find_shape(np.delete(e, spikes.off))
-    record = Record.of(run, seen, seen[outliers])
+    record = Record.of(run, seen[outliers])
     if not record.moves and not len(outliers):  # what is left is the approach from a given x0
         return replace(found, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
-        record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
-    correction = find_scale(e, outliers) if run.momentum else find_correction(record, e, outliers)
-    structure, change = _left(correction, record, lags, steps=steps, momentum=run.momentum)
+        record, outliers = Record.of(run, seen[:0]), outliers[:0]
+    correction = find_correction(record, e, outliers)
+    structure, change = _left(correction, record, lags, steps=steps)
     return replace(
         found,
         ratio=record.ratio,
@@ -109,7 +109,7 @@ def find_misfits(
         excess=excess,
         correction=correction,
         structure=structure,
-        lag_costs=run.momentum and lost_by_lag(record) > 1.0,
+        lag_costs=run.momentum > 0.0 and lost_by_lag(record) > 1.0,
         change=change,
     )
 
@@ -120,19 +120,28 @@ def _too_many(spikes: Spikes, n: int) -> tuple[bool, bool]:
     return lone_ones and spikes.too_many(n, lone=True), not lone_ones and spikes.too_many(n)
 
 
-def _left(
-    correction: Correction, record: Record, lags: int, *, steps: bool, momentum: bool
-) -> tuple[Structure | None, float]:
+def _left(correction: Correction, record: Record, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
     """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
     if correction.e is None:
         return None, 1.0
-    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-    structure = None if steps else find_structure(correction.e, lags)
-    parts_tell = structure is None or 0.0 < structure.low_share < MAX_SHARE
-    change = find_change(correction.e) if parts_tell else 1.0
-    if structure is not None and not momentum:
-        structure = with_momentum(structure, record, lags)
+    structure, change = _tested(correction.e, lags, steps=steps)
+    if change == 1.0 and (structure is None or record.momentum):
+        return structure, change
+    free = find_free(record)
+    if structure is not None and not record.momentum and free.predicts_better(record.data.m):
+        rest = find_structure(record.residuals(free.log_moves, free.momentum), lags)
+        structure = replace(structure, momentum=free.momentum, whole=rest is None)
+    if change > 1.0:  # that of a wrong momentum says nothing
+        change = min(change, _tested(record.residuals(*free.best), lags, steps=steps)[1])
     return structure, change
+
+
+def _tested(e: Array, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
+    """Structure and change of variance in residuals."""
+    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+    structure = None if steps else find_structure(e, lags)
+    parts_tell = structure is None or 0.0 < structure.low_share < MAX_SHARE
+    return structure, find_change(e) if parts_tell else 1.0
 
 
 def _longest_run(at: Indices) -> int:

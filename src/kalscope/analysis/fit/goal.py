@@ -50,6 +50,9 @@ HOW = (
 )
 """How a tuning says that a target was chosen, the target, and its unit."""
 
+WITH_MOMENTUM = "with this momentum"
+"""Where pairs were compared at the momentum of the filter only."""
+
 ROUNDING = 1e-3
 """Relative difference that four digits in a tuning file, and three of a rounded q, may make."""
 
@@ -113,7 +116,7 @@ def still_met(request: Request | None, params: FilterParams, sample_period: floa
     return None if request.noise == Noise() else Request(noise=request.noise)
 
 
-def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
+def with_choice(said: list[Finding], choice: Choice, momentum: bool) -> list[Finding]:
     """The findings on a chosen filter: what can be corrected, what the choice costs, and the rest as notes.
 
     A filter that is slower than the best leaves waves in its residuals, which say nothing about the model.
@@ -121,13 +124,11 @@ def with_choice(said: list[Finding], choice: Choice) -> list[Finding]:
     costs: list[Finding] = []
     rest: list[Finding] = []
     slow = False
+    fit = f"the best statistical fit {WITH_MOMENTUM}" if momentum else "the best statistical fit"
     for status, advice in said:
         if isinstance(advice.action, Scale) and _ends(advice.action, choice):
             slow = bool(choice.goal) and advice.action.q_factor > advice.action.r_factor
-            costs.append(("as_chosen", Advice(_costs(choice, advice.action))))
-        elif choice.goal and status == "structure" and isinstance(advice.action, EstimateAgain):  # with momentum
-            text = "its residuals stay correlated, so the best statistical fit is another filter"
-            costs.append(("as_chosen", Advice(f"you chose {choice.goal}. {text}")))
+            costs.append(("as_chosen", Advice(_costs(choice, advice.action, fit))))
         elif not (choice.goal and status in ("too_slow", "too_fast")):  # a factor too small for a change
             rest.append((status, _harmless(advice, choice)))
     rest = [one for one in rest if not (slow and one[0] == "structure")]
@@ -149,7 +150,7 @@ def _harmless(advice: Advice, choice: Choice) -> Advice:
     return replace(advice, text=advice.text.split("; ")[0], action=None)
 
 
-def _costs(choice: Choice, best: Scale) -> str:
+def _costs(choice: Choice, best: Scale, fit: str) -> str:
     """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if choice.goal and abs(math.log(ratio)) >= math.log(MIN_FACTOR):
@@ -158,10 +159,10 @@ def _costs(choice: Choice, best: Scale) -> str:
             best_fit = f"follow faster {change}, so {choice.faster} is smoothed away"
         else:
             best_fit = f"smooth more {change}, so noise that it would remove stays"
-        return f"you chose {choice.goal}. the best statistical fit would {best_fit}"
+        return f"you chose {choice.goal}. {fit} would {best_fit}"
     origin = f" {choice.noise}" if choice.noise in TRUSTED else ""
     return (
-        f"you gave r{origin}. the best statistical fit has an r "
+        f"you gave r{origin}. {fit} has an r "
         f"{larger(best.r_factor)}: keep yours if you trust {TRUSTED.get(choice.noise, 'it')}"
     )
 

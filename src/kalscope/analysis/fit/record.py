@@ -1,4 +1,8 @@
-"""One channel as the record behind its filter: the samples that went in, ready for other q, r and momentum."""
+"""One channel as the record behind its filter: the samples that went in, ready for other q, r and momentum.
+
+A pair is measured by the variance of one step of the signal over r, as in `estimation.momentum.likelihood`; without
+momentum that is q/r.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.fit.run import Run
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences, differences
+from kalscope.estimation.momentum.likelihood import Samples, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -35,35 +40,33 @@ class Record:
     """All samples of one channel, without the filter's prior, its rejected samples and its spikes."""
 
     z: Array
-    """Samples in units of √r (√q where r is 0), shape (n,); NaN where missing."""
+    """Samples in units of √r (of a step's standard deviation where r is 0), shape (n,); NaN where missing."""
     dt: Array | None
     """Nominal sample periods before each, shape (n,); None = 1 each."""
     ratio: float
-    """λ of the filter that made it; 0 or inf at the edges."""
+    """Step variance over r of the filter that made it; 0 or inf at the edges."""
+    momentum: float
+    """Of that filter, sample periods."""
     thinned: bool
     """Whether spikes were left out."""
 
     @staticmethod
-    def of(run: Run, scored: Indices, spikes: Indices) -> Record:
-        """Invert the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
+    def of(run: Run, spikes: Indices) -> Record:
+        """Invert the filter: z = x + (1 − k) v.
 
         Args:
             run: the filter over the channel.
-            scored: indices of the scored samples, at least one.
             spikes: indices of those to leave out.
         """
-        z, steps, k, s = _undo(run, int(scored[-1]))
-        r = s - k * s
-        r = r if r > 1e-13 * s else 0.0
+        z = _undo(run)
         z[spikes] = math.nan
-        there = steps[steps > 0.0]
-        q = float(np.median(there, overwrite_input=True)) if len(there) else 0.0
-        regular = not len(there) or bool(np.all(np.abs(np.subtract(there, q, out=there), out=there) <= 1e-3 * q))
-        unit = math.sqrt(r or q or s)
-        ratio = math.inf if r == 0.0 else q / r
-        z /= unit
+        step = run.q * variance_of_step(run.momentum)
+        ratio = step / run.r if run.r > 1e-13 * step else math.inf
+        ratio = ratio if ratio > 1e-24 else 0.0
+        z /= math.sqrt(run.r if ratio < math.inf else step or 1.0)
         z[np.isinf(z)] = math.nan  # undone, a sample near the end of float64 may lie beyond it
-        return Record(z, None if regular else steps / q, ratio, len(spikes) > 0)
+        regular = run.dt is None or bool(np.all(np.abs(run.dt[1:] - 1.0) <= 1e-3))
+        return Record(z, None if regular else run.dt, ratio, run.momentum, len(spikes) > 0)
 
     @property
     def moves(self) -> bool:
@@ -96,19 +99,36 @@ class Record:
         return tuple(found) or (self.data,)
 
     def sums(self, log_ratios: Array) -> tuple[Array, Array]:
-        """Σ v²/s and Σ ln s of the whole record at each ln λ with r = 1, shapes of `log_ratios`."""
-        chi2, logdet = self.data.sums(np.exp(log_ratios))
+        """Σ v²/s and Σ ln s of the whole record at each ln(step variance / r), r = 1, shapes of `log_ratios`."""
+        ratios = np.exp(log_ratios) / variance_of_step(self.momentum)
+        if self.momentum:
+            ones = np.ones(len(ratios))
+            chi2, logdet = Samples.of(self.data).sums(ratios, ones, self.momentum * ones)
+        else:
+            chi2, logdet = self.data.sums(ratios)
         return chi2 * min(self.data.scale, MAX_SCALE) ** 2, logdet
 
-    def residuals(self, ratio: float, momentum: float = 0.0) -> Array:
-        """Standardised innovations at λ, size 1, shape (n,); NaN where none was scored."""
+    def without_noise(self) -> float:
+        """Log-likelihood at r = 0 with the best q; −inf where that is impossible."""
+        if not self.momentum:
+            return self.data.random_walk()[0]
+        return float(Samples.of(self.data).concentrated(np.array([math.inf]), np.array([self.momentum]))[0][0])
+
+    def residuals(self, log_ratio: float, momentum: float) -> Array:
+        """Standardised innovations at ln(step variance / r), size 1, shape (n,); NaN where none was scored."""
         e = np.empty(len(self.z))
-        for first, piece in filter_pieces(self.z, FilterParams(ratio, 1.0, momentum=momentum), self.dt):
+        params = FilterParams(math.exp(log_ratio) / variance_of_step(momentum), 1.0, momentum=momentum)
+        for first, piece in filter_pieces(self.z, params, self.dt):
             e[first : first + len(piece.x)] = piece.innovation / np.sqrt(piece.s)
         e[~np.isfinite(e)] = math.nan
         seen = finite(e)
         size = math.sqrt(float(np.einsum("i,i", seen, seen)) / max(len(seen), 1))
         return np.divide(e, size, out=e) if size > 0.0 else e
+
+
+def variance_of_step(momentum: float) -> float:
+    """Variance of one step of the signal for q = 1."""
+    return step_variance(momentum) if momentum else 1.0
 
 
 def lost_by_lag(record: Record) -> float:
@@ -131,20 +151,12 @@ def finite(values: Array) -> Array:
     return values if there.all() else values[there]
 
 
-def _undo(run: Run, last: int) -> tuple[Array, Array, float, float]:
-    """Samples and q·dt from x, p, k, innovation and s; then k and s of the sample `last`."""
-    z, steps = np.empty(run.n), np.empty(run.n)
-    before = last_k = last_s = math.nan
-    for first, (x, p, k, v, s) in run.pieces():
-        own = slice(first, first + len(x))
+def _undo(run: Run) -> Array:
+    """The samples, from x, p, k and the innovation; NaN where missing or rejected."""
+    z = np.empty(run.n)
+    for first, (x, p, k, v, _) in run.pieces():
         with np.errstate(invalid="ignore"):
             samples = np.where(np.isnan(v), np.where(k > 0.0, x, math.nan), x + (1.0 - k) * v)
-            samples[(k == 0.0) & (p > 0.0)] = math.nan
-            predicted = np.where(k > 0.0, k * s, p)
-            step = predicted - np.concatenate(([before], p[:-1]))
-            known = np.isfinite(step) & (step > 1e-12 * predicted)
-        z[own], steps[own] = samples, np.where(known, step, 0.0)
-        before = p[-1]
-        if first <= last < first + len(x):
-            last_k, last_s = float(k[last - first]), float(s[last - first])
-    return z, steps, last_k, last_s
+        samples[(k == 0.0) & (p > 0.0)] = math.nan
+        z[first : first + len(x)] = samples
+    return z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from kalscope.analysis.fit.spikes import ALARM
 from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share, normality
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.momentum.likelihood import Samples, ratio_of
+from kalscope.estimation.momentum.likelihood import Samples
 
 MIN_SHARE = 0.04
 """Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
@@ -46,6 +46,29 @@ MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
 
 
 @dataclass(frozen=True)
+class Free:
+    """The best fits to a record with momentum and without, as near as advice needs them."""
+
+    log_moves: float
+    """ln(step variance / r) with momentum."""
+    momentum: float
+    """Sample periods."""
+    log_ratio: float
+    """ln(q/r) without."""
+    gain: float
+    """What momentum adds to the log-likelihood; below 0 where it fits worse."""
+
+    @property
+    def best(self) -> tuple[float, float]:
+        """ln(step variance / r) and momentum of the likelier of the two."""
+        return (self.log_moves, self.momentum) if self.gain > 0.0 else (self.log_ratio, 0.0)
+
+    def predicts_better(self, m: int) -> bool:
+        """Whether momentum is worth advice in a record of m innovations."""
+        return self.gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * m)
+
+
+@dataclass(frozen=True)
 class Structure:
     """Residuals that are not white."""
 
@@ -68,17 +91,14 @@ def find_structure(e: Array, lags: int) -> Structure | None:
     return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
 
 
-def with_momentum(found: Structure, record: Record, lags: int) -> Structure:
-    """The structure with the momentum that describes it, where one does."""
+def find_free(record: Record) -> Free:
+    """The best fits to a record, whatever the momentum of its filter."""
     searched = [Samples.of(one) for one in record.searched()]
     tau, moves = _best(searched, MOMENTA, LOG_MOVES)
     tau, moves = _best(searched, [tau * factor for factor in NEARER], moves + QUARTERS)
     best, _ = Samples.of(record.data).concentrated(np.array([moves]), np.array([tau]))
-    gain = float(best[0]) - _best_walk(record.data)
-    if not gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * record.data.m):
-        return found
-    rest = find_structure(record.residuals(ratio_of(moves, tau), tau), lags)
-    return replace(found, momentum=tau, whole=rest is None)
+    walk, log_ratio = _best_walk(record.data)
+    return Free(moves, tau, log_ratio, float(best[0]) - walk)
 
 
 def find_change(e: Array) -> float:
@@ -134,8 +154,9 @@ def _best(searched: list[Samples], momenta: tuple[float, ...] | list[float], mov
     return float(tau[at]), float(grid[at])
 
 
-def _best_walk(data: Differences) -> float:
-    """The highest log-likelihood without momentum."""
-    coarse = LOG_MOVES
-    at = float(coarse[int(np.argmax(data.concentrated(coarse)))])
-    return max(float(data.concentrated(at + QUARTERS).max()), data.random_walk()[0])
+def _best_walk(data: Differences) -> tuple[float, float]:
+    """The highest log-likelihood without momentum, and its ln(q/r)."""
+    near = float(LOG_MOVES[int(np.argmax(data.concentrated(LOG_MOVES)))]) + QUARTERS
+    heights = data.concentrated(near)
+    at = int(np.argmax(heights))
+    return max((float(heights[at]), float(near[at])), (data.random_walk()[0], float(LOG_MOVES[-1])))

@@ -19,7 +19,7 @@ from kalscope.analysis.actions import (
 )
 from kalscope.analysis.fit.correction import MIN_FACTOR, MIN_SAMPLES
 from kalscope.analysis.fit.findings import MAX_UNCHANGED, Findings
-from kalscope.analysis.fit.goal import Choice, Finding, larger, times, with_choice
+from kalscope.analysis.fit.goal import WITH_MOMENTUM, Choice, Finding, larger, times, with_choice
 from kalscope.analysis.fit.spikes import MAX_OUTLIERS, MAX_REFUSED
 from kalscope.analysis.residual_tests import SPIKE
 from kalscope.common.text import count, number, percent, plural
@@ -75,14 +75,13 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
         )
     if found.unchanged > MAX_UNCHANGED:
         return _rounded(found, known)
-    spikes, change = _spikes(found, known), _change(found, known)
+    spikes, change = _spikes(found, known), _change(found)
     fitted_again = spikes is not None and isinstance(spikes[1].action, SetSpikesAside)
     fitted_again = fitted_again or (known.robust and found.spikes > 0)  # it has seen them, and kept them
-    lost = found.momentum and found.structure is not None  # the one factor of such a filter corrects no curve
     factors = (found.correction.q_factor, found.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
     mixed = known.estimated and found.change > off  # its parts need different pairs
-    size = None if fitted_again or lost or mixed else _size(found)
+    size = None if fitted_again or mixed else _size(found)
     said = [_start(found), _refused_share(found)]
     said += [size] if found.scale < MUCH_TOO_WIDE else []  # a gate would reject nothing
     said += [change] if found.change > max(off, GREAT_CHANGE) else [spikes, _jumps(found, known)]
@@ -91,7 +90,7 @@ def findings_in_words(found: Findings, known: Known) -> list[Finding]:
     said += [change] if found.change <= off else []
     said.append(_refused_runs(found, known))
     there = [finding for finding in said if finding is not None]
-    there = with_choice(there, known.choice) if known.choice else there
+    there = with_choice(there, known.choice, found.momentum) if known.choice else there
     shape = _shape(found, known)
     return there if there or shape is None else [shape]
 
@@ -178,7 +177,7 @@ def _wide(found: Findings) -> float:
 
 def _edge(found: Findings) -> Finding | None:
     best = found.correction.instead_of_edge
-    if best is None or found.momentum:
+    if best is None:
         return None
     action = SetRatio(best, found.correction.edge_factor)
     if found.ratio < 1.0:
@@ -220,24 +219,22 @@ def _structure(found: Findings, known: Known) -> Finding | None:
     left = found.structure
     if left is None:
         return None
-    if left.low_share:
-        text = f"low frequencies hold {percent(left.low_share)} of the residual power: "
-        text += "the filter is too slow, or " if found.momentum and not known.estimated else ""
-        text += "the signal has a trend or waves that the model lacks"
-    elif found.momentum and known.estimated:
+    low = f"low frequencies hold {percent(left.low_share)} of the residual power" if left.low_share else ""
+    if found.momentum and not known.estimated:
+        text = f"{low or 'residuals stay correlated'} for any q and r {WITH_MOMENTUM}"
+        return "structure", Advice(f"{text}; estimate q, r and momentum together", EstimateAgain())
+    if low:
+        text = f"{low}: the signal has a trend or waves that the model lacks"
+    elif found.momentum:
         text = (
             "residuals stay correlated: the signal has hum, trend, steps or coloured noise that a random walk with "
             "momentum cannot describe"
         )
-    elif found.momentum:
-        text = "residuals are correlated: the filter is too slow or too fast, or the signal has hum"
     else:
         text = (
             "residuals stay correlated for any q and r: the signal has hum, trend, steps or coloured noise that a "
             "random walk cannot describe"
         )
-    if found.momentum and not known.estimated:
-        return "structure", Advice(f"{text}; estimate q, r and momentum together", EstimateAgain())
     if left.momentum and not known.momentum_searched:
         size = f"a momentum of about {number(left.momentum, 1)} samples"
         text += f"; try {size}" if left.whole else f"; {size} explains part of it"
@@ -262,14 +259,12 @@ def _shape(found: Findings, known: Known) -> Finding | None:
     return "shape", Advice(f"{text}echoes and misses, separate them before the filter")
 
 
-def _change(found: Findings, known: Known) -> Finding | None:
+def _change(found: Findings) -> Finding | None:
     if found.change <= 1.0:
         return None
     size = "over 1000" if found.change > 1000.0 else number(found.change, 2)
-    text = f"the variance of the residuals differs {size} × between parts of the record"
-    if found.momentum and not known.estimated:  # another q and r may fit all of it: they were not compared
-        return "changes", Advice(text)
-    return "changes", Advice(f"the noise or the movement changes: {text}, which one pair cannot fit")
+    text = f"the noise or the movement changes: the variance of the residuals differs {size} × between parts "
+    return "changes", Advice(f"{text}of the record, which one pair cannot fit")
 
 
 def _jumps(found: Findings, known: Known) -> Finding | None:

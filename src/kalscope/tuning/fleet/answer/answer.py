@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
-from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.losses import Losses
