@@ -142,7 +142,8 @@ def lost_by_lag(record: Record) -> float:
     errors = np.empty(len(record.z))
     for first, piece in filter_pieces(record.z, FilterParams(gain * gain / (1.0 - gain), 1.0), record.dt):
         errors[first : first + len(piece.x)] = piece.innovation
-    return float(np.nanmean(errors[1:] * errors[:-1]))
+    products = finite(errors[1:] * errors[:-1])
+    return float(products.mean()) if len(products) else 0.0  # none where every second reading is missing
 
 
 def finite(values: Array) -> Array:
