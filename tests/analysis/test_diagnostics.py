@@ -360,10 +360,10 @@ def test_verdict_does_not_depend_on_the_unit():
 
 def test_two_dimensional_result_gives_one_diagnosis_a_channel():
     z = np.column_stack([noisy_walk(500, 0.01, seed=1), noisy_walk(500, 1.0, seed=2)])
-    both = diagnose(kalman_filter(z, FilterParams(q=[0.01, 0.05], r=1.0)))
+    both = diagnose(kalman_filter(z, FilterParams(q=0.01, r=1.0)))
     assert isinstance(both, tuple)
-    for c, q in enumerate((0.01, 0.05)):
-        one = judge(z[:, c], q)
+    for c in range(2):
+        one = judge(z[:, c], 0.01)
         assert both[c].advice == one.advice
         assert both[c].ljung_box == one.ljung_box
     assert both[0].advice == NO_FAULT

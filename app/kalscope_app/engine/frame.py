@@ -134,7 +134,7 @@ def compute_frame(
         spread=2.0 * np.sqrt(result.p),
         smoothed=_smoothed(state, drawn) if state.view.smoother and state.filter.is_standard else None,
         sensors=() if state.fusion is None else _sensors(state, state.fusion, drawn, result.x),
-        rejected=int(result.rejected),
+        rejected=int(np.sum(result.rejected)),
         innovation=result.innovation,
         innovation_spread=2.0 * np.sqrt(result.s),
         start_up=start_up,

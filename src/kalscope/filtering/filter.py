@@ -492,8 +492,8 @@ Result = TypeVar("Result", FilterResult, SmootherResult)
 
 def _columns(z: ArrayLike, params: FilterParams) -> list[Array] | None:
     """The channels of a 2-D z that one sensor's parameters filter each; None for anything else."""
-    samples = samples_of(z)
-    if samples.ndim != 2 or require_params(params).fuses:
+    fuses, samples = require_params(params).fuses, samples_of(z)
+    if samples.ndim != 2 or fuses:
         return None
     if samples.shape[1] == 0:
         raise BadSetting(f"z must have shape (n,) or (n, channels) (got {samples.shape})")
