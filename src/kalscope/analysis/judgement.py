@@ -16,7 +16,6 @@ from kalscope.common.text import count, decibels, number
 from kalscope.estimation.finding import Request
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict.words import below_step
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 
 HARDLY_DB = 3.0
@@ -146,7 +145,7 @@ def _with_next_step(said: list[Finding], estimate: Estimate, lag_costs: bool) ->
     told = any(advice.action is not None or status in ("start", "constant") for status, advice in said)
     if estimate.params is None or told:
         return said
-    removed = scalar(steady_state(estimate.params).noise_reduction_db)
+    removed = steady_state(estimate.params).noise_reduction_db
     reason = (
         f": the best statistical fit removes only {decibels(removed)} of the noise" if removed < HARDLY_DB else ""
     )

@@ -174,8 +174,7 @@ class KalmanFilter:
             BadSetting: a reading is infinite, or there is another number of them; dt is negative. The state stays.
         """
         elapsed = 1.0 if dt is None else step_of(dt)
-        usual = self._scales is None and isinstance(z, float) and not math.isinf(z)
-        readings: list[float] = [cast("float", z)] if usual else self._row(z)
+        readings = (z,) if self._scales is None and isinstance(z, float) and not math.isinf(z) else self._row(z)
         if elapsed != self._dt:
             self._dt, self._over = elapsed, _TRANSITION(elapsed, self.params.q, self._tau)
         over, counts = self._over, self._in_a_row

@@ -25,7 +25,7 @@ from kalscope.analysis.alternatives.versus_smoothing import identity_words
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel, scalar
+from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.classic.bench import bench_of
 from kalscope.filtering.filter import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -95,8 +95,8 @@ def compare_alternatives(
     steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
     result = kalman_filter(piece, params, steps)
     steady = steady_state(params)
-    lag, moves = float(steady.lag_samples), scalar(params.momentum) > 0.0
-    refused = refusal(piece, lag, float(steady.gain))
+    lag, moves = steady.lag_samples, params.momentum > 0.0
+    refused = refusal(piece, lag, steady.gain)
     if refused is not None:
         present = present_row(result, steady, Errors(piece, true, _begun(piece, [])), moves)
         return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
@@ -104,7 +104,7 @@ def compare_alternatives(
     errors = Errors(piece, true, _begun(piece, [one for one in chosen if one.causal]))
     present = present_row(result, steady, errors, moves)
     # With momentum, errors stay correlated for longer than the lag: for as long as the filter takes to settle.
-    memory = max(lag, float(steady.settle_samples) / math.log(100.0)) if moves else lag
+    memory = max(lag, steady.settle_samples / math.log(100.0)) if moves else lag
     stretch = Stretch(params, steps, errors, present, memory)
     others = candidate_rows(chosen, stretch, match)
     medians = helpful_medians(others, stretch)
@@ -125,8 +125,8 @@ def _candidates(
     z: Array, result: FilterResult, steady: SteadyState, match: Match, moves: bool
 ) -> tuple[Candidate, ...]:
     """The candidates, as tuned to the lag or the noise of the present filter."""
-    lag, gain = float(steady.lag_samples), float(steady.gain)
-    share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
+    lag, gain = steady.lag_samples, steady.gain
+    share = 10.0 ** (-0.1 * steady.noise_reduction_db) if moves else gain / (2.0 - gain)
     # A filter without momentum lags more than one with momentum at the same noise.
     bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
     return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)

@@ -12,7 +12,6 @@ from kalscope.analysis.alternatives.rows import Alternative, Stretch
 from kalscope.analysis.alternatives.verdict import Difference, difference, interval_words, percent_of
 from kalscope.common.array import Array
 from kalscope.common.text import plural
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.response import chain_response
 from kalscope.filtering.classic.stages import Median
@@ -65,12 +64,12 @@ def _median_before(name: str, base: Alternative, stretch: Stretch) -> HelpfulMed
         if found is None or (best and best[0].ratio < found.ratio):
             continue
         steady = chain_response(chain, stretch.params, (errors.z, base.curve))
-        if _better(errors.squared(curve), errors.squared(_as_slow(scalar(steady.lag_samples), stretch)), stretch):
+        if _better(errors.squared(curve), errors.squared(_as_slow(steady.lag_samples, stretch)), stretch):
             best = found, chain, curve, steady
     if best is None:
         return None
     found, chain, curve, steady = best
-    later = plural(float(f"{scalar(steady.lag_samples) - base.lag_samples:.2g}"), "sample")
+    later = plural(float(f"{steady.lag_samples - base.lag_samples:.2g}"), "sample")
     row = replace(_row(base, chain, curve, steady, stretch), name=name, sentence=_sentence(chain, later))
     less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
     said = (
@@ -88,8 +87,8 @@ def _better(error: Array, than: Array, stretch: Stretch) -> Difference | None:
 def _as_slow(lag: float, stretch: Stretch) -> Array:
     """The present filter with a smaller q, so that it lags as much: a median must do more than slow it down."""
     params = stretch.params
-    ratio = ratio_for(lag_samples=lag, momentum=scalar(params.momentum))
-    return kalman_filter(stretch.errors.z, replace(params, q=ratio * scalar(params.r)), stretch.steps).x
+    ratio = ratio_for(lag_samples=lag, momentum=params.momentum)
+    return kalman_filter(stretch.errors.z, replace(params, q=ratio * float(params.r)), stretch.steps).x
 
 
 def _sentence(chain: Chain, later: str) -> str:
@@ -106,8 +105,8 @@ def _row(base: Alternative, chain: Chain, curve: Array, steady: SteadyState, str
         + (f", {then.name[:1].lower()}{then.name[1:]}: {then.words}" if then else ""),
         chain=chain,
         curve=curve,
-        lag_samples=scalar(steady.lag_samples),
-        noise_reduction_db=scalar(steady.noise_reduction_db),
+        lag_samples=steady.lag_samples,
+        noise_reduction_db=steady.noise_reduction_db,
         rmse=errors.rmse(curve),
         prediction=errors.prediction(curve),
         roughness=errors.roughness(curve),

@@ -12,7 +12,6 @@ from kalscope.analysis.alternatives.candidates import Candidate, Description
 from kalscope.analysis.alternatives.error_measures import Errors
 from kalscope.analysis.alternatives.verdict import Difference, difference
 from kalscope.common.array import Array
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
 from kalscope.filtering.filter import FilterResult, smooth
@@ -73,17 +72,17 @@ class Stretch:
 
 def present_row(result: FilterResult, steady: SteadyState, errors: Errors, moves: bool) -> Alternative:
     """The present filter."""
-    gain, lag = float(steady.gain), float(steady.lag_samples)
+    gain, lag = steady.gain, steady.lag_samples
     close = np.abs(result.k - gain) <= 0.01 * gain
     less = "Lags less for the same noise, because it keeps the direction, and overshoots for it."
-    overshoot = float(steady.overshoot)
+    overshoot = steady.overshoot
     return Alternative(
         name="Kalman (present)",
-        parameters=f"K = {gain:.4g}" + (f", L = {float(steady.velocity_gain):.4g}" if moves else ""),
+        parameters=f"K = {gain:.4g}" + (f", L = {steady.velocity_gain:.4g}" if moves else ""),
         curve=result.x,
         causal=True,
         lag_samples=lag,
-        noise_reduction_db=float(steady.noise_reduction_db),
+        noise_reduction_db=steady.noise_reduction_db,
         rmse=errors.rmse(result.x),
         prediction=errors.prediction(result.x),
         roughness=errors.roughness(result.x),
@@ -143,7 +142,7 @@ def smoother_row(stretch: Stretch) -> Alternative:
     curve = smooth(errors.z, params, stretch.steps).x
     return Alternative(
         name="Smoother (offline bound)",
-        parameters="same parameters, both ways" if scalar(params.momentum) else "same q and r, both ways",
+        parameters="same parameters, both ways" if params.momentum else "same q and r, both ways",
         curve=curve,
         causal=False,
         lag_samples=0.0,

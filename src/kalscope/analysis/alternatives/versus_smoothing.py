@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from kalscope.common.array import Array
 from kalscope.common.text import number, plural
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.filter import FilterResult
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
@@ -25,8 +24,8 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
         smoothed: fixed gains started at the first sample, shape (n,); without momentum exponential smoothing.
     """
     steady, noise = steady_state(params), math.sqrt(float(params.r))
-    gain = float(steady.gain)
-    parts = [f"{_settled(steady, scalar(params.momentum))} The Kalman filter differs at the start and at gaps."]
+    gain = steady.gain
+    parts = [f"{_settled(steady, params.momentum)} The Kalman filter differs at the start and at gaps."]
     apart = np.abs(result.x - smoothed)
     seen = np.flatnonzero(np.isfinite(z))
     gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
@@ -42,13 +41,13 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
 
 def _settled(steady: SteadyState, tau: float) -> str:
     """The settled filter as a formula."""
-    gain = number(float(steady.gain), 4)
+    gain = number(steady.gain, 4)
     if not tau:
         return f"Once settled your filter is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
     kept, ahead = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau)
     return (
         f"Once settled your filter has fixed gains: x += {number(ahead, 4)}·v and v *= {number(kept, 4)} predict,"
-        f" then e = z − x corrects, x += {gain}·e and v += {number(float(steady.velocity_gain), 4)}·e."
+        f" then e = z − x corrects, x += {gain}·e and v += {number(steady.velocity_gain, 4)}·e."
     )
 
 

@@ -18,7 +18,6 @@ from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -170,8 +169,8 @@ def _still(z: Array, dt: Array | None, estimate: Estimate | None) -> tuple[int, 
 def momentum_of(found: Found) -> float:
     """Momentum in sample periods, with or without a pair; 0 without."""
     if found.params is not None:
-        return scalar(found.params.momentum)
-    return 0.0 if found.estimate is None else scalar(found.estimate.momentum)
+        return found.params.momentum
+    return 0.0 if found.estimate is None else found.estimate.momentum
 
 
 def _held_out(

@@ -143,12 +143,12 @@ def _words(verdict: str, found: MomentumFit) -> str:
     if verdict == "no_movement":
         return verdict_words.no_movement(0.0)
     steady = _settled(found.q / found.r, found.tau)
-    overshoot = float(steady.overshoot)
+    overshoot = steady.overshoot
     beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
     return (
-        f"Noise and movement can be separated. The filter settles at gain {number(float(steady.gain))}: it lags a "
-        f"ramp by {number(float(steady.lag_samples))} samples{beyond} reduces white noise by "
-        f"{decibels(float(steady.noise_reduction_db))}."
+        f"Noise and movement can be separated. The filter settles at gain {number(steady.gain)}: it lags a "
+        f"ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
+        f"{decibels(steady.noise_reduction_db)}."
     )
 
 

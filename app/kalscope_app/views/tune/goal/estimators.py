@@ -78,8 +78,8 @@ def comparison_text(state: State) -> str:
     rows: list[str] = []
     for one in state.answers.method_comparison:
         steady = steady_state(one.params) if one.params is not None else None
-        lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)
-        gain = "–" if steady is None else number(float(steady.gain))
+        lag = "–" if steady is None else lag_text(steady.lag_samples, period)
+        gain = "–" if steady is None else number(steady.gain)
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
     said = comparison(state.answers.method_comparison) or "No two of them can be compared."

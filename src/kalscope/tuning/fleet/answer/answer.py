@@ -14,7 +14,6 @@ from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import PooledFit, fit_pool, pool_at
 from kalscope.estimation.fleet.unlike import Unlike, unlike
 from kalscope.estimation.known import params_for_specification
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.fleet.answer.devices import Devices
@@ -110,7 +109,7 @@ def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
         wanted = params_for_specification(
             1.0, **request.target, sample_period=period, momentum=tau, overshoot=request.overshoot
         )
-        fit, how, momentum = pool_at(pool, scalar(wanted.ratio)), request.goal, scalar(wanted.momentum)
+        fit, how, momentum = pool_at(pool, wanted.ratio), request.goal, wanted.momentum
     elif request.ratio is not None:
         fit, how = pool_at(pool, request.ratio), f"q/r = {request.ratio:g}"
     else:

@@ -23,7 +23,6 @@ from kalscope.common.text import (
     trimmed,
 )
 from kalscope.estimation.fleet.losses import Losses
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
@@ -81,10 +80,10 @@ def _filter(answer: Answer) -> Iterator[str]:
     if shared is None:
         yield f"No filter for all: {answer.refusal}"
         return
-    q, r, unit = (trimmed(scalar(shared.params.q), 4), trimmed(scalar(shared.params.r), 4), squared(devices.unit))
+    q, r, unit = (trimmed(shared.params.q, 4), trimmed(float(shared.params.r), 4), squared(devices.unit))
     settled = steady_state(shared.params, devices.sample_period)
-    lag = lag_in_full(scalar(settled.lag_samples), devices.sample_period)
-    noise = decibels(-scalar(settled.noise_reduction_db))
+    lag = lag_in_full(settled.lag_samples, devices.sample_period)
+    noise = decibels(-settled.noise_reduction_db)
     yield f"One filter for all: q = {q}, r = {r} {unit}, lag {lag}, noise {noise} ({shared.how})"
     yield from _served(answer, shared)
     if devices.rates_differ:
@@ -105,7 +104,7 @@ def _served(answer: Answer, shared: Shared) -> Iterator[str]:
             f"at most {percent(WITHIN)} above that of the device's own filter{more}"
         )
         yield from _usual_loss(devices, shared.losses)
-    elif scalar(shared.params.momentum) > 0.0:
+    elif shared.params.momentum > 0.0:
         yield "  what each device loses is only tried without momentum"
 
 

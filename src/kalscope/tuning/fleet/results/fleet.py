@@ -179,7 +179,7 @@ def _saved_filter(folder: Path) -> SharedFilter | None:
 
 
 def _usable(params: FilterParams) -> FilterParams:
-    if not (float(params.q) > 0.0 and float(params.r) > 0.0):
+    if not (params.q > 0.0 and float(params.r) > 0.0):
         raise ValueError("q and r must be above 0")
     return params
 
