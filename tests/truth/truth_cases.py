@@ -37,7 +37,7 @@ LONGEST, SHOWN = 300_000, 50
 # --- names that may change ------------------------------------------------------------------------------
 
 
-FilterModel, FusionModel = ks.FilterParams, ks.FusionParams
+FilterModel = ks.FilterParams
 
 
 def targets() -> Any:
@@ -230,7 +230,7 @@ def fusions(count: int = 24) -> Iterator[Case]:
         if fit.params is not None:
             case["judged"] = fields(judged := ks.judge_fusion(z, fit, dt), "error best sentences")
             case["sensors"] = [fields(one, "faults share error sentences") for one in judged.sensors]
-        yield case | fused(z, FusionModel(**model), dt)
+        yield case | fused(z, FilterModel(**model), dt)
 
 
 def spoil(g: Any, z: Any, fault: int) -> None:
@@ -246,9 +246,9 @@ def spoil(g: Any, z: Any, fault: int) -> None:
 
 
 def fused(z: Any, params: Any, dt: Any) -> Case:
-    one, back = ks.fuse(z, params, dt), ks.smooth_fusion(z, params, dt)
+    one, back = ks.fuse(z, params, dt), ks.smooth(z, params, dt)
     case = fields(one, "loglik m rejected") | states(one, "x p k innovation s velocity velocity_p")
-    return case | {"smoothed": states(back, "x p"), "streams": streams(ks.FusionFilter(params), z, dt, one)}
+    return case | {"smoothed": states(back, "x p"), "streams": streams(ks.KalmanFilter(params), z, dt, one)}
 
 
 # --- fleets ---------------------------------------------------------------------------------------------
