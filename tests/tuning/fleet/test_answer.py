@@ -99,8 +99,8 @@ def test_the_pair_of_a_fleet_of_one_kind_lies_in_its_interval():
 def test_what_is_lost_is_lag_noise_and_error_on_samples_that_no_fit_has_seen(fleet):
     devices, _ = fleet
     shared = answer_for(*fleet, NOTHING).shared
-    lag = steady_state(FilterParams(devices.q, devices.r)).lag_samples
-    own = steady_state(FilterParams(devices.q, devices.r)).noise_reduction_db
+    each = [steady_state(FilterParams(q, r)) for q, r in zip(devices.q, devices.r, strict=True)]
+    lag, own = np.array([(one.lag_samples, one.noise_reduction_db) for one in each]).T
     settled = steady_state(shared.params)
     np.testing.assert_allclose(shared.losses.lag_samples, settled.lag_samples - lag, rtol=1e-9)
     np.testing.assert_allclose(shared.losses.noise_db, own - settled.noise_reduction_db, atol=1e-9)
