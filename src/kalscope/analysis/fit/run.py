@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel, scalar, steps_of
+from kalscope.filtering.arrays import one_channel, steps_of
 from kalscope.filtering.filter import PIECE, FilterResult, filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -47,7 +47,7 @@ class Run:
             for first in range(0, n, PIECE):
                 yield first, tuple(row[first : first + PIECE] for row in rows)
 
-        return Run(n, params.q, scalar(params.r), params.momentum, result.dt, pieces)
+        return Run(n, params.q, float(params.r), params.momentum, result.dt, pieces)
 
     @staticmethod
     def of_samples(z: Array, params: FilterParams, dt: ArrayLike | None = None) -> Run:
@@ -59,7 +59,7 @@ class Run:
 
         samples = one_channel(z, params)
         steps = None if dt is None else steps_of(dt, len(samples))
-        return Run(len(samples), params.q, scalar(params.r), params.momentum, steps, pieces)
+        return Run(len(samples), params.q, float(params.r), params.momentum, steps, pieces)
 
     def part(self, first: int, last: int) -> Run:
         """The samples from `first` to before `last`, counted from 0 again."""
