@@ -36,7 +36,7 @@ class Source:
         self.calls.append("close")
 
     def record(self, path):
-        self.recorder = SimpleNamespace(path=path, error="", warning="", close=RecorderCounts)
+        self.recorder = SimpleNamespace(path=path, files=path.name, error="", warning="", close=RecorderCounts)
         return self.recorder
 
     def stop_recording(self):
