@@ -36,7 +36,9 @@ class Source:
         self.calls.append("close")
 
     def record(self, path):
-        self.recorder = SimpleNamespace(path=path, files=path.name, error="", warning="", close=RecorderCounts)
+        files = {"path": path, "paths": [path], "files": path.name}
+        state = {**files, "error": "", "warning": "", "close": RecorderCounts}
+        self.recorder = SimpleNamespace(**state)
         return self.recorder
 
     def stop_recording(self):
