@@ -70,8 +70,7 @@ format: .venv/check.stamp
 	$(BIN)/ruff format .
 
 bench: .venv/bench.stamp
-	$(BIN)/kalscope bench
-	for script in start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
+	for script in speed start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
 # A minute of network sources, half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30

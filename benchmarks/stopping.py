@@ -82,7 +82,6 @@ CASES = [
     Case("fleet {folder} -o out", until="out/run.json"),
     Case("calibrate {port}", "lines"),
     Case("calibrate {port}", "nothing"),
-    Case("bench"),
     Case("tune demo", until="cache/*", env=(("NUMBA_CACHE_DIR", "cache"),)),
     Case("open demo --no-browser --port 0", until="cache/*", status=0, env=(("NUMBA_CACHE_DIR", "cache"),)),
     *(Case("tune demo", after=after) for after in (0.05, 0.1, 0.2, 0.3)),

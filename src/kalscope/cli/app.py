@@ -85,13 +85,6 @@ def _report() -> Function:
     return report_command
 
 
-@offers("bench", "Compare the filter's speed with other libraries.")
-def _bench() -> Function:
-    from kalscope.cli.bench.command import bench_command
-
-    return bench_command
-
-
 app = typer.Typer(
     name="kalscope",
     cls=OfferedCommands,

@@ -1,1 +1,0 @@
-"""`kalscope bench`: speed against other libraries in the same run."""
