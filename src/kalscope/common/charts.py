@@ -1,4 +1,4 @@
-"""Line charts by matplotlib: panels on a grid with one legend, as inline SVG or on a sheet of paper.
+"""Line charts by matplotlib: panels on a grid with one legend, as inline SVG or within a figure.
 
 matplotlib is imported where a chart is drawn, because that takes longer than the start of the program.
 """
@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
@@ -25,14 +26,12 @@ from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 WIDTH = 960
 """Width of every SVG in its own units, px; the page scales it."""
-TOP = 30
+LEGEND = 30
 """Height of the legend, px."""
-LEFT, LEFT_OF_MANY, RIGHT, ABOVE, BELOW = 84, 62, 19, 30, 46
-"""Room around the axes of a panel for its labels and title, px; less on the left where panels are in columns."""
 
 COLOURS = {
     "ink": "#1b1f24",
@@ -55,38 +54,7 @@ STYLES = {"raw": ("raw", 1.1, "-"), "truth": ("ink", 1.3, "--")} | {
 }
 """Colour, width and dashes of each style of a line."""
 
-SETTINGS: Any = {
-    "font.size": 13,
-    "font.sans-serif": ["DejaVu Sans"],
-    "text.parse_math": False,
-    "text.color": COLOURS["ink"],
-    "axes.labelcolor": COLOURS["quiet"],
-    "axes.labelsize": "medium",
-    "axes.titlesize": "medium",
-    "axes.titleweight": 600,
-    "axes.titlelocation": "left",
-    "axes.facecolor": "none",
-    "axes.xmargin": 0,
-    "axes.ymargin": 0.06,
-    "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-99, 99),
-    "axes.grid": True,
-    "grid.color": COLOURS["edge"],
-    "grid.linewidth": 1,
-    "xtick.labelcolor": COLOURS["ink"],
-    "ytick.labelcolor": COLOURS["ink"],
-    "xtick.major.pad": 7,
-    "ytick.major.pad": 6,
-    "lines.dash_capstyle": "butt",
-    "lines.solid_capstyle": "butt",
-    "legend.frameon": False,
-    "legend.borderpad": 0,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "kalscope",
-    **{f"axes.spines.{side}": False for side in ("left", "right", "top", "bottom")},
-    **{f"{axis}tick.{kind}.size": 0 for axis in "xy" for kind in ("major", "minor")},
-}
-"""Matplotlib's settings for our charts. Ticks without a mark need no reference within the SVG."""
+STYLE_FILE = Path(__file__).parent / "figures.mplstyle"
 
 _LOCK = Lock()
 
@@ -146,16 +114,16 @@ def raw_and_filtered(
 
 @contextmanager
 def drawing() -> Generator[None]:
-    """Matplotlib with our settings. They hold for the whole process, so one thread draws at a time."""
-    import matplotlib
+    """Matplotlib with our style. It holds for the whole process, so one thread draws at a time."""
+    import matplotlib.style
 
+    ink, quiet = COLOURS["ink"], COLOURS["quiet"]
+    colours = {"text.color": ink, "xtick.labelcolor": ink, "ytick.labelcolor": ink, "axes.labelcolor": quiet}
     log = logging.getLogger("matplotlib")
-    with _LOCK, warnings.catch_warnings(), matplotlib.rc_context():
+    with _LOCK, warnings.catch_warnings(), matplotlib.style.context(["default", STYLE_FILE, colours]):
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # the page's own font may have it
         level = log.level
         log.setLevel(logging.ERROR)  # it announces its font cache
-        matplotlib.rcdefaults()  # not those of the user's matplotlibrc
-        matplotlib.rcParams.update(SETTINGS)
         try:
             yield
         finally:
@@ -174,36 +142,28 @@ def draw_svg(panels: Sequence[Panel], name: str, columns: int = 1, height: int =
     Returns:
         The element as text, every word escaped.
     """
-    total = TOP + math.ceil(len(panels) / columns) * height
-    left, width = LEFT if columns == 1 else LEFT_OF_MANY, WIDTH / columns
-    with drawing():
-        figure = new_figure(total)
-        for i, panel in enumerate(panels):
-            bottom = total - TOP - (i // columns + 1) * height + BELOW
-            x, w, h = (i % columns) * width + left, width - left - RIGHT, height - ABOVE - BELOW
-            axes = figure.add_axes((x / WIDTH, bottom / total, w / WIDTH, h / total))
-            axes.yaxis.set_label_coords((16 - left) / w, 0.5)
-            draw_panel(axes, panel)
-        add_legend(figure, panels, (left / WIDTH, 1.0))
-        return svg_text(figure, name)
-
-
-def new_figure(height: float) -> Figure:
-    """An empty figure of `WIDTH` and this height, px."""
     from matplotlib.figure import Figure
 
-    return Figure((WIDTH / 72, height / 72), facecolor="none")
+    with drawing():
+        total = LEGEND + math.ceil(len(panels) / columns) * height
+        figure = Figure((WIDTH / 72, total / 72), layout="constrained")
+        draw_panels(figure, panels, columns)
+        return _svg_text(figure, name)
 
 
-def blank_axes(figure: Figure, width: float, height: float) -> Axes:
-    """Axes without lines over a whole figure, in px from the upper left corner."""
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0.0, width), ylim=(height, 0.0))
-    axes.set_axis_off()
-    return axes
+def draw_panels(figure: FigureBase, panels: Sequence[Panel], columns: int = 1) -> None:
+    """Panels on a grid, and one row above them with the name of each line once."""
+    from matplotlib.lines import Line2D
+
+    rows = math.ceil(len(panels) / columns)
+    for i, panel in enumerate(panels, 1):
+        _draw_panel(figure.add_subplot(rows, columns, i), panel)
+    entries = {line.label: STYLES[line.style] for panel in panels for line in panel.lines}
+    handles = [Line2D([], [], color=COLOURS[c], lw=max(w, 2.5), ls=d) for c, w, d in entries.values()]
+    figure.legend(handles, list(entries), ncols=len(entries), loc="outside upper left")
 
 
-def draw_panel(axes: Axes, panel: Panel) -> None:
+def _draw_panel(axes: Axes, panel: Panel) -> None:
     """Curves, marks and labels. Nothing is clipped, so a curve is interrupted where it leaves its axes."""
     low, high = panel.y_range or (-math.inf, math.inf)
     for line in panel.lines:
@@ -220,7 +180,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     ends = [end for line in panel.lines for end in (np.min(line.x), np.max(line.x))]
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xlim=(min(ends), max(ends)), ylim=panel.y_range)
-    axes.grid(clip_on=False)
+    axes.grid(clip_on=False, color=COLOURS["edge"])
     for axis in (axes.xaxis, axes.yaxis):
         if not 1e-5 <= np.abs(axis.get_view_interval()).max() < 1e12:  # all digits would be too long
             axis.set_major_formatter("{x:g}")
@@ -239,16 +199,7 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
     axes.annotate(mark.text, at, offset, frame, textcoords="offset points", ha=align)
 
 
-def add_legend(figure: Figure, panels: Sequence[Panel], corner: tuple[float, float]) -> None:
-    """One row with each name once; its upper left corner in shares of the figure."""
-    from matplotlib.lines import Line2D
-
-    entries = {line.label: STYLES[line.style] for panel in panels for line in panel.lines}
-    handles = [Line2D([], [], color=COLOURS[c], lw=max(w, 2.5), ls=d) for c, w, d in entries.values()]
-    figure.legend(handles, list(entries), ncols=len(entries), loc="upper left", bbox_to_anchor=corner)
-
-
-def svg_text(figure: Figure, name: str) -> str:
+def _svg_text(figure: Figure, name: str) -> str:
     """A figure as an <svg> element for a page: no identifiers to clash, colours that the page may change."""
     file = StringIO()
     figure.savefig(file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))

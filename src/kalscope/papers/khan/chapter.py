@@ -15,7 +15,6 @@ from kalscope.filtering.filter import denoise
 from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.khan import paper
 from kalscope.papers.khan.paper import GainRow, LevelRow, channel
-from kalscope.papers.page.diagrams import block_diagram
 from kalscope.papers.page.prose import Prose
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
@@ -30,7 +29,7 @@ def chapter(report: OnProgress) -> Chapter:
     smooth, honest = paper.water_noise(paper.WATER), paper.water_noise(paper.WATER_DATASHEET)
     return PROSE.chapter(
         blocks=(
-            PROSE.figure("figure_1", block_diagram()),
+            PROSE.figure("figure_1", PROSE.drawing("block_diagram.svg")),
             PROSE.table(
                 "levels", ({**asdict(row), "difference": abs(row.simulated - row.formula)} for row in levels)
             ),

@@ -12,7 +12,6 @@ from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.maarif_2019 import paper
 from kalscope.papers.maarif_2019.limits import ADVISED, RATIOS, RULE, AdviceTest
-from kalscope.papers.page.diagrams import flow_chart
 from kalscope.papers.page.prose import Prose
 from kalscope.papers.parts import Figure
 
@@ -30,7 +29,7 @@ def figure_1() -> Figure:
 
 def figure_2() -> Figure:
     """Figure 2: the flow chart, as a picture and in words."""
-    return PROSE.figure("figure_2", flow_chart())
+    return PROSE.figure("figure_2", PROSE.drawing("flow_chart.svg"))
 
 
 def figures_3_to_8() -> Figure:

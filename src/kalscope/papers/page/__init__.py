@@ -1,1 +1,1 @@
-"""The page of `kalscope reproduce`: its prose, its two diagrams and its HTML."""
+"""The page of `kalscope reproduce`: its prose and its HTML."""

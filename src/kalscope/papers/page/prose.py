@@ -18,7 +18,11 @@ class Prose:
     """The texts of one chapter; a text may hold {numbers}, which are filled in where it is used."""
 
     def __init__(self, file: Path) -> None:
-        self._texts: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+        self._folder, self._texts = file.parent, tomllib.loads(file.read_text(encoding="utf-8"))
+
+    def drawing(self, name: str) -> str:
+        """A drawing from the folder of the texts, an <svg> element; its colours are those of `charts.COLOURS`."""
+        return (self._folder / name).read_text(encoding="utf-8").strip()
 
     def figure(self, name: str, svg: str, **numbers: Any) -> Figure:
         """The figure of this name with its picture."""
