@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mkdocs.structure.files import File, Files
 
 from kalscope.common.html import table
-from kalscope.papers.page.prose import list_disagreements
+from kalscope.papers.page import list_disagreements
 from kalscope.papers.parts import Chapter, Figure, ResultTable
 from kalscope.papers.reproduction import Reproduction, reproduce
 

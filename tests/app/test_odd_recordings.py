@@ -15,7 +15,7 @@ from kalscope import Recording
 from kalscope.export.report.content import make_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app import dashboard as dashboard_module
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine import idle_studies as studies

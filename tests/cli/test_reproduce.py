@@ -18,9 +18,7 @@ from kalscope.cli import app as cli
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
 from kalscope.common.text import CONTROL
 from kalscope.papers import reproduction
-from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
-from kalscope.papers.page.page import page
-from kalscope.papers.page.prose import Disagreement
+from kalscope.papers.page import Disagreement, page
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
@@ -128,7 +126,7 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monke
     first, *others = again[0].chapters
     missed = [replace(one, tolerance=1e-6) if one.name.startswith("Table 1") else one for one in first.checks]
     chapters = replace(first, checks=tuple(missed)), *others
-    pages = noise_reducer_page, reproduction.generalized_page, reproduction.lis302dl_page
+    pages = reproduction.maarif_2019, reproduction.khan, reproduction.interactive_matter_2009
     for module, chapter in zip(pages, chapters, strict=True):
         monkeypatch.setattr(module, "chapter", lambda *_, chapter=chapter: chapter)
     tmp_path /= "".join(TERMINAL).replace("\0", "")

@@ -12,14 +12,12 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
+from kalscope.papers import interactive_matter_2009 as lis302dl
+from kalscope.papers import khan as generalized
+from kalscope.papers import maarif_2019 as noise_reducer
 from kalscope.papers.experiments import list_experiments, open_experiment
-from kalscope.papers.generalized.filter import GeneralizedParams
-from kalscope.papers.interactive_matter_2009 import document as lis302dl
-from kalscope.papers.interactive_matter_2009 import questions, tilt
-from kalscope.papers.khan import paper as generalized
-from kalscope.papers.maarif_2019 import limits
-from kalscope.papers.maarif_2019 import paper as noise_reducer
-from kalscope.papers.page.prose import list_disagreements
+from kalscope.papers.generalized import GeneralizedParams
+from kalscope.papers.page import list_disagreements
 
 pytestmark = pytest.mark.slow
 
@@ -79,18 +77,20 @@ def test_rows_3_and_4_say_that_neither_start_of_the_paper_was_used():
 
 
 def test_ratio_100_is_right_for_one_kind_of_signal():
-    still, wander, swing = limits.try_advice(20)
-    assert still.best_ratio == limits.RATIOS[-1]
+    still, wander, swing = noise_reducer.try_advice(20)
+    assert still.best_ratio == noise_reducer.RATIOS[-1]
     assert still.loss > 4.0
     assert 50.0 <= wander.best_ratio <= 200.0
     assert wander.loss < 1.01
     assert swing.best_ratio < 5.0
     assert swing.advised_rmse > 1.9 * swing.raw_rmse
-    np.testing.assert_allclose(swing.rmse, [limits.swinging_rmse(ratio) for ratio in limits.RATIOS], rtol=0.03)
+    np.testing.assert_allclose(
+        swing.rmse, [noise_reducer.swinging_rmse(ratio) for ratio in noise_reducer.RATIOS], rtol=0.03
+    )
 
 
 def test_the_rule_40_to_55_is_a_rule_for_one_noise():
-    rule = limits.judge_rule()
+    rule = noise_reducer.judge_rule()
     low, high = rule.ratios
     assert low < 10.0  # the row that the text calls too aggressive
     assert high > 100.0
@@ -158,7 +158,7 @@ def test_the_moved_board_is_eight_bits_with_a_known_truth():
 
 
 def test_first_question_q_and_r_can_be_estimated():
-    answer = questions.answer_estimation(40)
+    answer = lis302dl.answer_estimation(40)
     assert answer.found == 1.0
     assert answer.q_median == pytest.approx(0.125, rel=0.15)
     assert answer.r_median == pytest.approx(9.0, rel=0.03)
@@ -169,14 +169,14 @@ def test_first_question_q_and_r_can_be_estimated():
 
 
 def test_second_question_two_updates_are_one_filter_of_the_weighted_mean():
-    answer = questions.answer_fusion()
+    answer = lis302dl.answer_fusion()
     assert answer.difference < 1e-9
     assert answer.fused < answer.first < answer.second
     assert answer.fused == pytest.approx(answer.fused_theory, rel=0.03)
 
 
 def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_readings():
-    answer = tilt.answer_tilt()
+    answer = lis302dl.answer_tilt()
     assert answer.r_first == pytest.approx(9.0, rel=0.1)
     assert answer.r_second == pytest.approx(0.64, rel=0.25)
     assert answer.offset_low < 2.5 < answer.offset_high
@@ -186,7 +186,7 @@ def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_read
 
 @each(("name", "q", "r"), lis302dl.WALK)
 def test_third_question_the_exponential_filter_is_the_same_after_the_start(name, q, r):
-    answer = questions.answer_exponential(q, r)
+    answer = lis302dl.answer_exponential(q, r)
     assert answer.samples_to_agree < 150
     assert answer.at_end < 1e-6
 

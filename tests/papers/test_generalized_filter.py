@@ -14,7 +14,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.filter import FilterResult, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import StandardFilter
-from kalscope.papers.generalized.filter import (
+from kalscope.papers.generalized import (
     GeneralizedFilter,
     GeneralizedParams,
     generalized_filter,

@@ -16,7 +16,7 @@ from kalscope.common.text import one_line, sample_rate
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning
 from kalscope.tuning.paper_tuning import with_paper_filter

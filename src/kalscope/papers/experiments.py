@@ -9,9 +9,7 @@ from __future__ import annotations
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
-from kalscope.papers.interactive_matter_2009 import document as lis302dl
-from kalscope.papers.khan import paper as generalized
-from kalscope.papers.maarif_2019 import paper as noise_reducer
+from kalscope.papers import interactive_matter_2009, khan, maarif_2019
 from kalscope.papers.parts import Experiment
 from kalscope.recording import Recording
 
@@ -21,7 +19,7 @@ PREFIX = "experiment:"
 
 def list_experiments() -> list[Experiment]:
     """All experiments: name, title, paper, figure and one line each; in the order of the documents."""
-    return [*noise_reducer.EXPERIMENTS, *generalized.EXPERIMENTS, *lis302dl.EXPERIMENTS]
+    return [*maarif_2019.EXPERIMENTS, *khan.EXPERIMENTS, *interactive_matter_2009.EXPERIMENTS]
 
 
 def open_experiment(name: str) -> tuple[Recording, dict[str, Filter]]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording
 
 Settings = FilterParams | GeneralizedParams
@@ -126,3 +129,41 @@ FULL = Effort(table_draws=4000, limit_draws=200, estimate_draws=200)
 """Averages accurate to a few parts in a thousand."""
 QUICK = Effort(table_draws=1000, limit_draws=40, estimate_draws=60)
 """Rougher averages, inside the same tolerances."""
+
+
+class Prose:
+    """The texts of one chapter, from the TOML file beside its module; a {number} is filled in where it is used."""
+
+    def __init__(self, module: str) -> None:
+        self._name = module.rpartition(".")[2]
+
+    @cached_property
+    def _texts(self) -> dict[str, Any]:
+        return tomllib.loads(_file(f"{self._name}.toml"))
+
+    def drawing(self, name: str) -> str:
+        """A drawing that was made by hand, an <svg> element; its colours are those of `charts.COLOURS`."""
+        return _file(name).strip()
+
+    def figure(self, name: str, svg: str, **numbers: Any) -> Figure:
+        """The figure of this name with its picture."""
+        one = self._texts[name]
+        return Figure(one["title"], svg, one["caption"].format(**numbers), one["verdict"].format(**numbers))
+
+    def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> ResultTable:
+        """The table of this name: its rows once for each of `rows`, whose numbers they take beside `numbers`."""
+        one = self._texts[name]
+        texts = (one["caption"].format(**numbers), one["verdict"].format(**numbers))
+        cells = tuple(tuple(cell.format(**row, **numbers) for cell in line) for row in rows for line in one["rows"])
+        return ResultTable(one["title"], tuple(one["head"]), cells, *texts, one.get("words", False))
+
+    def chapter(
+        self, blocks: tuple[Figure | ResultTable, ...], checks: tuple[Check, ...], results: dict[str, Any]
+    ) -> Chapter:
+        """The whole chapter."""
+        key, title, citation = (self._texts[name] for name in ("key", "title", "citation"))
+        return Chapter(key, title, citation, tuple(self._texts["intro"]), blocks, checks, results)
+
+
+def _file(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")

@@ -9,11 +9,8 @@ from importlib.metadata import version
 from typing import Any
 
 from kalscope.common.progress import OnProgress, Progress
-from kalscope.papers.interactive_matter_2009 import chapter as lis302dl_page
-from kalscope.papers.khan import chapter as generalized_page
-from kalscope.papers.maarif_2019 import chapter as noise_reducer_page
-from kalscope.papers.page.page import page
-from kalscope.papers.page.prose import list_disagreements
+from kalscope.papers import interactive_matter_2009, khan, maarif_2019
+from kalscope.papers.page import list_disagreements, page
 from kalscope.papers.parts import FULL, QUICK, Chapter, Check
 
 
@@ -64,9 +61,9 @@ def reproduce(
 
     whole = Progress(progress, cancelled)
     chapters = (
-        noise_reducer_page.chapter(effort, whole.part(0.0, 0.7)),
-        generalized_page.chapter(whole.part(0.7, 0.8)),
-        lis302dl_page.chapter(effort, whole.part(0.8, 1.0)),
+        maarif_2019.chapter(effort, whole.part(0.0, 0.7)),
+        khan.chapter(whole.part(0.7, 0.8)),
+        interactive_matter_2009.chapter(effort, whole.part(0.8, 1.0)),
     )
     disagreements = list_disagreements()
     installed = version("kalscope")

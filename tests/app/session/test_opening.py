@@ -8,7 +8,7 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
 from kalscope.estimation.finding import Found
 from kalscope.papers.experiments import list_experiments, open_experiment
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes.parameters import (

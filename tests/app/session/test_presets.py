@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params, steady_state
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.session.changes.parameters import set_text, use_paper_filter
 from kalscope_app.session.changes.presets import PRESETS, choose_preset, take_preset
 from kalscope_app.session.opening import opened

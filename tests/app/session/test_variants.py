@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.engine.decimation import choose_samples
 from kalscope_app.engine.filter_runs import VariantCurves
 from kalscope_app.session.changes.channels import select_channel

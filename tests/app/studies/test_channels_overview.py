@@ -10,7 +10,7 @@ import pytest
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
 from kalscope.estimation.finding import Found
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, select_channel, set_link
 from kalscope_app.session.changes.parameters import (

@@ -12,7 +12,7 @@ from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.alternatives.verdict import Difference
 from kalscope.filtering.classic.chain import Chain
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.session.changes.parameters import use_paper_filter
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened

@@ -35,7 +35,7 @@ from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
 from kalscope.filtering.chosen import filter_at
 from kalscope.filtering.classic.running import RunningStages
-from kalscope.papers.generalized import filter as generalized
+from kalscope.papers import generalized
 
 SAMPLES = 30_000
 """More than a loop takes as plain Python."""

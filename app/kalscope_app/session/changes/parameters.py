@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from kalscope.common.text import typed_gate, typed_number
 from kalscope.estimation.result import Estimate
-from kalscope.papers.generalized.filter import GeneralizedParams
+from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording
 from kalscope.tuning.paper_tuning import with_kalman_filter, with_paper_filter
 from kalscope_app.session.changes.variants import PARAMETERS

@@ -10,8 +10,8 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import ratio_for, steady_state
-from kalscope.papers.interactive_matter_2009.document import ASSUMED_R, WALK
-from kalscope.papers.maarif_2019.paper import SIMULATED_FIGURES
+from kalscope.papers.interactive_matter_2009 import ASSUMED_R, WALK
+from kalscope.papers.maarif_2019 import SIMULATED_FIGURES
 from kalscope_app.session.state import Change, State
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 from kalscope.common.html import document, table
-from kalscope.papers.page.prose import Disagreement
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
@@ -96,3 +97,25 @@ def _checks(checks: Sequence[Check]) -> str:
         f'<section id="checks"><h2>All checks</h2>{table(head, rows)}'
         '<p class="caption">Expected is what the document prints, or what follows from its equations.</p></section>'
     )
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two statements of one document that cannot both hold."""
+
+    document: str
+    """Which document, in short."""
+    where: str
+    """Equations, figures, sections."""
+    one: str
+    """The one statement."""
+    other: str
+    """The other."""
+    here: str
+    """What Kalscope does."""
+
+
+def list_disagreements() -> tuple[Disagreement, ...]:
+    """All of them, in the order of the documents."""
+    texts = tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))
+    return tuple(Disagreement(**one) for one in texts["disagreement"])

@@ -1,4 +1,4 @@
-"""Khan et al., "Single Dimensional Generalized Kalman Filter": its three sensors, figures 7–10.
+"""Khan et al., "Single Dimensional Generalized Kalman Filter": the slip in equation (3), figures 7–10.
 
 The recordings are re-creations (sample_data/*.md). The paper states none of its σM. For each figure one is chosen
 that makes equation (3) as printed look like the picture; it is then far from any data sheet, and the page says so.
@@ -7,17 +7,21 @@ that makes equation (3) as printed look like the picture; it is then far from an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.progress import OnProgress
+from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import ratio_for
-from kalscope.papers.generalized.filter import GeneralizedParams, generalized_filter, printed_fixed_point
-from kalscope.papers.parts import Experiment, Settings
+from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_fixed_point
+from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, ResultTable, Settings
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
@@ -219,4 +223,148 @@ EXPERIMENTS = (
         partial(_load_gains, "generalized_figure_10", "Figure 10: LDR under fixed gains"),
     ),
 )
-"""What opens from this paper."""
+"""What opens from this """
+
+
+PROSE = Prose(__name__)
+
+
+def chapter(report: OnProgress) -> Chapter:
+    """Everything of this paper, drawn and checked."""
+    report(0.0, "figures 7 to 10")
+    gains, levels = try_gains(), try_levels()
+    recovered = _samples_to_forget()
+    smooth, honest = water_noise(WATER), water_noise(WATER_DATASHEET)
+    return PROSE.chapter(
+        blocks=(
+            PROSE.figure("figure_1", PROSE.drawing("block_diagram.svg")),
+            PROSE.table(
+                "levels", ({**asdict(row), "difference": abs(row.simulated - row.formula)} for row in levels)
+            ),
+            _figure_7(recovered),
+            _figure_8(),
+            _figure_9(smooth, honest),
+            _figure_10(),
+            PROSE.table("gains", ({**asdict(row), "jumps": 100 * row.noise} for row in gains)),
+            _failure_table(),
+        ),
+        checks=_checks(gains, levels, recovered, smooth),
+        results={
+            "fixed_point": [asdict(row) for row in levels],
+            "figure_7": {"samples_to_forget_the_start": recovered},
+            "figure_9": {"noise_left_sigma_m_200": smooth, "noise_left_sigma_m_0_8": honest},
+            "figure_10": [asdict(row) for row in gains],
+            "frozen_gain_after_1000": frozen_gain(1000),
+        },
+    )
+
+
+def _checks(
+    gains: Sequence[GainRow], levels: Sequence[LevelRow], recovered: int, smooth: float
+) -> tuple[Check, ...]:
+    """What the figures show beside what the theory says."""
+    return (
+        *(
+            Check(f"Printed filter at {row.level}: settled gain", row.simulated, row.formula, 1e-9, relative=True)
+            for row in levels
+        ),
+        Check("Without the slip: gain after 1000 samples", frozen_gain(1000), 1e-3, 1e-12, relative=True),
+        Check(
+            "Figure 7: samples until a start at 1500 is forgotten",
+            recovered,
+            expected_recovery(3.0),
+            0.35,
+            relative=True,
+        ),
+        Check(
+            "Figure 9: noise left with σM = 200 °C",
+            smooth,
+            expected_water_noise(WATER),
+            0.15,
+            relative=True,
+        ),
+        *(
+            Check(
+                f"Figure 10: lag at K = {row.gain:g}, samples",
+                row.lag,
+                row.lag_theory,
+                0.2 + 0.03 * row.lag_theory,
+            )
+            for row in gains
+        ),
+    )
+
+
+def _samples_to_forget() -> int:
+    """Figure 7: samples until the start at 1500 counts is within 3 counts of a start at the first sample."""
+    z = channel("flex_sensor")
+    started_well = generalized_filter(z, GeneralizedParams(FLEX.sigma_m)).x
+    return samples_to_recover(generalized_filter(z, FLEX).x, started_well, within=3.0)
+
+
+def _figure_7(recovered: int) -> Figure:
+    z = channel("flex_sensor")
+    time = 0.02 * np.arange(len(z))
+    frozen = generalized_filter(z, without_slip(FLEX, 12.0)).x
+    printed = generalized_filter(z, FLEX).x
+    shown = (
+        ("Equation (3) as printed, σM = 1500, first estimate 1500", 400, printed, "as printed", "s2"),
+        ("Without the slip: σM and σE are variances, 12² and 1500²", 1000, frozen, "without the slip", "s1"),
+    )
+    panels = [
+        Panel(title, raw_and_filtered(time[:n], z[:n], x[:n], label, style), "time / s", "counts")
+        for title, n, x, label, style in shown
+    ]
+    return PROSE.figure("figure_7", draw_svg(panels, "Flex sensor filtered by both readings"), recovered=recovered)
+
+
+def _figure_8() -> Figure:
+    z = channel("ldr_pwm")
+    time = 0.02 * np.arange(len(z))
+    result = generalized_filter(z, LDR)
+    lines = raw_and_filtered(time, z, result.x, "as printed")
+    panels = [
+        Panel("LDR under a brightening LED, as printed, σM = 500", lines, "time / s", "counts"),
+        Panel("Its gain", (Line(time, result.k, "gain K", "s3"),), "time / s", "K", (0.0, 0.25)),
+    ]
+    svg = draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280)
+    return PROSE.figure("figure_8", svg, dark=result.k[:50].mean(), light=result.k[-50:].mean())
+
+
+def _figure_9(smooth: float, honest: float) -> Figure:
+    z = channel("hot_water")
+    time = 0.1 * np.arange(len(z))
+    panels: list[Panel] = []
+    for params, style in ((WATER, "s2"), (WATER_DATASHEET, "s4")):
+        label = f"as printed, σM = {params.sigma_m:g} °C"
+        lines = raw_and_filtered(time, z, generalized_filter(z, params).x, label, style)
+        panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
+    svg = draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280)
+    return PROSE.figure("figure_9", svg, smooth=100 * smooth, honest=100 * honest)
+
+
+def _figure_10() -> Figure:
+    z = channel("ldr_pwm")
+    time = 0.02 * np.arange(len(z))
+    filtered = [denoise(z, fixed_gain(gain, float(z[0]))) for gain in GAINS]
+    panels: list[Panel] = []
+    for title, shown in (("LDR ramp", slice(0, 1500)), ("2 s of it", slice(700, 800))):
+        lines = [Line(time[shown], z[shown], "raw", "raw")]
+        for gain, x, style in zip(GAINS, filtered, ("s1", "s3", "s2", "s4"), strict=True):
+            lines.append(Line(time[shown], x[shown], f"K = {gain:g}", style))
+        panels.append(Panel(title, tuple(lines), "time / s", "counts"))
+    return PROSE.figure("figure_10", draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340))
+
+
+def _failure_table() -> ResultTable:
+    rows: list[dict[str, str]] = []
+    cases = (
+        ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
+        ("a first sample of 0", np.array([0.0, 1.0]), GeneralizedParams(4.0)),
+    )
+    for name, z, params in cases:
+        try:
+            generalized_filter(z, params)
+        except BadSetting as error:
+            rows.append({"signal": name, "answer": str(error)})
+    return PROSE.table("failures", rows, gain=printed_fixed_point(100.0, 4.0).gain)

@@ -19,12 +19,51 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
+from kalscope.common.compiled import compiled
 from kalscope.errors import BadSetting
 from kalscope.filtering.arrays import one_record, samples_of, step_of
 from kalscope.filtering.filter import FilterResult, KalmanFilter, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
-from kalscope.papers.generalized import kernels
+
+
+@compiled(inline="always")
+def _step_printed(m: float, sigma_m: float, e: float, sigma_e: float) -> tuple[float, float, float, float, float]:
+    """One sample: returns E, σE, K, M − E and σE + σM. NaN for e or inf for sigma_e means "not started".
+
+    Khan et al., equations (1)-(3); (3) multiplies by the estimate before the update, as printed.
+    """
+    if math.isnan(m):
+        return e, sigma_e, 0.0, math.nan, sigma_e + sigma_m
+    v = m - e
+    if math.isnan(e):  # the first sample is the estimate
+        e = m
+    if math.isinf(sigma_e):  # what (3) leaves of an estimate that was not corrected, K = 0
+        sigma_e = e
+    s = sigma_e + sigma_m
+    k = sigma_e / s
+    before = e
+    if not math.isnan(v):
+        e = e + k * v
+    return e, (1.0 - k) * before, k, v, s
+
+
+@compiled()
+def _run_printed(
+    z: Array, sigma_m: float, e: float, sigma_e: float, out: tuple[Array, Array, Array, Array, Array]
+) -> int:
+    """Filter one channel into `out` = (E, σE, K, M − E, σE + σM).
+
+    Returns -1, or the index of the first estimate that is not above 0, where the recursion breaks.
+    """
+    out_e, out_sigma, out_k, out_v, out_s = out
+    for i in range(z.shape[0]):
+        e, sigma_e, k, v, s = _step_printed(z[i], sigma_m, e, sigma_e)
+        if e <= 0.0:
+            return i
+        out_e[i], out_sigma[i], out_k[i], out_v[i], out_s[i] = e, sigma_e, k, v, s
+    return -1
+
 
 READINGS = ("printed", "without_slip")
 """How equation (3) is read."""
@@ -154,7 +193,7 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
         return kalman_filter(z, params.five_line_params, dt)
     samples, _ = one_record(z, dt)
     x, p, k, innovation, s = (np.empty_like(samples) for _ in range(5))
-    stopped = kernels.run(samples, params.sigma_m, *_start(params), (x, p, k, innovation, s))
+    stopped = _run_printed(samples, params.sigma_m, *_start(params), (x, p, k, innovation, s))
     if stopped >= 0:
         raise _not_above_zero(f"at sample {stopped}", float(samples[stopped]))
     return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
@@ -203,7 +242,7 @@ class GeneralizedFilter:
         sample = samples_of(z)
         if sample.ndim or np.isinf(sample):
             raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        e, sigma_e, k, _, _ = kernels.step(float(sample), self.params.sigma_m, *self._state[:2])
+        e, sigma_e, k, _, _ = _step_printed(float(sample), self.params.sigma_m, *self._state[:2])
         if e <= 0.0:
             raise _not_above_zero("now", float(sample))
         self._state = (e, sigma_e, k)

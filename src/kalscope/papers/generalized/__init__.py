@@ -1,1 +1,0 @@
-"""The generalized filter of Khan et al.: its formulas over a record, and the compiled loops."""

@@ -1,1 +1,0 @@
-"""interactive matter (2009): filtering sensor data with a Kalman filter."""

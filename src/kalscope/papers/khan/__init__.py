@@ -1,1 +1,0 @@
-"""Khan et al.: the single-dimensional generalized Kalman filter."""

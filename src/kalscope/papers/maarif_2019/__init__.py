@@ -1,1 +1,0 @@
-"""Ma'arif et al. (2019): Kalman filter for noise reducer on sensor readings."""

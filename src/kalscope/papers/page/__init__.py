@@ -1,1 +1,0 @@
-"""The page of `kalscope reproduce`: its prose and its HTML."""
