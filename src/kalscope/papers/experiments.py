@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import Filter, StandardFilter
@@ -39,8 +41,10 @@ def open_experiment(name: str) -> tuple[Recording, dict[str, Filter]]:
     known = {experiment.name: experiment for experiment in list_experiments()}
     if bare not in known:
         raise BadSetting(f"experiment must be one of {', '.join(known)} (got {bare!r})")
-    recording, settings = known[bare].load()
+    recording, settings = known[bare].make()
+    each = settings if isinstance(settings, tuple) else (settings,) * len(recording.names)
     filters: dict[str, Filter] = {
-        name: StandardFilter(one) if isinstance(one, FilterParams) else one for name, one in settings.items()
+        name: StandardFilter(one) if isinstance(one, FilterParams) else one
+        for name, one in zip(recording.names, each, strict=True)
     }
-    return recording, filters
+    return replace(recording, source=f"{PREFIX}{bare}", title=known[bare].title), filters

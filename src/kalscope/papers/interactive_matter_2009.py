@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,12 +25,13 @@ from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.filtering.filter import denoise, fuse, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable, Settings
+from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 from kalscope.sources.synthetic import synthesize
 
 PAPER = "Filtering Sensor Data with a Kalman Filter (interactive matter 2009)"
+PROSE = Prose(__name__)
 ASSUMED_R = 4.0
 """r of the three q pictures, counts²: more than 1, because the text then turns it down to 1."""
 WALK = (
@@ -72,7 +72,7 @@ class WalkRow:
     """Root mean square of x − truth over the three axes after the start, counts; the raw signal has about 3."""
 
 
-def moved_board(source: str = "experiment:lis302dl_q_128", title: str = "LIS302DL moved by hand") -> Recording:
+def moved_board() -> Recording:
     """Three axes of a board that is tilted, held and put down; 600 samples at 100 Hz, whole counts ±128."""
     time: Array = np.arange(SAMPLES, dtype=np.float64) * SAMPLE_PERIOD
     tilt = 70.0 * _hold(time, 1.0, 2.2) - 40.0 * _hold(time, 3.4, 4.4)
@@ -91,8 +91,6 @@ def moved_board(source: str = "experiment:lis302dl_q_128", title: str = "LIS302D
         values=np.clip(np.round(truth + noise), -128, 127),
         sample_period=SAMPLE_PERIOD,
         truth=truth,
-        source=source,
-        title=title,
     )
 
 
@@ -135,19 +133,13 @@ def _hold(time: Array, start: float, stop: float) -> Array:
     return 0.5 * (np.tanh((time - start) / 0.1) - np.tanh((time - stop) / 0.1))
 
 
-def _load(name: str, title: str, q: float, r: float) -> tuple[Recording, dict[str, Settings]]:
-    board = moved_board(f"experiment:{name}", title)
-    return board, dict.fromkeys(board.names, walk_params(q, r))
-
-
 def _picture(key: str, q: float, r: float) -> Experiment:
-    name = f"lis302dl_{key}"
     assumed = " (r assumed)" if key.startswith("q_") else ""
     title = f"LIS302DL: q = {q:g}, r = {r:g}{assumed}"
     gain = float(steady_state(walk_params(q, r)).gain)
     summary = f"Three independent filters on a board moved by hand; settled gain {gain:.3g}."
     figure = f"Picture of {'q' if key.startswith('q_') else 'r'} = {q if key.startswith('q_') else r:g}"
-    return Experiment(name, title, PAPER, figure, summary, partial(_load, name, title, q, r))
+    return Experiment(f"lis302dl_{key}", title, PAPER, figure, summary, lambda: (moved_board(), walk_params(q, r)))
 
 
 EXPERIMENTS = tuple(_picture(*row) for row in WALK)
@@ -181,8 +173,8 @@ def c_listing(measurements: ArrayLike, q: float, r: float, p: float, initial_val
 
 TRUE_Q, TRUE_R = 0.125, 9.0
 """The document's q and the noise of the re-created board, counts²: what the estimates should find."""
-RECORD = 2000
-"""Samples per recording: 20 s."""
+RECORD, START = 2000, 100
+"""Samples per recording, 20 s, and those left out of the errors."""
 SENSOR_R = (9.0, 25.0)
 """Noise variances of the two sensors of one quantity, counts²."""
 
@@ -329,17 +321,15 @@ def answer_exponential(q: float, r: float) -> ExponentialAnswer:
 
 
 def _rmse(x: Array, truth: Array) -> float:
-    """Root mean square error after the first 100 samples."""
-    return float(np.sqrt(np.mean((x - truth)[100:] ** 2)))
+    """Root mean square error after the start."""
+    return float(np.sqrt(np.mean((x - truth)[START:] ** 2)))
 
 
-NAMES = ("accelerometer", "tilt sensor")
-TILT_NOISE, OFFSET = (3.0, 0.8), 2.5
+TILT_SENSORS = ("accelerometer", "tilt sensor")
+TILT_NOISE, TILT_OFFSET = (3.0, 0.8), 2.5
 """Standard deviations of both sensors, and what the tilt sensor reads too high, degrees."""
 EVERY = 10
 """How many rows apart the readings of the tilt sensor are."""
-AFTER = 100
-"""Rows left out for the start-up."""
 
 
 @dataclass(frozen=True)
@@ -379,7 +369,7 @@ def tilted_board() -> Recording:
         amplitude=20.0,
         period=4.0,
         sigmas=TILT_NOISE,
-        offsets=(0.0, OFFSET),
+        offsets=(0.0, TILT_OFFSET),
         every=(1, EVERY),
     )
 
@@ -388,11 +378,11 @@ def answer_tilt() -> TiltAnswer:
     """Estimate, fuse, and drop one out."""
     board = tilted_board()
     z, truth = board.values, (board.values if board.truth is None else board.truth)[:, 0]
-    found = estimate_fusion(z, names=NAMES, reference=NAMES[0])
+    found = estimate_fusion(z, names=TILT_SENSORS, reference=TILT_SENSORS[0])
     if found.params is None:
         raise ArithmeticError(found.message)
     fused, first = fuse(z, found.params), fuse(z[:, :1], found.params.only([0]))
-    alone = [_filtered_alone(z[:, 0]), _filtered_alone(z[:, 1] - OFFSET)]
+    alone = [_filtered_alone(z[:, 0]), _filtered_alone(z[:, 1] - TILT_OFFSET)]
     low, high = found.offset_interval[1].tolist()
     return TiltAnswer(
         r_first=float(found.r[0]),
@@ -415,10 +405,7 @@ def _filtered_alone(z: Array) -> Array:
 
 
 def _predicted(p: Array) -> float:
-    return math.sqrt(float(np.mean(p[AFTER:])))
-
-
-PROSE = Prose(__name__)
+    return math.sqrt(float(np.mean(p[START:])))
 
 
 def chapter(effort: Effort, report: OnProgress) -> Chapter:
@@ -451,7 +438,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             Check("RMSE with the estimated pair over the true one", estimated.loss, 1.0, 0.02),
             Check("Two sensors fused: RMSE", fused.fused, fused.fused_theory, 0.05, relative=True),
             Check("Fused, against the filter of the weighted mean", fused.difference, 0.0, 1e-9),
-            Check("Accelerometer and tilt: offset found", board.offset, OFFSET, 0.1, relative=True),
+            Check("Accelerometer and tilt: offset found", board.offset, TILT_OFFSET, 0.1, relative=True),
             Check("Accelerometer and tilt: predicted error", board.predicted, board.fused, 0.15, relative=True),
             Check("Exponential filter, worst of the walk, last half", max(a.at_end for a in simple), 0.0, 1e-6),
         ),

@@ -7,9 +7,9 @@ that makes equation (3) as printed look like the picture; it is then far from an
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
 PAPER = "Single Dimensional Generalized Kalman Filter (Khan et al.)"
+PROSE = Prose(__name__)
 
 FLEX = GeneralizedParams(sigma_m=1500.0, e0=1500.0)
 """Figure 7, counts: an estimate that starts far too high, and a σM under which the smoothing shows."""
@@ -153,80 +154,28 @@ def _settled_gain(level: float, sigma_m: float) -> float:
     return float(generalized_filter(np.full(5000, level), GeneralizedParams(sigma_m, e0=level)).k[-1])
 
 
-def _load(name: str, title: str, sample: str, params: GeneralizedParams) -> tuple[Recording, dict[str, Settings]]:
-    recording = replace(open_sample(sample), source=f"experiment:{name}", title=title)
-    return recording, {recording.names[0]: params}
-
-
-def _load_gains(name: str, title: str) -> tuple[Recording, dict[str, Settings]]:
+def _at_all_gains() -> tuple[Recording, tuple[FilterParams, ...]]:
     """The LDR recording once for each gain, as channels, so that each has settings of its own."""
-    recording = open_sample("ldr_pwm")
+    recording, times = open_sample("ldr_pwm"), len(GAINS)
     names = tuple(f"ldr, K = {gain:g}" for gain in GAINS)
-    z = recording.values[:, 0]
-    repeated = replace(
-        recording,
-        names=names,
-        units=recording.units * len(GAINS),
-        values=np.column_stack([z] * len(GAINS)),
-        source=f"experiment:{name}",
-        title=title,
-        sha256="",
-    )
-    first = float(z[0])
-    return repeated, {name: fixed_gain(gain, first) for name, gain in zip(names, GAINS, strict=True)}
+    values = np.repeat(recording.values, times, axis=1)
+    repeated = replace(recording, names=names, units=recording.units * times, values=values, sha256="")
+    return repeated, tuple(fixed_gain(gain, float(values[0, 0])) for gain in GAINS)
 
 
-def _sensor(figure: str, key: str, sample: str, words: str, params: GeneralizedParams, summary: str) -> Experiment:
-    name, title = f"generalized_{key}", f"{figure}: {words}"
-    return Experiment(name, title, PAPER, figure, summary, partial(_load, name, title, sample, params))
+def _experiment(key: str, make: Callable[[], tuple[Recording, Settings | tuple[Settings, ...]]]) -> Experiment:
+    title, summary = PROSE.words(f"experiment_{key}", "title", "summary")
+    return Experiment(f"generalized_{key}", title, PAPER, title.partition(":")[0], summary, make)
 
 
 EXPERIMENTS = (
-    _sensor(
-        "Figure 7",
-        "figure_7",
-        "flex_sensor",
-        "flex sensor, first estimate far too high",
-        FLEX,
-        "Equation (3) as printed, σM = 1500, forgets a start at 1500 counts within a second.",
-    ),
-    _sensor(
-        "Figure 7",
-        "figure_7_without_slip",
-        "flex_sensor",
-        "flex sensor, equation (3) without the slip",
-        without_slip(FLEX, 12.0),
-        "The gain falls like 1/n: the filter freezes and stops following the servo.",
-    ),
-    _sensor(
-        "Figure 8",
-        "figure_8",
-        "ldr_pwm",
-        "LDR ramp",
-        LDR,
-        "Equation (3) as printed: slow near 0, quicker and noisier as the level rises.",
-    ),
-    _sensor(
-        "Figure 9",
-        "figure_9",
-        "hot_water",
-        "temperature",
-        WATER,
-        "Equation (3) as printed needs σM = 200 °C to be as smooth as the picture.",
-    ),
-    Experiment(
-        "generalized_figure_10",
-        "Figure 10: LDR under fixed gains",
-        PAPER,
-        "Figure 10",
-        "K = 0.9, 0.3, 0.05 and 0.01 side by side: the lag is (1 − K)/K samples.",
-        partial(_load_gains, "generalized_figure_10", "Figure 10: LDR under fixed gains"),
-    ),
+    _experiment("figure_7", lambda: (open_sample("flex_sensor"), FLEX)),
+    _experiment("figure_7_without_slip", lambda: (open_sample("flex_sensor"), without_slip(FLEX, 12.0))),
+    _experiment("figure_8", lambda: (open_sample("ldr_pwm"), LDR)),
+    _experiment("figure_9", lambda: (open_sample("hot_water"), WATER)),
+    _experiment("figure_10", _at_all_gains),
 )
-"""What opens from this """
-
-
-PROSE = Prose(__name__)
+"""What opens from this paper."""
 
 
 def chapter(report: OnProgress) -> Chapter:
@@ -276,19 +225,10 @@ def _checks(
             0.35,
             relative=True,
         ),
-        Check(
-            "Figure 9: noise left with σM = 200 °C",
-            smooth,
-            expected_water_noise(WATER),
-            0.15,
-            relative=True,
-        ),
+        Check("Figure 9: noise left with σM = 200 °C", smooth, expected_water_noise(WATER), 0.15, relative=True),
         *(
             Check(
-                f"Figure 10: lag at K = {row.gain:g}, samples",
-                row.lag,
-                row.lag_theory,
-                0.2 + 0.03 * row.lag_theory,
+                f"Figure 10: lag at K = {row.gain:g}, samples", row.lag, row.lag_theory, 0.2 + 0.03 * row.lag_theory
             )
             for row in gains
         ),

@@ -15,8 +15,8 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,11 +28,12 @@ from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable, Settings
+from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
 PAPER = "Kalman Filter for Noise Reducer on Sensor Readings (Ma'arif et al. 2019)"
+PROSE = Prose(__name__)
 SAMPLES = 100
 """Length of the simulated signals: the appendix's loop."""
 SIGMA = 72.0
@@ -189,23 +190,15 @@ def _row_difference(z: Array, p0: float) -> Array:
     return errors[1] - errors[0]
 
 
-def simulated_recording(name: str, values: Array, title: str) -> Recording:
-    """A simulated signal around the constant truth 0, one channel, one sample per second."""
-    return Recording(
-        time=np.arange(len(values), dtype=np.float64),
-        names=("signal",),
-        units=("",),
-        values=values[:, None],
-        sample_period=1.0,
-        truth=np.zeros((len(values), 1)),
-        source=f"experiment:{name}",
-        title=title,
-    )
+def constant_in_noise(values: Array) -> Recording:
+    """Noise around the constant truth 0, one channel, one sample per second."""
+    time, z = np.arange(len(values), dtype=np.float64), values[:, None]
+    return Recording(time, ("signal",), ("",), z, 1.0, truth=np.zeros_like(z))
 
 
-def robot_recording(name: str = "noise_reducer_figure_9", title: str = "Resting balancing robot") -> Recording:
+def robot_recording() -> Recording:
     """The accelerometer of figures 1, 9 and 10, re-created: 2000 samples, counts."""
-    return replace(open_sample("balancing_robot"), source=f"experiment:{name}", title=title)
+    return open_sample("balancing_robot")
 
 
 @cache
@@ -219,22 +212,13 @@ def robot_filtered(r: float, q: float) -> Array:
     return denoise(robot_signal(), FilterParams(q=q, r=r, p0=1.0, x0=0.0))
 
 
-def _load_simulation(name: str, title: str, r: float, q: float) -> tuple[Recording, dict[str, Settings]]:
-    values = appendix_signal() if name.endswith("appendix") else white_noise(1)[:, 0]
-    return simulated_recording(name, values, title), {"signal": FilterParams(q=q, r=r, p0=0.0, x0=0.0)}
-
-
-def _load_robot(name: str, title: str, r: float, q: float) -> tuple[Recording, dict[str, Settings]]:
-    recording = robot_recording(name, title)
-    return recording, {recording.names[0]: FilterParams(q=q, r=r, p0=1.0, x0=0.0)}
-
-
 def _simulation(figure: int, r: float, q: float) -> Experiment:
     name, title = f"noise_reducer_figure_{figure}", f"Figure {figure}: R = {r:g}, Q = {q:g}"
     says = {3: "hardly filtered", 4: "filtered a little", 5: "still jumpy", 6: "the paper's choice", 8: "too much"}
     summary = f"White noise of standard deviation 72; ratio {r / q:g}: {says.get(figure, 'like figure 6')}."
-    load = partial(_load_simulation, name, title, r, q)
-    return Experiment(name, title, PAPER, f"Figure {figure}", summary, load)
+    params = FilterParams(q=q, r=r, p0=0.0, x0=0.0)
+    where = f"Figure {figure}"
+    return Experiment(name, title, PAPER, where, summary, lambda: (constant_in_noise(white_noise(1)[:, 0]), params))
 
 
 def _robot(label: str, r: float, q: float) -> Experiment:
@@ -242,24 +226,23 @@ def _robot(label: str, r: float, q: float) -> Experiment:
     source = {"10": ", as captioned", "10_text": ", as in the text"}.get(label, "")
     name, title = f"noise_reducer_figure_{label}", f"Figure {figure}: resting robot, R = {r:g}, Q = {q:g}{source}"
     summary = f"10-bit accelerometer on a stationary robot, ratio {r / q:g}, started at 0 as on the Arduino."
-    return Experiment(name, title, PAPER, f"Figure {figure}", summary, partial(_load_robot, name, title, r, q))
+    params = FilterParams(q=q, r=r, p0=1.0, x0=0.0)
+    return Experiment(name, title, PAPER, f"Figure {figure}", summary, lambda: (robot_recording(), params))
 
-
-_APPENDIX = "Appendix: R = 100, Q = 1, (rand − rand)·100"
 
 EXPERIMENTS = (
     *(_simulation(*row) for row in SIMULATED_FIGURES),
     *(_robot(*row) for row in ROBOT_FIGURES),
     Experiment(
         "noise_reducer_appendix",
-        _APPENDIX,
+        "Appendix: R = 100, Q = 1, (rand − rand)·100",
         PAPER,
         "Appendix a",
         "The MATLAB program with its own noise, of standard deviation 40.8.",
-        partial(_load_simulation, "noise_reducer_appendix", _APPENDIX, 100.0, 1.0),
+        lambda: (constant_in_noise(appendix_signal()), FilterParams(q=1.0, r=100.0, p0=0.0, x0=0.0)),
     ),
 )
-"""What opens from this """
+"""What opens from this paper."""
 
 
 def matlab_appendix(zk: ArrayLike, r: float = 100.0, q: float = 1.0) -> Array:
@@ -432,9 +415,6 @@ def _ratio_of(mean_error: float, sigma: float) -> float:
     return 10.0 ** (0.5 * (low + high))
 
 
-PROSE = Prose(__name__)
-
-
 def figure_1() -> Figure:
     """Figure 1: the raw resting robot."""
     z = robot_signal()
@@ -540,11 +520,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
 
 
 def checks(
-    table: Sequence[TableRow],
-    clue: StartClue,
-    advice: Sequence[AdviceTest],
-    rule: RuleTest,
-    same: dict[str, float],
+    table: Sequence[TableRow], clue: StartClue, advice: Sequence[AdviceTest], rule: RuleTest, same: dict[str, float]
 ) -> tuple[Check, ...]:
     """Every number of this chapter that must hold, with its tolerance."""
     rows: list[Check] = []

@@ -31,8 +31,8 @@ class Experiment:
     """Where in the document, such as "Figure 6"."""
     summary: str
     """One line: what it shows."""
-    load: Callable[[], tuple[Recording, dict[str, Settings]]]
-    """Makes the recording and the settings by channel; the same at every call."""
+    make: Callable[[], tuple[Recording, Settings | tuple[Settings, ...]]]
+    """The recording, and the settings for all channels or of each one; the same at every call."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,10 @@ class Prose:
     @cached_property
     def _texts(self) -> dict[str, Any]:
         return tomllib.loads(_file(f"{self._name}.toml"))
+
+    def words(self, name: str, *keys: str) -> list[str]:
+        """The texts of this name as they are."""
+        return [self._texts[name][key] for key in keys]
 
     def drawing(self, name: str) -> str:
         """A drawing that was made by hand, an <svg> element; its colours are those of `charts.COLOURS`."""
