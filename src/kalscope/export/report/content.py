@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -186,31 +186,48 @@ def origin_of(recording: Recording, tuning: Tuning, now: datetime | None) -> Row
 def _charts(
     recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
-    n, timed = len(z), recording.sample_period is not None
+    measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
+
+    def lines(x: Array, part: slice) -> list[Line]:
+        at = chosen_samples(z[part])
+        x, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
+        return [Line(x, y[part][at], name, style) for name, y, style in (*measured, ("filtered", result.x, "s2"))]
+
+    return panels_of(recording, (own.name, own.unit), [y for _, y, _ in measured], lines)
+
+
+def panels_of(
+    recording: Recording,
+    labels: tuple[str, str],
+    measured: list[Array],
+    lines: Callable[[Array, slice], list[Line]],
+) -> tuple[Panel, ...]:
+    """The whole recording, and a detail from the middle of a long one.
+
+    Args:
+        recording: gives the abscissae.
+        labels: name and unit of the ordinate.
+        measured: what must be in the picture, each of shape (n, …); a wild start of the filter may leave it.
+        lines: makes the curves of a part from its abscissae and its rows.
+    """
+    n, timed = len(recording), recording.sample_period is not None
     x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
-    named = [("raw", z, "raw"), ("filtered", result.x, "s2")]
-    if truth is not None:
-        named.insert(1, ("truth", truth, "truth"))
-
-    def panel(title: str, first: int, stop: int) -> Panel:
-        at = first + chosen_samples(z[first:stop])
-        across, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
-        lines = tuple(Line(across, values[at], name, style) for name, values, style in named)
-        low_high = y_range([values[at] for name, values, _ in named if name != "filtered"])
-        return Panel(title, lines, "time (s)" if timed else "sample", _label(own.name, own.unit), low_high)
-
-    whole = panel("The whole recording", 0, n)
-    if n < 2 * MAX_DETAIL_SAMPLES:
-        return (whole,)
     first = (n - MAX_DETAIL_SAMPLES) // 2
-    return whole, panel(
-        f"Detail: samples {first} to {first + MAX_DETAIL_SAMPLES - 1}", first, first + MAX_DETAIL_SAMPLES
+    last = first + MAX_DETAIL_SAMPLES - 1
+    parts = {"The whole recording": slice(0, n), f"Detail: samples {first} to {last}": slice(first, last + 1)}
+    return tuple(
+        Panel(
+            title,
+            tuple(lines(x[part], part)),
+            "time (s)" if timed else "sample",
+            _label(*labels),
+            _y_range(np.concatenate([y[part].ravel() for y in measured])),
+        )
+        for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
     )
 
 
-def y_range(curves: list[Array]) -> tuple[float, float]:
-    """Ends of the ordinate: what raw and truth need; a wild start of the filter may leave the picture."""
-    seen = np.concatenate(curves)
+def _y_range(seen: Array) -> tuple[float, float]:
     seen = seen[np.isfinite(seen)]
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
     room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0

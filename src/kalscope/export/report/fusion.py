@@ -14,13 +14,12 @@ from kalscope.common.charts import Line, Panel
 from kalscope.common.text import number, percent
 from kalscope.errors import BadSetting
 from kalscope.export.report.content import (
-    MAX_DETAIL_SAMPLES,
     Report,
     chosen_samples,
     command_of,
     origin_of,
+    panels_of,
     subtitle_of,
-    y_range,
 )
 from kalscope.export.report.tables import ReportTable, Rows, meaning, parameters, rmse
 from kalscope.filtering.filter import FilterResult, fuse
@@ -119,26 +118,11 @@ def _without_r(rows: Rows) -> Rows:
 
 
 def _charts(recording: Recording, fusion: FusionTuning, z: Array, result: FilterResult) -> tuple[Panel, ...]:
-    n, timed = len(z), recording.sample_period is not None
-    x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
+    def lines(x: Array, part: slice) -> list[Line]:
+        sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(fusion.sensors)]
+        return [*sensors, _line(x, result.x[part], fusion.name, "s2")]
 
-    def panel(title: str, first: int, stop: int) -> Panel:
-        lines = [
-            _line(x[first:stop], z[first:stop, i], name, STYLES[i % len(STYLES)])
-            for i, name in enumerate(fusion.sensors)
-        ]
-        lines.append(_line(x[first:stop], result.x[first:stop], fusion.name, "s2"))
-        label = f"{fusion.name} ({fusion.unit[:8]})" if fusion.unit else fusion.name
-        return Panel(
-            title, tuple(lines), "time (s)" if timed else "sample", label, y_range([z[first:stop].ravel()])
-        )
-
-    whole = panel("The whole recording", 0, n)
-    if n < 2 * MAX_DETAIL_SAMPLES:
-        return (whole,)
-    first = (n - MAX_DETAIL_SAMPLES) // 2
-    last = first + MAX_DETAIL_SAMPLES
-    return whole, panel(f"Detail: samples {first} to {last - 1}", first, last)
+    return panels_of(recording, (fusion.name, fusion.unit), [z], lines)
 
 
 def _line(x: Array, y: Array, name: str, style: str) -> Line:
