@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.progress import OnProgress
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
@@ -476,9 +476,7 @@ def _walk_figure() -> Figure:
         assumed = " (assumed)" if name.startswith("q_") else ""
         lines = raw_and_filtered(board.time[shown], z[shown], x[shown])
         panels.append(Panel(f"q = {q:g}, r = {r:g}{assumed}", lines, "time / s", "x / counts", (-15.0, 68.0)))
-    return PROSE.figure(
-        "walk_figure", draw_svg(panels, "Six settings on a moved accelerometer", columns=3, height=220)
-    )
+    return PROSE.figure("walk_figure", panels)
 
 
 def _walk_table(walk: Sequence[WalkRow]) -> ResultTable:
@@ -499,7 +497,7 @@ def _axes_figure() -> Figure:
         raw, filtered = raw_and_filtered(board.time, board.values[:, i], x[:, i])
         lines = (raw, Line(board.time, truth_of(board)[:, i], "truth", "truth"), filtered)
         panels.append(Panel(f"{name} axis", lines, "time / s", "counts", (-60.0, 70.0)))
-    return PROSE.figure("axes", draw_svg(panels, "Three axes filtered independently", columns=3, height=260))
+    return PROSE.figure("axes", panels)
 
 
 def _exponential_table(answers: Sequence[ExponentialAnswer]) -> ResultTable:
@@ -519,5 +517,4 @@ def _exponential_figure() -> Figure:
         Line(board.time[shown], simple[shown], "exponential smoothing", "s1"),
     )
     panel = Panel("z axis, q = 0.125, r = 32, both started at 0", lines, "time / s", "counts")
-    svg = draw_svg([panel], "Kalman filter and exponential smoothing at the start", height=280)
-    return PROSE.figure("start", svg)
+    return PROSE.figure("start", [panel])

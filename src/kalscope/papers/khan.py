@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
@@ -186,7 +186,7 @@ def chapter(report: OnProgress) -> Chapter:
     smooth, honest = water_noise(WATER), water_noise(WATER_DATASHEET)
     return PROSE.chapter(
         blocks=(
-            PROSE.figure("figure_1", PROSE.drawing("block_diagram.svg")),
+            PROSE.figure("figure_1"),
             PROSE.table(
                 "levels", ({**asdict(row), "difference": abs(row.simulated - row.formula)} for row in levels)
             ),
@@ -255,7 +255,7 @@ def _figure_7(recovered: int) -> Figure:
         Panel(title, raw_and_filtered(time[:n], z[:n], x[:n], label, style), "time / s", "counts")
         for title, n, x, label, style in shown
     ]
-    return PROSE.figure("figure_7", draw_svg(panels, "Flex sensor filtered by both readings"), recovered=recovered)
+    return PROSE.figure("figure_7", panels, recovered=recovered)
 
 
 def _figure_8() -> Figure:
@@ -267,8 +267,7 @@ def _figure_8() -> Figure:
         Panel("LDR under a brightening LED, as printed, σM = 500", lines, "time / s", "counts"),
         Panel("Its gain", (Line(time, result.k, "gain K", "s3"),), "time / s", "K", (0.0, 0.25)),
     ]
-    svg = draw_svg(panels, "LDR ramp and the gain of the printed filter", columns=2, height=280)
-    return PROSE.figure("figure_8", svg, dark=result.k[:50].mean(), light=result.k[-50:].mean())
+    return PROSE.figure("figure_8", panels, dark=result.k[:50].mean(), light=result.k[-50:].mean())
 
 
 def _figure_9(smooth: float, honest: float) -> Figure:
@@ -279,8 +278,7 @@ def _figure_9(smooth: float, honest: float) -> Figure:
         label = f"as printed, σM = {params.sigma_m:g} °C"
         lines = raw_and_filtered(time, z, generalized_filter(z, params).x, label, style)
         panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
-    svg = draw_svg(panels, "Temperature filtered with two measured errors", columns=2, height=280)
-    return PROSE.figure("figure_9", svg, smooth=100 * smooth, honest=100 * honest)
+    return PROSE.figure("figure_9", panels, smooth=100 * smooth, honest=100 * honest)
 
 
 def _figure_10() -> Figure:
@@ -293,7 +291,7 @@ def _figure_10() -> Figure:
         for gain, x, style in zip(GAINS, filtered, ("s1", "s3", "s2", "s4"), strict=True):
             lines.append(Line(time[shown], x[shown], f"K = {gain:g}", style))
         panels.append(Panel(title, tuple(lines), "time / s", "counts"))
-    return PROSE.figure("figure_10", draw_svg(panels, "LDR ramp under four fixed gains", columns=2, height=340))
+    return PROSE.figure("figure_10", panels)
 
 
 def _failure_table() -> ResultTable:

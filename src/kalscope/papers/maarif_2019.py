@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.array import Array
-from kalscope.common.charts import Line, Mark, Panel, draw_svg, raw_and_filtered
+from kalscope.common.charts import Line, Mark, Panel, raw_and_filtered
 from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -421,12 +421,7 @@ def figure_1() -> Figure:
     lines = (Line(np.arange(600), z[:600], "raw", "raw"),)
     panel = Panel("Resting robot, raw", lines, "sample", "ADC reading / counts")
     numbers = {"low": z.min(), "high": z.max(), "mean": z.mean(), "spread": z.std()}
-    return PROSE.figure("figure_1", draw_svg([panel], "Raw accelerometer of a resting robot"), **numbers)
-
-
-def figure_2() -> Figure:
-    """Figure 2: the flow chart, as a picture and in words."""
-    return PROSE.figure("figure_2", PROSE.drawing("flow_chart.svg"))
+    return PROSE.figure("figure_1", [panel], **numbers)
 
 
 def figures_3_to_8() -> Figure:
@@ -438,8 +433,7 @@ def figures_3_to_8() -> Figure:
         title = f"Figure {figure}: R = {r:g}, Q = {q:g} (ratio {r / q:g})"
         lines = raw_and_filtered(np.arange(len(z)), z, x)
         panels.append(Panel(title, lines, "sample", "value", (-220.0, 220.0)))
-    svg = draw_svg(panels, "Six filters on one noise", columns=2, height=230)
-    return PROSE.figure("figures_3_to_8", svg, sigma=SIGMA)
+    return PROSE.figure("figures_3_to_8", panels, sigma=SIGMA)
 
 
 def figures_9_and_10() -> Figure:
@@ -457,27 +451,20 @@ def figures_9_and_10() -> Figure:
         late = int(np.flatnonzero(np.abs(x - z.mean()) > 0.05 * z.mean())[-1]) + 1
         less = z[1000:].std() / x[1000:].std()
         words.append(f"{source}: {late} samples until within 5 %, then {less:.1f} times less noise")
-    svg = draw_svg(panels, "Resting robot filtered with ratios 100 and 1000", columns=2, height=210)
-    return PROSE.figure("figures_9_and_10", svg, numbers="; ".join(words))
+    return PROSE.figure("figures_9_and_10", panels, numbers="; ".join(words))
 
 
 def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
     """RMSE and mean error over the ratio for the three kinds of signal."""
-    titles = {
-        "stationary": "stationary",
-        "wandering": "wandering, true r/q = 100",
-        "swinging": "swinging, 60 samples",
-    }
     panels: list[Panel] = []
-    for test in tests:
+    for test, title in zip(tests, ("stationary", "wandering, true r/q = 100", "swinging, 60 samples"), strict=True):
         lines = (
             Line(RATIOS, test.rmse, "RMSE against the truth", "s1"),
             Line(RATIOS, test.mean_error, "mean error against the raw signal", "s2"),
         )
         marks = (Mark(ADVISED, "100"), Mark(RULE[0], "40", "y"), Mark(RULE[1], "55", "y"))
-        panels.append(Panel(titles[test.kind], lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
-    svg = draw_svg(panels, "RMSE and mean error over the ratio for three signals", columns=3, height=290)
-    return PROSE.figure("advice_figure", svg, sigma=SIGMA)
+        panels.append(Panel(title, lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
+    return PROSE.figure("advice_figure", panels, sigma=SIGMA)
 
 
 TABLE_TOLERANCE = 0.02
@@ -497,7 +484,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     return PROSE.chapter(
         blocks=(
             figure_1(),
-            figure_2(),
+            PROSE.figure("figure_2"),
             figures_3_to_8(),
             table_1(table, effort.table_draws),
             PROSE.table("start", percent=100 * clue.share, about=round(clue.samples_needed, -2), **asdict(clue)),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from kalscope.common.charts import Panel, draw_svg
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording
@@ -145,13 +146,13 @@ class Prose:
         """The texts of this name as they are."""
         return [self._texts[name][key] for key in keys]
 
-    def drawing(self, name: str) -> str:
-        """A drawing that was made by hand, an <svg> element; its colours are those of `charts.COLOURS`."""
-        return _file(name).strip()
-
-    def figure(self, name: str, svg: str, **numbers: Any) -> Figure:
-        """The figure of this name with its picture."""
+    def figure(self, name: str, panels: Sequence[Panel] = (), **numbers: Any) -> Figure:
+        """The figure of this name: its panels, or the drawing that it names."""
         one = self._texts[name]
+        if panels:
+            svg = draw_svg(panels, one["alt"], one.get("columns", 1), one.get("height", 250))
+        else:
+            svg = _file(one["drawing"]).strip()
         return Figure(one["title"], svg, one["caption"].format(**numbers), one["verdict"].format(**numbers))
 
     def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> ResultTable:
