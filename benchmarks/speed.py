@@ -1,6 +1,6 @@
 """Speed of the filter and of the fits, as ratios of two times that are measured in turns.
 
-    python benchmarks/speed.py [--quick] [--only WORD] [--before CHECKOUT] [--json]
+    python benchmarks/speed.py [--quick] [--only WORD] [--before CHECKOUT]
 
 The opponents are memory, scipy's steady filter, the plain loop of five lines, other Kalman libraries and Kalscope
 itself in a simpler case; with --before they are the same calls of an earlier checkout. Both sides get the same
@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
-import json
 import math
 import os
 import statistics
@@ -23,6 +22,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,6 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="fewer samples and turns")
     parser.add_argument("--only", default="", metavar="WORD", help="the contests with this word in their names")
     parser.add_argument("--before", type=Path, metavar="CHECKOUT", help="compare with an earlier checkout")
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # those of the other libraries
@@ -96,42 +95,30 @@ def main() -> int:
     if options.serve:
         serve(calls(size))
         return 0
-    rows: list[dict[str, Any]] = []
-    for contest in yesterday(options) if options.before else contests(size):
-        if options.only in f"{contest.name} {contest.against}":
-            rows.append(measure(contest, 3 if options.quick else 7))
-            if not options.json:
-                print(line_of(rows[-1]), flush=True)
-    if options.json:
-        print(json.dumps(rows, indent=1))
-    return int(not all(row["passed"] for row in rows))
+    passed = [
+        hold(contest, 3 if options.quick else 7)
+        for contest in (yesterday(options) if options.before else contests(size))
+        if options.only in f"{contest.name} {contest.against}"
+    ]
+    return int(not all(passed))
 
 
-def line_of(row: dict[str, Any]) -> str:
-    difference = "" if row["difference"] is None else f"   differ by {row['difference']:.1e}"
-    verdict = "" if row["passed"] else "   MISSED"
-    return (
-        f"{row['name']:30}{row['n']:>11,} samples {1e9 * row['seconds'] / row['n']:10.4g} ns/sample"
-        f"{row['ratio']:10.4g} × {row['against']:34}{difference}{verdict}"
-    )
-
-
-def measure(contest: Contest, turns: int) -> dict[str, Any]:
-    """Hold one contest; the first turn of each side is not timed, it loads and compiles."""
+def hold(contest: Contest, turns: int) -> bool:
+    """Hold a contest, print its row, and tell whether it passed; the first turn of each side loads and compiles."""
     results = contest.run(), contest.opponent()
     difference = None if contest.difference is None else contest.difference(*results)
     ours, others = take_turns(contest.run, contest.opponent, turns)
     ratio = statistics.median(a / b for a, b in zip(ours, others, strict=True))
     low, high = contest.target
-    return {
-        "name": contest.name,
-        "against": contest.against,
-        "n": contest.n,
-        "seconds": statistics.median(ours),
-        "ratio": ratio,
-        "difference": difference,
-        "passed": low <= ratio <= high and (difference is None or difference <= contest.tolerance),
-    }
+    passed = low <= ratio <= high and (difference is None or difference <= contest.tolerance)
+    print(
+        f"{contest.name:30}{contest.n:>11,} samples {1e9 * statistics.median(ours) / contest.n:10.4g} ns/sample"
+        f"{ratio:10.4g} × {contest.against:24}",
+        "" if difference is None else f"differ by {difference:.1e}",
+        "" if passed else "MISSED",
+        flush=True,
+    )
+    return passed
 
 
 def take_turns(a: Run, b: Run, turns: int) -> tuple[list[float], list[float]]:
@@ -449,16 +436,19 @@ def fusion(size: Size) -> Iterator[Contest]:
             together = FilterParams(0.09, r, offset=offset, **more)
             alone = [FilterParams(0.09, float(one), **more) for one in r]
 
-            def fused(z: Array = readings, params: FilterParams = together, dt: Array | None = steps) -> None:
-                fuse(z, params, dt)
+            yield Contest(
+                f"fuse, {name}",
+                f"{k} × kalman_filter",
+                z.size,
+                partial(fuse, readings, together, steps),
+                partial(one_by_one, columns, alone, steps),
+                target=(0.0, 1.5),
+            )
 
-            def single(
-                columns: list[Array] = columns, params: list[FilterParams] = alone, dt: Array | None = steps
-            ) -> None:
-                for column, one in zip(columns, params, strict=True):
-                    kalman_filter(column, one, dt)
 
-            yield Contest(f"fuse, {name}", f"{k} × kalman_filter", z.size, fused, single, target=(0.0, 1.5))
+def one_by_one(columns: list[Array], params: list[FilterParams], dt: Array | None) -> None:
+    for column, one in zip(columns, params, strict=True):
+        kalman_filter(column, one, dt)
 
 
 if __name__ == "__main__":
