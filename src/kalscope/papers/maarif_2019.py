@@ -311,10 +311,6 @@ class AdviceTest:
 
     kind: str
     """"stationary", "wandering" or "swinging"."""
-    rmse: Array
-    """Root mean square of x − truth, shape (41,)."""
-    mean_error: Array
-    """Mean |z − x|, shape (41,)."""
     best_ratio: float
     """r/q of the smallest RMSE; 1e5 means: the largest one tried."""
     best_rmse: float
@@ -323,6 +319,12 @@ class AdviceTest:
     """RMSE at r/q = 100."""
     raw_rmse: float
     """RMSE of the raw signal, no filter at all; its mean error is 0."""
+    ratios: list[float]
+    """RATIOS."""
+    rmse: list[float]
+    """Root mean square of x − truth at each of them."""
+    mean_error: list[float]
+    """Mean |z − x| at each."""
 
     @property
     def loss(self) -> float:
@@ -371,8 +373,9 @@ def _test_one(kind: str, draws: int) -> AdviceTest:
     best = int(np.argmin(rmse))
     return AdviceTest(
         kind=kind,
-        rmse=rmse,
-        mean_error=mean_error,
+        ratios=RATIOS.tolist(),
+        rmse=rmse.tolist(),
+        mean_error=mean_error.tolist(),
         best_ratio=float(RATIOS[best]),
         best_rmse=float(rmse[best]),
         advised_rmse=float(rmse[np.argmin(np.abs(np.log(RATIOS / ADVISED)))]),
@@ -499,7 +502,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             "sigma": SIGMA,
             "table_1": [asdict(row) for row in table],
             "rows_3_and_4": asdict(clue),
-            "ratio_100": [_advice_result(test) for test in advice],
+            "ratio_100": [asdict(test) for test in advice],
             "mean_error_40_to_55": asdict(rule),
             "appendices": same,
         },
@@ -570,16 +573,6 @@ def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
 
     rows = ({**vars(test), "loss": test.loss, "best": best(test.best_ratio)} for test in tests)
     return PROSE.table("advice", rows)
-
-
-def _advice_result(test: AdviceTest) -> dict[str, Any]:
-    numbers = {key: value for key, value in asdict(test).items() if not isinstance(value, np.ndarray)}
-    return {
-        **numbers,
-        "ratios": RATIOS.tolist(),
-        "rmse": test.rmse.tolist(),
-        "mean_error": test.mean_error.tolist(),
-    }
 
 
 def _largest(values: Array) -> float:
