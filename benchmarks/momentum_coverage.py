@@ -26,7 +26,6 @@ from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood.profile import differences
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.free import fit_around
-from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import search
 from kalscope.filtering.kernels import transition
 
@@ -80,7 +79,7 @@ def coverage(truth: FilterParams, n: int, runs: int) -> Coverage:
 
 def fitted(z: NDArray[np.float64]) -> MomentumFit:
     """The maximum of the likelihood over q, r and τ."""
-    data = Samples.of(differences(z, np.empty(0)))
+    data = differences(z, np.empty(0))
     return fit_around(data, search(data, Progress()), Progress())
 
 

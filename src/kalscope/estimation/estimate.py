@@ -12,15 +12,13 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.known import above_rounding
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.likelihood.search import Peak
 from kalscope.estimation.methods import by_name
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.by_name import METHODS
-from kalscope.estimation.methods.pair import Pair
-from kalscope.estimation.momentum.verdict import with_momentum
+from kalscope.estimation.momentum.verdict import with_given_momentum, with_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
-from kalscope.estimation.verdict.conclude import channel_fit, fit_record
+from kalscope.estimation.verdict.conclude import channel_fit, conclude, fit_record
 from kalscope.filtering.params import MAX_MOMENTUM, MIN_MOMENTUM
 
 
@@ -64,16 +62,20 @@ def estimate(
 
     tau = checked_momentum(momentum, method)
 
-    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
+    def walk(data: Differences, progress: Progress) -> Estimate:
         searched = 0.1 if method == "em" else 0.9  # EM's passes take most of the time
         peak = ml.search(data, progress.part(0.0, searched))
-        return by_name.fit(method, data, peak, progress.part(searched, 1.0)), peak
+        return conclude(method, data, by_name.fit(method, data, peak, progress.part(searched, 1.0)), peak)
 
     def channel(tau: float | None) -> Fit:
-        def extend(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
-            return with_momentum(data, plain, tau, progress)
+        def fit(data: Differences, progress: Progress) -> Estimate:
+            if tau:
+                return with_given_momentum(data, tau, progress)
+            if tau == 0.0:
+                return walk(data, progress)
+            return with_momentum(data, walk(data, progress.part(0.0, 0.1)), progress.part(0.1, 1.0))
 
-        one = channel_fit(method, fit, None if tau == 0.0 else extend)
+        one = channel_fit(method, fit)
         return above_rounding(one) if method == "ml" else one
 
     full = channel(tau)

@@ -18,7 +18,6 @@ from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.methods.pair import Pair
 from kalscope.estimation.momentum.given import fit_movement
-from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.verdict import conclude as conclude_momentum
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import Fit, checked_robust, spike_proof
@@ -107,7 +106,7 @@ def estimate_fixed_r(
         BadSetting: r is not above 0; z holds inf or has another shape; dt does not fit z.
     """
     noise = above_zero("r", r, MAX_VARIANCE)
-    one = channel_fit("fixed_r", lambda data, progress: _fit_q(data, noise, progress))
+    one = channel_fit("fixed_r", lambda data, progress: conclude("fixed_r", data, *_fit_q(data, noise, progress)))
     return fit_record(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
 
 
@@ -145,13 +144,13 @@ def estimate_fixed_ratio(
     """
     chosen = above_zero("ratio", ratio, MAX_VARIANCE)
 
-    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
+    def fit(data: Differences, progress: Progress) -> Estimate:
         r = float(data.sums(np.array([chosen]))[0][0]) / data.m
         r_se = r * math.sqrt(2.0 / data.m)
         peak = ml.search(data, progress)
         low, high = peak.interval
         text = words.chosen_ratio(exp(low), exp(high), chosen)
-        return Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak
+        return conclude("fixed_ratio", data, Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak)
 
     one = channel_fit("fixed_ratio", fit)
     return fit_record(z, dt, Progress(), spike_proof(one, lambda _: one, checked_robust(robust)))
@@ -224,10 +223,9 @@ def _with_noise(one: Estimate, data: Differences, r: float, progress: Progress) 
     tau = float(one.momentum)
     if tau == 0.0:
         return conclude("ml", data, *_fit_q(data, r, progress))
-    samples = Samples.of(data)
-    found = fit_movement(samples, tau, r, progress.part(0.0, 0.4))
+    found = fit_movement(data, tau, r, progress.part(0.0, 0.4))
     low, high = (
-        fit_movement(samples, end, r, progress.part(start, start + 0.3)) if 0.0 < end < math.inf else found
+        fit_movement(data, end, r, progress.part(start, start + 0.3)) if 0.0 < end < math.inf else found
         for end, start in zip(map(float, one.momentum_interval), (0.4, 0.7), strict=True)
     )
     border = tuple((end.q / r, end.tau) for end in (low, high))

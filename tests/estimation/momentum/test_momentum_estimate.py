@@ -241,14 +241,15 @@ def test_no_long_work_goes_by_without_a_report(record, monkeypatch):
     since, most = [0], [0]
     scan = kernels.scan_lanes
 
-    def counted(z, gap, q, *more):
-        since[0] += len(q)
+    def counted(d, gap, q, *more):
+        since[0] += len(q) * len(d)
         most[0] = max(most[0], since[0])
-        scan(z, gap, q, *more)
+        scan(d, gap, q, *more)
 
     monkeypatch.setattr(kernels, "scan_lanes", counted)
-    estimate(record, progress=lambda *_: since.__setitem__(0, 0))
-    assert 0 < most[0] <= 64
+    long = np.concatenate([record] * (50_000 // len(record)))
+    estimate(long, progress=lambda *_: since.__setitem__(0, 0))
+    assert 0 < most[0] <= 80 * len(long)
 
 
 def test_a_likelihood_that_asks_for_momentum_is_not_contradicted_by_the_words():

@@ -12,7 +12,7 @@ from kalscope.analysis.fit.spikes import ALARM
 from kalscope.analysis.residual_tests import SPIKE, correlation, dot, low_frequency_share, normality
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.momentum.likelihood import concentrated
 
 MIN_SHARE = 0.04
 """Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
@@ -93,10 +93,10 @@ def find_structure(e: Array, lags: int) -> Structure | None:
 
 def find_free(record: Record) -> Free:
     """The best fits to a record, whatever the momentum of its filter."""
-    searched = [Samples.of(one) for one in record.searched()]
+    searched = list(record.searched())
     tau, moves = _best(searched, MOMENTA, LOG_MOVES)
     tau, moves = _best(searched, [tau * factor for factor in NEARER], moves + QUARTERS)
-    best, _ = Samples.of(record.data).concentrated(np.array([moves]), np.array([tau]))
+    best, _ = concentrated(record.data, np.array([moves]), np.array([tau]))
     walk, log_ratio = _best_walk(record.data)
     return Free(moves, tau, log_ratio, float(best[0]) - walk)
 
@@ -145,11 +145,13 @@ def calmed(e: Array) -> Array:
     return np.clip(e, -SPIKE * scale, SPIKE * scale)
 
 
-def _best(searched: list[Samples], momenta: tuple[float, ...] | list[float], moves: Array) -> tuple[float, float]:
+def _best(
+    searched: list[Differences], momenta: tuple[float, ...] | list[float], moves: Array
+) -> tuple[float, float]:
     """The momentum and ln(step variance / r) of the highest likelihood over all stretches."""
     tau = np.repeat(np.array(momenta), len(moves))
     grid = np.tile(moves, len(momenta))
-    total = np.sum([one.concentrated(grid, tau)[0] for one in searched], axis=0)
+    total = np.sum([concentrated(one, grid, tau)[0] for one in searched], axis=0)
     at = int(np.argmax(total))
     return float(tau[at]), float(grid[at])
 

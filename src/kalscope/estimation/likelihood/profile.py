@@ -9,6 +9,7 @@ search over ln λ finds both (scale concentrated out: Durbin & Koopman 2012, sec
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +48,26 @@ class Differences:
     def m(self) -> int:
         """Scored innovations."""
         return len(self.d)
+
+    @property
+    def span(self) -> float:
+        """Sample periods from the first sample to the last."""
+        return float(self.gap.sum()) if len(self.gap) else float(self.m)
+
+    def parts(self, stretches: Iterable[tuple[int, int]]) -> Differences:
+        """The record with only the samples from each first to before its stop; the others are missing."""
+        gap = self.gap if len(self.gap) else np.ones(self.m)
+        kept_d, kept_gap, last = list[Array](), list[Array](), -1
+        for first, stop in stretches:
+            if first < stop:
+                if last >= 0:
+                    kept_d.append(self.d[last:first].sum(keepdims=True))
+                    kept_gap.append(gap[last:first].sum(keepdims=True))
+                kept_d.append(self.d[first : stop - 1])
+                kept_gap.append(gap[first : stop - 1])
+                last = stop - 1
+        gap = np.concatenate(kept_gap)
+        return Differences(np.concatenate(kept_d), np.empty(0) if np.all(gap == 1.0) else gap, self.scale)
 
     def sums(self, ratios: Array) -> tuple[Array, Array]:
         """Σv²/f (in scale²) and Σln f for each λ ≥ 0, shape of `ratios`, in any order; r = 1."""

@@ -70,6 +70,13 @@ def find_peak(loglik: LogLik, grid: Array, at_infinity: float, progress: Progres
     return Peak(top, best, curvature, _interval(loglik, grid, values, (at_zero, at_infinity), top, best - DROP))
 
 
+def find_top_near(loglik: LogLik, log_ratio: float) -> Peak | None:
+    """The maximum within a step of `log_ratio`, without its interval; None where that is no inner maximum."""
+    (curve,) = _curves(loglik, [(log_ratio - STEP, log_ratio + STEP)])
+    at, best, curvature = _top(curve)
+    return Peak(at, best, curvature, (-math.inf, math.inf)) if abs(at - log_ratio) < 0.95 * STEP else None
+
+
 def _refine(loglik: LogLik, grid: Array, values: Array) -> tuple[float, float, float]:
     """The best inner maximum: ln λ, log-likelihood, curvature."""
     padded = np.concatenate([[-math.inf], values, [-math.inf]])

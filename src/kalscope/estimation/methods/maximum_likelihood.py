@@ -11,7 +11,7 @@ import numpy as np
 
 from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.likelihood.search import Peak, find_peak, grid_for
+from kalscope.estimation.likelihood.search import Peak, find_peak, find_top_near, grid_for
 from kalscope.estimation.methods.pair import Pair
 
 _DERIVATIVE_STEP = 1e-3
@@ -21,6 +21,12 @@ _DERIVATIVE_STEP = 1e-3
 def search(data: Differences, progress: Progress) -> Peak:
     """The peak of the concentrated likelihood over λ, with its 95 % interval."""
     return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], progress)
+
+
+def fit_near(data: Differences, ratio: float, progress: Progress) -> Pair:
+    """The pair of a record whose λ is probably near `ratio`: searched there first."""
+    peak = find_top_near(data.concentrated, math.log(ratio)) if 0.0 < ratio < math.inf else None
+    return fit(data, peak or search(data, progress))
 
 
 def fit(data: Differences, peak: Peak) -> Pair:

@@ -14,10 +14,11 @@ import numpy as np
 
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.methods import maximum_likelihood as ml
 from kalscope.estimation.momentum.free import params_at
-from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import Top, climb
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
@@ -52,45 +53,40 @@ class Choice:
         return self.gain > self.needed and self.error <= MAX_ERROR
 
 
-def choose(data: Samples, plain: float, top: Top, progress: Progress) -> Choice:
+def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> Choice:
     """Weigh momentum against the random walk.
 
     Args:
         data: the record.
-        plain: the log-likelihood of the best random walk.
+        plain: the best random walk.
         top: the best place of the likelihood with momentum.
         progress: receives progress reports.
     """
-    gain = 2.0 * (top.loglik - plain)
-    count = len(data.z)
+    gain = 2.0 * (top.loglik - float(plain.loglik))
+    count = data.m + 1
     needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
     if not gain > needed:
         return Choice(gain, needed, math.nan)
+    z = np.concatenate([[0.0], np.cumsum(data.d)])
     ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
     ratios: list[Array] = []
     for i, part in enumerate(itertools.pairwise(ends)):
-        ratios.append(_error_ratios(data, part, top, progress.part(i / FOLDS, (i + 1) / FOLDS)))
-    logs = np.log(np.concatenate(ratios))
+        others = data.parts([(0, part[0]), (part[1], count)])
+        if others.d.any():
+            now = progress.part(i / FOLDS, (i + 1) / FOLDS)
+            pair = ml.fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
+            q, r, tau = params_at(others, climb(others, top, now.part(0.2, 0.9)))
+            now(0.9, "prediction of unseen samples")
+            walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part)
+            moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part)
+            still = (walk == 0.0) | (moving == 0.0)
+            ratios.append(np.sqrt(moving[~still] / walk[~still]))
+    logs = np.log(np.concatenate([np.empty(0), *ratios]))
     return Choice(gain, needed, float(np.exp(logs.mean())) if len(logs) else math.nan)
 
 
-def _error_ratios(data: Samples, part: tuple[int, int], top: Top, progress: Progress) -> Array:
-    """One-step errors on stretches of one part, momentum over random walk, both fitted to the other parts."""
-    others = data.without(*part)
-    differences = others.differences()
-    if not differences.d.any():
-        return np.empty(0)
-    pair = ml.fit(differences, ml.search(differences, progress.part(0.0, 0.2)))
-    q, r, tau = params_at(others, climb(others, top, progress.part(0.2, 0.9)))
-    progress(0.9, "prediction of unseen samples")
-    walk = _squares(data, FilterParams(q=pair.q, r=pair.r), part)
-    moving = _squares(data, FilterParams(q=q, r=r, momentum=tau), part)
-    still = (walk == 0.0) | (moving == 0.0)
-    return np.sqrt(moving[~still] / walk[~still])
-
-
-def _squares(data: Samples, params: FilterParams, part: tuple[int, int]) -> Array:
+def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
     """Mean squared one-step error of each stretch of a part."""
-    dt = np.append(1.0, data.gap) if len(data.gap) else None
-    squares = kalman_filter(data.z, params, dt).innovation[max(part[0], 1) : part[1]] ** 2
+    dt = np.append(1.0, gap[: part[1] - 1]) if len(gap) else None
+    squares = kalman_filter(z[: part[1]], params, dt).innovation[max(part[0], 1) :] ** 2
     return np.array([float(np.mean(stretch)) for stretch in np.array_split(squares, _BLOCKS)])

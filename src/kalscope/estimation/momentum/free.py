@@ -9,18 +9,19 @@ from dataclasses import replace
 import numpy as np
 
 from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import DROP
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.given import fit_at
 from kalscope.estimation.momentum.interval import End, momentum_ends
-from kalscope.estimation.momentum.likelihood import Samples, pairs, ratio_of
+from kalscope.estimation.momentum.likelihood import concentrated, pairs, ratio_of
 from kalscope.estimation.momentum.search import Top
 
 _NORMAL = math.sqrt(2.0 * DROP)
 """Standard errors from the middle to the end of a 95 % interval, 1.96."""
 
 
-def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
+def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
     """The fit at the highest place of the likelihood, and how well the record determines it.
 
     Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
@@ -64,12 +65,12 @@ def _farthest(there: MomentumFit, end: tuple[float, float]) -> tuple[float, floa
     return math.exp(middle + math.copysign(size, shift)), there.tau * (end[1] / there.tau) ** share
 
 
-def params_at(data: Samples, top: Top | End) -> tuple[float, float, float]:
+def params_at(data: Differences, top: Top | End) -> tuple[float, float, float]:
     """q, r (both in scale²) and τ of a place of the likelihood."""
     tau = np.array([top.tau])
     moves = np.array([top.log_moves])
     q, r = pairs(moves, tau)
-    unit = float(data.concentrated(moves, tau)[1][0])
+    unit = float(concentrated(data, moves, tau)[1][0])
     return float(q[0]) * unit, float(r[0]) * unit, float(tau[0])
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
 
 from kalscope.common.progress import Progress
+from kalscope.estimation.likelihood.profile import Differences
 from kalscope.estimation.likelihood.search import DROP
-from kalscope.estimation.momentum.likelihood import Samples
+from kalscope.estimation.momentum.likelihood import concentrated
 from kalscope.estimation.momentum.search import HIGHEST, MIN_MOMENTUM, Top, momentum_of
 from kalscope.filtering.params import MAX_MOMENTUM
 
@@ -38,12 +39,12 @@ class End:
     """Whether the likelihood falls below the mark there; False at the border of what is searched."""
 
 
-def momentum_ends(data: Samples, top: Top, progress: Progress) -> tuple[End, End]:
+def momentum_ends(data: Differences, top: Top, progress: Progress) -> tuple[End, End]:
     """The lower and the upper end of the 95 % interval of τ."""
     return _end(data, top, -1.0, progress.part(0.0, 0.5)), _end(data, top, 1.0, progress.part(0.5, 1.0))
 
 
-def profile(data: Samples, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
+def profile(data: Differences, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
     """The highest log-likelihood of one τ, and its ln(step variance / r), searched from `log_moves` on."""
     nodes = chebyshev.chebpts1(_NODES)
     fine = np.linspace(-1.0, 1.0, 401)
@@ -52,7 +53,7 @@ def profile(data: Samples, log_tau: float, log_moves: float, progress: Progress)
     for moves in range(_MAX_MOVES):
         progress.step(moves, "interval of the momentum")
         middle = min(place, HIGHEST - _SIZE)
-        heights = data.concentrated(np.append(middle + _SIZE * nodes, math.inf), tau)[0]
+        heights = concentrated(data, np.append(middle + _SIZE * nodes, math.inf), tau)[0]
         at_edge = float(heights[-1])
         curve = Chebyshev.fit(nodes, heights[:-1], _NODES - 1, domain=[-1.0, 1.0])(fine)
         at = int(np.argmax(curve))
@@ -62,7 +63,7 @@ def profile(data: Samples, log_tau: float, log_moves: float, progress: Progress)
     return (at_edge, math.inf) if at_edge >= best - 1e-9 else (best, place)
 
 
-def _end(data: Samples, top: Top, side: float, progress: Progress) -> End:
+def _end(data: Differences, top: Top, side: float, progress: Progress) -> End:
     """Go outwards until the likelihood has fallen, then towards the mark; √drop is almost straight in ln τ."""
     border = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM)
     inside, moves, fallen = top.log_tau, top.log_moves, 0.0

@@ -8,7 +8,6 @@ noise: on that scale the likelihood of every τ has its maximum near the same pl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,62 +17,21 @@ from kalscope.estimation.momentum import kernels
 from kalscope.filtering.kernels import transition
 
 
-@dataclass(frozen=True)
-class Samples:
-    """One channel as input of the likelihood with momentum."""
+def moving_sums(data: Differences, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:
+    """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should be adjacent."""
+    k = len(q)
+    q, r, tau = (np.concatenate([part, np.full(-k % kernels.LANES, part[-1])]) for part in (q, r, tau))
+    chi2, logdet = np.empty_like(q), np.empty_like(q)
+    kernels.scan_lanes(data.d, data.gap, q, r, tau, chi2, logdet)
+    return chi2[:k], logdet[:k]
 
-    z: Array
-    """Finite samples less the first one, divided by `scale`, shape (m + 1,)."""
-    gap: Array
-    """Nominal sample periods before each but the first, shape (m,); empty = 1 each."""
-    scale: float
-    """A power of two, unit: dividing by it costs no digit."""
 
-    @property
-    def m(self) -> int:
-        """Scored innovations."""
-        return len(self.z) - 1
-
-    @staticmethod
-    def of(data: Differences) -> Samples:
-        """The samples whose differences are known."""
-        return Samples(np.concatenate([[0.0], np.cumsum(data.d)]), data.gap, data.scale)
-
-    @property
-    def span(self) -> float:
-        """Sample periods from the first sample to the last."""
-        return float(self.gap.sum()) if len(self.gap) else float(self.m)
-
-    def without(self, first: int, stop: int) -> Samples:
-        """The record with the samples from `first` to before `stop` missing."""
-        kept = np.r_[0:first, stop : len(self.z)]
-        times = np.arange(len(self.z), dtype=np.float64)
-        if len(self.gap):
-            times[1:] = np.cumsum(self.gap)
-        gap = np.diff(times[kept])
-        return Samples(self.z[kept] - self.z[kept[0]], np.empty(0) if np.all(gap == 1.0) else gap, self.scale)
-
-    def differences(self) -> Differences:
-        """The same record as the likelihood without momentum takes it."""
-        return Differences(np.diff(self.z), self.gap, self.scale)
-
-    def sums(self, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:
-        """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should be adjacent."""
-        k = len(q)
-        q, r, tau = (np.concatenate([part, np.full(-k % kernels.LANES, part[-1])]) for part in (q, r, tau))
-        chi2, logdet = np.empty_like(q), np.empty_like(q)
-        kernels.scan_lanes(self.z, self.gap, q, r, tau, chi2, logdet)
-        return chi2[:k], logdet[:k]
-
-    def concentrated(self, log_moves: Array, tau: Array) -> tuple[Array, Array]:
-        """Log-likelihood of each ln(variance of one step / r), ∓inf allowed, and its best scale, in scale²."""
-        chi2, logdet = self.sums(*pairs(log_moves, tau), tau)
-        unit = chi2 / self.m
-        with np.errstate(divide="ignore"):
-            log_unit = np.log(unit) + 2.0 * math.log(self.scale)
-        loglik = -0.5 * (self.m * (math.log(2.0 * math.pi) + 1.0 + log_unit) + logdet)
-        # Without noise two samples at one instant, s = 0, contradict each other.
-        return np.where(np.isnan(loglik), -math.inf, loglik), unit
+def concentrated(data: Differences, log_moves: Array, tau: Array) -> tuple[Array, Array]:
+    """Log-likelihood of each ln(variance of one step / r), ∓inf allowed, and its best scale, in scale²."""
+    chi2, logdet = moving_sums(data, *pairs(log_moves, tau), tau)
+    loglik = data.from_sums(chi2, logdet)
+    # Without noise two samples at one instant, s = 0, contradict each other.
+    return np.where(np.isnan(loglik), -math.inf, loglik), chi2 / data.m
 
 
 def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from kalscope.estimation.likelihood.profile import (
     profile_of,
     walk_profile,
 )
-from kalscope.estimation.momentum.likelihood import Samples, step_variance
+from kalscope.estimation.momentum.likelihood import moving_sums, step_variance
 from kalscope.filtering.params import FilterParams
 
 SPACING = float(DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0])
@@ -57,5 +57,5 @@ def _sums(data: Differences, grid: Array, tau: float, step: float) -> tuple[Arra
     """Σv²/f (in scale²) and Σln f with r = 1, computed with variances near 1 and scaled to that."""
     r = 1.0 / (1.0 + np.exp(grid + math.log(step)))
     q = 1.0 / (np.exp(-grid) + step)
-    chi2, logdet = Samples.of(data).sums(q, r, np.full(len(grid), tau))
+    chi2, logdet = moving_sums(data, q, r, np.full(len(grid), tau))
     return chi2 * r, logdet - data.m * np.log(r)

@@ -14,7 +14,6 @@ from kalscope.estimation.momentum.choice import Choice, choose
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.free import fit_around
 from kalscope.estimation.momentum.given import fit_at
-from kalscope.estimation.momentum.likelihood import Samples
 from kalscope.estimation.momentum.search import search
 from kalscope.estimation.result import USABLE, Estimate
 from kalscope.estimation.verdict import words as verdict_words
@@ -23,30 +22,30 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 
 
-def with_momentum(data: Differences, plain: Estimate, momentum: float | None, progress: Progress) -> Estimate:
-    """The estimate of one channel with momentum.
+def with_momentum(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
+    """The estimate of one channel with momentum, or `plain` where the record does not need it.
 
     Args:
         data: the record.
         plain: its estimate without momentum.
-        momentum: τ in sample periods, above 0; None = find it, and keep `plain` unless the record needs it.
         progress: receives progress reports.
     """
     if plain.verdict == "bad_unit":
         return plain
-    samples = Samples.of(data)
-    if momentum is not None:
-        found = fit_at(samples, momentum, progress)
-        return conclude(found, f"The momentum of {number(momentum)} samples was given.")
-    top = search(samples, progress.part(0.0, 0.4))
-    choice = choose(samples, float(plain.loglik), top, progress.part(0.4, 0.8))
+    top = search(data, progress.part(0.0, 0.4))
+    choice = choose(data, plain, top, progress.part(0.4, 0.8))
     if not choice.chosen:
         kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
         if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
             return kept
-        return _either(kept, conclude(fit_around(samples, top, progress.part(0.8, 1.0)), ""))
-    found = fit_around(samples, top, progress.part(0.8, 1.0))
+        return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
+    found = fit_around(data, top, progress.part(0.8, 1.0))
     return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
+
+
+def with_given_momentum(data: Differences, tau: float, progress: Progress) -> Estimate:
+    """The estimate of one channel with a momentum above 0, in sample periods."""
+    return conclude(fit_at(data, tau, progress), f"The momentum of {number(tau)} samples was given.")
 
 
 def _either(plain: Estimate, moving: Estimate) -> Estimate:

@@ -36,19 +36,16 @@ def fit_record(
 
 def channel_fit(
     method: str,
-    fit: Callable[[Differences, Progress], tuple[Pair, Peak]],
-    extend: Callable[[Differences, Estimate, Progress], Estimate] | None = None,
+    fit: Callable[[Differences, Progress], Estimate],
 ) -> Callable[[Array, Array, Progress], Estimate]:
-    """The fit of one channel, for `fit_record`: `fit` it if it passes the precheck, and `extend` its estimate."""
+    """The fit of one channel, for `fit_record`: `fit` it if it passes the precheck."""
 
     def whole(column: Array, steps: Array, progress: Progress) -> Estimate:
         data = _informative(differences(column, steps))
         verdict, message = _precheck(data, min(data.m + 1, int(np.isfinite(column).sum())))
         if verdict:
             return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message)
-        pair, peak = fit(data, progress.part(0.0, 1.0 if extend is None else 0.1))
-        one = conclude(method, data, pair, peak)
-        return one if extend is None else extend(data, one, progress.part(0.1, 1.0))
+        return fit(data, progress)
 
     return whole
 

@@ -51,14 +51,14 @@ def compare_methods(
     """
     others: dict[str, Estimate] = {}
 
-    def fit(data: Differences, progress: Progress) -> tuple[Pair, Peak]:
+    def fit(data: Differences, progress: Progress) -> Estimate:
         peak = ml.search(data, progress.part(0.0, 0.1))
         best, second = _opinions(data, peak, progress.part(0.1, 1.0))
         for one in second:
             others[one.method] = one
         found = disagreement([conclude("ml", data, best, peak), *second])
         reason = best.note or (_REASON if found else "")
-        return replace(best, note=f"{found} {reason}".strip()), peak
+        return conclude("ml", data, replace(best, note=f"{found} {reason}".strip()), peak)
 
     first = fit_record(z, dt, Progress(progress, cancelled), above_rounding(channel_fit("ml", fit)))
     return first, *(others.get(method) or replace(first, method=method) for method in METHODS[1:])
