@@ -45,6 +45,8 @@ _MAX_PEAKS = 3
 """Local maxima of the table to examine."""
 _MAX_MOVES = 12
 """Moves of a patch of one size."""
+_FAR_FROM_EDGE = 1e4
+"""Samples times (r / step variance)², about what r = 0 loses in log-likelihood, from which it is not tried again."""
 _NODES_EDGE = 8
 """Points of a curve along ln τ where r = 0."""
 _SIZES_EDGE = 0.7, 0.2, 0.05
@@ -120,6 +122,8 @@ def climb(data: Differences, start: Top, progress: Progress) -> Top:
         inner = _move(data, inner.log_tau, inner.log_moves, _SIZES[2], progress.part(0.1, 0.8))
     else:
         inner = _climb(data, [near], progress.part(0.1, 0.8))
+    if data.m * math.exp(-2.0 * inner.log_moves) > _FAR_FROM_EDGE:
+        return inner
     return _without_noise(data, start.log_tau, _SIZES_EDGE[0], inner, progress.part(0.8, 1.0))
 
 
