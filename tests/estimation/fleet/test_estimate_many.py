@@ -11,12 +11,12 @@ from each import each
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
 from kalscope.estimation import known
 from kalscope.estimation.fleet.many import estimate_many as estimate_many_module
-from kalscope.estimation.fleet.many import fit_kernels, search_kernels, spike_kernels
+from kalscope.estimation.fleet.many import fit_kernels, search_kernels
 from kalscope.estimation.fleet.many.plain import pair_intervals
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.many.table import VERDICTS
 from kalscope.estimation.likelihood import search
-from kalscope.estimation.robust import spikes
+from kalscope.estimation.robust.kernels import suspect_each
 from kalscope.estimation.verdict import conclude, words
 
 NAN = np.nan
@@ -188,9 +188,7 @@ def test_few_series_without_spikes_are_looked_at_twice():
     rows = np.stack([walk(seed, 400, 0.05) for seed in range(300)])
     many, table = series_of(rows, None), estimate_many(rows, robust=False)
     suspect = np.empty(300, np.bool_)
-    spike_kernels.suspect_each(
-        many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect
-    )
+    suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect)
     assert suspect.sum() <= 6
 
 
@@ -298,9 +296,5 @@ def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
     assert fit_kernels.MIN_VARIANCE == conclude.MIN_VARIANCE
     assert (fit_kernels.MIN_CHANGES, fit_kernels.MAX_CHANGING) == (known._MIN_CHANGES, known._MAX_CHANGING)
     assert fit_kernels.MAX_FACTOR == known._MAX_FACTOR
-    names = ("SIGMAS", "SIDE_SIGMAS", "LONGEST", "START_SIGMAS", "WINDOW", "FALSE_ALARM")
-    for name in (*names, "NEAR", "MOST", "VERY_LIVELY", "CROWDED", "MIN_RUNS"):
-        assert getattr(spike_kernels, name) == getattr(spikes, name)
-    assert (spike_kernels.NORMAL, spike_kernels.EQUAL_SHARE) == (spikes._NORMAL, spikes._EQUAL_SHARE)
     assert VERDICTS[fit_kernels.NO_MOVEMENT] == "no_movement"
     assert VERDICTS[fit_kernels.BAD_STEPS] == "bad_steps"

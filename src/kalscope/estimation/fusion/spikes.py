@@ -9,7 +9,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Mask
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.robust.spikes import SIGMAS
+from kalscope.estimation.robust.kernels import SIGMAS
 from kalscope.filtering.filter import fuse, smooth
 from kalscope.filtering.params import FilterParams
 

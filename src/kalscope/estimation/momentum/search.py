@@ -46,7 +46,7 @@ _MAX_PEAKS = 3
 _MAX_MOVES = 12
 """Moves of a patch of one size."""
 _FAR_FROM_EDGE = 1e4
-"""Samples times (r / step variance)², about what r = 0 loses in log-likelihood, from which it is not tried again."""
+"""Samples times (r / step variance)², about the loss of log-likelihood by r = 0, from which that is not tried."""
 _NODES_EDGE = 8
 """Points of a curve along ln τ where r = 0."""
 _SIZES_EDGE = 0.7, 0.2, 0.05

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust import words
 from kalscope.estimation.robust.gate import advised_gate
-from kalscope.estimation.robust.spikes import SIGMAS, Mask, far_from_median, more_than_chance, unpredicted
+from kalscope.estimation.robust.kernels import SIGMAS
+from kalscope.estimation.robust.spikes import far_from_median, more_than_chance, unpredicted
 from kalscope.estimation.robust.truncation import kept_variance
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
@@ -77,10 +78,10 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
         plain = full(z, steps, progress.part(0.0, 0.3))
         if plain.verdict in _NOTHING_TO_JUDGE:
             return plain
-        start = far_from_median(z)
-        if always is None and not (start.looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
+        far, looks_spiky = far_from_median(z)
+        if always is None and not (looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
             return plain
-        found = _settle(z, steps, plain, full, with_momentum, start.far, progress.part(0.3, 0.95))
+        found = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
         if always is None and not more_than_chance(np.where(found.away, found.scores, 0.0), z):
             return plain
         answer = _conclude(z, steps, plain, found)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.estimation.robust.spikes import SIGMAS, Mask
+from kalscope.common.array import Array, Mask
+from kalscope.estimation.robust.kernels import SIGMAS
 from kalscope.filtering.filter import denoise, smooth
 from kalscope.filtering.params import FilterParams
 

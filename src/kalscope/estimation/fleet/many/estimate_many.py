@@ -18,11 +18,11 @@ from kalscope.estimation.fleet.many import fit_kernels as kernels
 from kalscope.estimation.fleet.many.plain import fit_plain, pair_intervals
 from kalscope.estimation.fleet.many.series import Series, above_zero_each, series_of
 from kalscope.estimation.fleet.many.spike_free import spike_free
-from kalscope.estimation.fleet.many.spike_kernels import suspect_each
 from kalscope.estimation.fleet.many.table import VERDICTS, EstimateTable
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, may_be_below_resolution
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.robust.fit import checked_robust
+from kalscope.estimation.robust.kernels import suspect_each
 
 _AT_ONCE = 4_000_000
 """Samples of one compiled call, a fraction of a second; progress and cancellation are handled between two."""

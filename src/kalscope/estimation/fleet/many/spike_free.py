@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array, Mask
-from kalscope.estimation.fleet.many import spike_kernels as kernels
 from kalscope.estimation.fleet.many.series import Series
+from kalscope.estimation.robust import kernels
 from kalscope.estimation.robust.fit import MAX_FITS
 from kalscope.estimation.robust.spikes import more_than_chance
 
