@@ -129,7 +129,7 @@ def set_step(gap: float, tau: Array, lanes: Array) -> None:
         lanes[A + j], lanes[B + j], lanes[C + j] = over[2] * q, over[3] * q, over[4] * q
 
 
-@compiled(inline="always")
+@compiled(forceinline=True)
 def lane_at(lanes: Array, j: int) -> Lane:
     """The state of one lane."""
     return (
@@ -138,14 +138,14 @@ def lane_at(lanes: Array, j: int) -> Lane:
     )  # fmt: skip
 
 
-@compiled(inline="always")
+@compiled(forceinline=True)
 def put_lane(lanes: Array, j: int, lane: Lane) -> None:
     """Store the state of one lane."""
     lanes[V + j], lanes[U + j], lanes[P + j], lanes[G + j] = lane[0], lane[1], lane[2], lane[3]
     lanes[W + j], lanes[KEPT + j], lanes[SUM + j], lanes[PRODUCT + j] = lane[4], lane[5], lane[6], lane[7]
 
 
-@compiled(inline="always", error_model="numpy", fastmath={"contract"})
+@compiled(forceinline=True, error_model="numpy", fastmath={"contract"})
 def advance_lane(d: float, r: float, over: tuple[float, float, float, float, float], lane: Lane) -> Lane:
     """One difference of one lane."""
     e, f, a, b, c = over
@@ -189,7 +189,7 @@ def advance_block(d: Array, lanes: Array) -> None:
         put_lane(lanes, j, advance_lane(d3, r, over, lane))
 
 
-@compiled(inline="always")
+@compiled(forceinline=True)
 def fold(lanes: Array, logdet: Array) -> None:
     """Take the logarithm of the products that have grown or shrunk far."""
     within = True
@@ -262,7 +262,7 @@ def run_settled(d: Array, kept: Array) -> None:
             kept[V + j], kept[U + j], kept[SUM + j] = v, y, total
 
 
-@compiled(inline="always", error_model="numpy", fastmath={"contract"})
+@compiled(forceinline=True, error_model="numpy", fastmath={"contract"})
 def settled_lane(
     d: float, a: float, b: float, e: float, f: float, v: float, y: float, total: float
 ) -> tuple[float, float, float]:
