@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kalscope.analysis.fit.run import Run
 from kalscope.common.array import Array
 from kalscope.estimation.likelihood.profile import Differences, differences
-from kalscope.estimation.momentum.likelihood import Samples, step_variance
+from kalscope.estimation.momentum.likelihood import concentrated, moving_sums, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -103,7 +103,7 @@ class Record:
         ratios = np.exp(log_ratios) / variance_of_step(self.momentum)
         if self.momentum:
             ones = np.ones(len(ratios))
-            chi2, logdet = Samples.of(self.data).sums(ratios, ones, self.momentum * ones)
+            chi2, logdet = moving_sums(self.data, ratios, ones, self.momentum * ones)
         else:
             chi2, logdet = self.data.sums(ratios)
         return chi2 * min(self.data.scale, MAX_SCALE) ** 2, logdet
@@ -112,7 +112,7 @@ class Record:
         """Log-likelihood at r = 0 with the best q; −inf where that is impossible."""
         if not self.momentum:
             return self.data.random_walk()[0]
-        return float(Samples.of(self.data).concentrated(np.array([math.inf]), np.array([self.momentum]))[0][0])
+        return float(concentrated(self.data, np.array([math.inf]), np.array([self.momentum]))[0][0])
 
     def residuals(self, log_ratio: float, momentum: float) -> Array:
         """Standardised innovations at ln(step variance / r), size 1, shape (n,); NaN where none was scored."""
