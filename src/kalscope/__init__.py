@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from kalscope.sources.readers.recording_file import read_recording
     from kalscope.sources.samples import list_samples
     from kalscope.sources.synthetic import synthesize
-    from kalscope.tuning.fusion import FusionTuning
     from kalscope.tuning.tuning import ChannelTuning, Tuning
     from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
@@ -72,7 +71,6 @@ __all__ = [
     "FilterParams",
     "FilterResult",
     "FusionEstimate",
-    "FusionTuning",
     "FusionVerdict",
     "KalmanFilter",
     "KalscopeError",
@@ -146,7 +144,6 @@ _NAMES = {
     "sources.readers.recording_file": "read_recording",
     "sources.samples": "list_samples",
     "sources.synthetic": "synthesize",
-    "tuning.fusion": "FusionTuning",
     "tuning.tuning": "ChannelTuning Tuning",
     "tuning.tuning_file": "load_tuning save_tuning",
 }

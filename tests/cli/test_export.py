@@ -13,7 +13,7 @@ import time
 import pytest
 from waiting import wait_until
 
-from kalscope import BadSetting, ChannelTuning, FusionTuning, Tuning, export_tuning, load_tuning, save_tuning
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
 from kalscope.cli.export import CHOICES
 from kalscope.export.registry import TARGETS
@@ -52,7 +52,7 @@ def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
 
 
 def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd):
-    path, fusion = tmp_path / "tuning.toml", FusionTuning("level", "cm", ("a", "b"), 0.01, (4.0, 9.0))
+    path, fusion = tmp_path / "tuning.toml", ChannelTuning("level", "cm", 0.01, (4.0, 9.0), sensors=("a", "b"))
     channels = (ChannelTuning("a", "cm", 0.01, 0.25), ChannelTuning("b", "cm", 0.02, 0.25))
     save_tuning(Tuning(channels, sample_period=0.01, fusion=fusion), path)
     tuning = load_tuning(path)

@@ -18,7 +18,6 @@ from kalscope.cli.filter.line_filter import LineFilter
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
@@ -26,7 +25,7 @@ Captured = pytest.CaptureFixture[str]
 
 WALK = "synthetic:random_walk?n=1200&sigmas=0.5,1,2&offsets=0.3,0.0,-0.3&every=1,2,5&period=1&seed=7"
 SOURCE = "synthetic:random_walk?n=400&sigmas=0.5,1,2&offsets=0.3,0.0,-0.3&every=1,2,5&drop_outs=0.1&seed=7"
-FUSION = FusionTuning("level", "", ("a", "b", "c"), 0.002, (0.25, 1.0, 4.0), (0.3, 0.0, -0.3))
+FUSION = ChannelTuning("level", "", 0.002, (0.25, 1.0, 4.0), sensors=("a", "b", "c"), offset=(0.3, 0.0, -0.3))
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from board import FLAT_OUT, read_lines
 
-from kalscope import ChannelTuning, FusionTuning, Tuning, export_tuning
+from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.device_limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
 
@@ -27,10 +27,17 @@ def saved(folder, fusion):
 
 
 def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, workshop, tmp_path):
-    fusion = FusionTuning(
-        "level", "", ("a", "b", "c"), 4.0, (90.0, 25.0, 400.0), (0.0, 12.5, -30.0), (1.0, 1.05, 0.9),
-        gate=9.0, momentum=20.0,
-    )  # fmt: skip
+    fusion = ChannelTuning(
+        "level",
+        "",
+        4.0,
+        (90.0, 25.0, 400.0),
+        sensors=("a", "b", "c"),
+        offset=(0.0, 12.5, -30.0),
+        gain=(1.0, 1.05, 0.9),
+        gate=9.0,
+        momentum=20.0,
+    )
     rng = np.random.default_rng(5)
     x = 500.0 + 200.0 * np.sin(np.arange(700) / 60.0)
     counts = np.array(fusion.offset) + np.array(fusion.gain) * x[:, None] + rng.normal(size=(700, 3)) * 8.0
@@ -76,7 +83,7 @@ void loop() {}
     ids=["five lines", "momentum and gains"],
 )
 def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, gain, cost):
-    plain = FusionTuning("level", "", ("a", "b", "c"), 0.5, (9.0, 18.0, 27.0), momentum=momentum)
+    plain = ChannelTuning("level", "", 0.5, (9.0, 18.0, 27.0), sensors=("a", "b", "c"), momentum=momentum)
     firmware = workshop.sketch(saved(tmp_path, plain))
     assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
     assert firmware.ram == pytest.approx(cost.ram, rel=0.05)

@@ -11,7 +11,7 @@ import pytest
 from processor import PROCESSORS, Processor
 from required import not_here
 
-from kalscope import FusionTuning
+from kalscope import ChannelTuning
 from kalscope.export.board.chain import filter_channel_float32
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
@@ -19,7 +19,6 @@ from kalscope.export.job import ExportJob, FusionJob
 from kalscope.export.targets import arduino, c, fixed_gains
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
-from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
 CHANNELS = (
@@ -39,10 +38,17 @@ CHAINS = (
     ChannelTuning("smooth", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.1))),
     CHANNELS[1],
 )
-FUSION = FusionTuning(
-    "level", "V", ("a", "b", "c"), 4.0, (90.0, 25.0, 400.0), (0.0, 12.5, -30.0), (1.0, 1.05, 0.9),
-    gate=9.0, momentum=20.0,
-)  # fmt: skip
+FUSION = ChannelTuning(
+    "level",
+    "V",
+    4.0,
+    (90.0, 25.0, 400.0),
+    sensors=("a", "b", "c"),
+    offset=(0.0, 12.5, -30.0),
+    gain=(1.0, 1.05, 0.9),
+    gate=9.0,
+    momentum=20.0,
+)
 DOCS = Path(__file__).parents[2] / "docs/boards/devices.md"
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import ChannelTuning, FilterParams, FusionTuning, Tuning
+from kalscope import ChannelTuning, FilterParams, Tuning
 from kalscope.errors import BadSetting
 from kalscope.export.device_limits import (
     UNO,
@@ -86,7 +86,7 @@ def test_what_is_no_period_or_level_is_refused():
 
 
 def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_time_that_of_its_sensors():
-    fusion = FusionTuning("level", "", ("a", "b"), 0.01, (4.0, 9.0))
+    fusion = ChannelTuning("level", "", 0.01, (4.0, 9.0), sensors=("a", "b"))
     assert fusion_limits(fusion, levels=(1023.0, 1023.0)) == ()
     (limit,) = fusion_limits(replace(fusion, q=1e-60), levels=(1.0, 1.0))
     assert limit.message.startswith("q must fit float32")
@@ -123,7 +123,7 @@ def test_chains_are_told_their_own_time_and_what_float32_cannot_hold_of_them():
 
 
 def test_the_notes_of_a_fusion_take_the_level_of_each_sensor_and_its_own_unit():
-    fusion = FusionTuning("level", "cm", ("a", "b"), 1e-9, (4.0, 9.0), gain=(1.0, 0.5))
+    fusion = ChannelTuning("level", "cm", 1e-9, (4.0, 9.0), sensors=("a", "b"), gain=(1.0, 0.5))
     tuning = Tuning((ChannelTuning("a", "V", 0.1, 1.0),), fusion=fusion)
     first, second = limits_of(tuning, None, "arduino", {"a": 3.0, "b": 600.0}.__getitem__)
     assert "at 1200," in first

@@ -15,16 +15,13 @@ from kalscope.errors import BadSetting
 from kalscope.export.filtered_csv import (
     ROWS_PER_CHUNK,
     csv_header,
-    filtered_csv,
     filtered_csv_chunks,
-    fused_csv_chunks,
 )
 from kalscope.filtering.filter import fuse, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.fusion import FusionTuning
-from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning import ChannelTuning
 
 PARAMS = FilterParams(q=1e-3, r=1.0)
 NAN = math.nan
@@ -34,6 +31,14 @@ def recording(values: object, names: tuple[str, ...] = ("a",), period: float = 0
     table = np.array(values, dtype=float)
     table = table.reshape(len(table), len(names))
     return Recording(np.arange(len(table), dtype=np.float64) * period, names, ("",) * len(names), table, period)
+
+
+def tunings(params: dict[str, FilterParams]) -> list[ChannelTuning]:
+    return [ChannelTuning.of_params(name, "", one, "by hand") for name, one in params.items()]
+
+
+def filtered_csv(source: Recording, params: dict[str, FilterParams]) -> str:
+    return "".join(filtered_csv_chunks(source, tunings(params)))
 
 
 def rows(text: str) -> list[list[str]]:
@@ -85,7 +90,7 @@ def test_every_number_comes_back_bit_for_bit(samples: list[float]) -> None:
 def test_pieces_join_without_a_seam() -> None:
     n = 2 * ROWS_PER_CHUNK + 1
     source = recording(np.random.default_rng(5).normal(size=n))
-    pieces = list(filtered_csv_chunks(source, {"a": PARAMS}))
+    pieces = list(filtered_csv_chunks(source, tunings({"a": PARAMS})))
     assert len(pieces) == 4
     table = np.loadtxt(io.StringIO("".join(pieces)), delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 2], kalman_filter(source.channel("a"), PARAMS).x)
@@ -206,14 +211,14 @@ def test_the_order_is_the_recordings_and_channels_without_a_filter_are_left_out(
 def test_a_tuning_gives_each_channel_its_own_filter() -> None:
     source = recording([[1.0, 1.0], [2.0, 2.0]], ("a", "b"))
     b = ChannelTuning("b", "", 0.0, 1.0, p0=1.0, x0=0.0)
-    table = rows(filtered_csv(source, Tuning((ChannelTuning("a", "", 1.0, 0.0), b))))
+    table = rows("".join(filtered_csv_chunks(source, [ChannelTuning("a", "", 1.0, 0.0), b])))
     assert [row[2] for row in table[1:]] == ["1.0", "2.0"]
     assert [row[5] for row in table[1:]] == ["0.5", "1.0"]
 
 
 def test_an_unknown_channel_is_refused_before_any_text() -> None:
     with pytest.raises(BadSetting, match=r"one of a \(got 'z'\)"):
-        filtered_csv_chunks(recording([1.0]), {"z": PARAMS})
+        filtered_csv_chunks(recording([1.0]), tunings({"z": PARAMS}))
 
 
 def test_an_empty_recording_is_a_header() -> None:
@@ -228,8 +233,8 @@ def test_every_row_of_a_long_recording_is_written() -> None:
 
 def test_fused_sensors_have_harmless_distinct_names_and_reopen(tmp_path: Path) -> None:
     source = recording([[1.0, NAN], [NAN, 5.0], [2.0, 4.0]], ("time", "=x"))
-    fusion = FusionTuning("time", "", ("=x", "time"), 0.5, (1.0, 2.0), momentum=3.0)
-    text = "".join(fused_csv_chunks(source, fusion))
+    fusion = ChannelTuning("time", "", 0.5, (1.0, 2.0), sensors=("=x", "time"), momentum=3.0)
+    text = "".join(filtered_csv_chunks(source, [fusion]))
     header, *table = rows(text)
     assert header == ["time", "'=x", "time_2", "time_3", "time_3_variance", "time_3_velocity_per_s"]
     result = fuse(source.values[:, [1, 0]], fusion.params)
@@ -241,4 +246,4 @@ def test_fused_sensors_have_harmless_distinct_names_and_reopen(tmp_path: Path) -
     path.write_text(text, encoding="utf-8", newline="")
     np.testing.assert_array_equal(read_recording(path).channel("time_3"), result.x)
     with pytest.raises(BadSetting, match="channel must be one of"):
-        fused_csv_chunks(source, FusionTuning("f", "", ("a", "b"), 0.5, (1.0, 2.0)))
+        filtered_csv_chunks(source, [ChannelTuning("f", "", 0.5, (1.0, 2.0), sensors=("a", "b"))])

@@ -12,16 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile, BadSetting
+from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
 from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, tunings_for_stdin
+from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.toml_text import FORMATS, updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
 
-FUSED = FusionTuning(
+FUSED = ChannelTuning(
     name="level",
     unit="cm",
     sensors=("sonar", "float # 2"),
@@ -45,17 +45,19 @@ gains = st.floats(1e-3, 1e3) | st.floats(-1e3, -1e-3)
 
 
 @st.composite
-def fusions(draw: st.DrawFn) -> FusionTuning:
+def fusions(draw: st.DrawFn) -> ChannelTuning:
     sensors = draw(st.lists(st.text(max_size=20), min_size=1, max_size=4, unique=True))
-    each = [tuple(draw(values) for _ in sensors) for values in (noises, offsets, gains)]
+    r, offset, gain = (tuple(draw(values) for _ in sensors) for values in (noises, offsets, gains))
     p0 = draw(st.none() | positive)
     x0 = None if p0 is None else draw(st.none() | estimates)
     gate, momentum = draw(st.none() | positive), draw(st.floats(0.0, MAX_MOMENTUM))
     name, unit, how = (draw(st.text(max_size=20)) for _ in range(3))
-    return FusionTuning(name, unit, tuple(sensors), draw(positive), *each, p0, x0, gate, momentum, how)
+    return ChannelTuning(
+        name, unit, draw(positive), r, p0, x0, how, gate, momentum, None, tuple(sensors), offset, gain
+    )
 
 
-def bits(fusion: FusionTuning) -> list[str]:
+def bits(fusion: ChannelTuning) -> list[str]:
     """Every float, sign of zero included."""
     one = (fusion.q, fusion.p0, fusion.x0, fusion.gate, fusion.momentum)
     values = (*one, *fusion.r, *fusion.offset, *fusion.gain)
@@ -66,17 +68,19 @@ def bits(fusion: FusionTuning) -> list[str]:
 
 
 def test_what_is_left_out_is_zero_one_and_automatic() -> None:
-    plain = FusionTuning("level", "cm", ("a", "b"), 0.1, (1.0, 2.0))
+    plain = ChannelTuning("level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"))
     assert (plain.offset, plain.gain) == ((0.0, 0.0), (1.0, 1.0))
-    assert plain == FusionTuning("level", "cm", ("a", "b"), 0.1, (1.0, 2.0), (0.0, 0.0), (1.0, 1.0))
+    assert plain == ChannelTuning(
+        "level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"), offset=(0.0, 0.0), gain=(1.0, 1.0)
+    )
     np.testing.assert_array_equal(plain.params.r, [1.0, 2.0])
     assert (plain.params.p0, plain.params.x0, plain.params.gate, plain.params.momentum) == (None, None, None, 0.0)
 
 
 def test_arrays_become_numbers() -> None:
-    made = FusionTuning("level", "", ("a", "b"), np.float64(0.1), np.array([1.0, 2.0]))  # type: ignore[arg-type]
+    made = ChannelTuning("level", "", np.float64(0.1), np.array([1.0, 2.0]), sensors=("a", "b"))  # type: ignore[arg-type]
     assert (made.r, type(made.q), type(made.r[0])) == ((1.0, 2.0), float, float)
-    assert hash(made) == hash(FusionTuning("level", "", ("a", "b"), 0.1, (1.0, 2.0)))
+    assert hash(made) == hash(ChannelTuning("level", "", 0.1, (1.0, 2.0), sensors=("a", "b")))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +88,8 @@ def test_arrays_become_numbers() -> None:
     [
         ({"sensors": ("a", "a")}, r"sensors of a fusion must have distinct names \(got \['a', 'a'\]\)"),
         ({"sensors": ("a",)}, r"one value per sensor \(got 2 for 1 sensors\)"),
-        ({"sensors": ()}, "one value per sensor"),
+        ({"sensors": ()}, "^r of a channel must be one number"),
+        ({"chain": Chain(3)}, "^a chain filters one channel"),
         ({"r": (0.0, 0.0)}, "^at most one r may be 0"),
         ({"r": (1.0, 2.0, 3.0)}, "value per sensor"),
         ({"r": (1.0, -1.0)}, "^r must"),
@@ -142,8 +147,8 @@ def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -
     assert found["sonar"].q == 0.125
     assert "momentum" not in " ".join(notes)
     save_tuning(long, tmp_path / "t.toml")
-    params, _ = tunings_for_stdin(tmp_path / "t.toml", {}, None, 0.005)
-    assert [one.q for one in params] == [0.125, 0.1]
+    params, _ = filters_for_stdin(tmp_path / "t.toml", {}, "sonar", None, 0.005)
+    assert [one.q for one in params] == [0.125]
 
 
 # ---- the file
@@ -151,7 +156,7 @@ def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -
 
 @pytest.mark.slow
 @given(fusions())
-def test_a_fusion_comes_back_from_its_text_bit_for_bit_and_over_any_other(fusion: FusionTuning) -> None:
+def test_a_fusion_comes_back_from_its_text_bit_for_bit_and_over_any_other(fusion: ChannelTuning) -> None:
     from kalscope.tuning.tuning_file import _plain
 
     tuning = replace(BOTH, fusion=fusion)
@@ -209,7 +214,9 @@ def test_saving_over_an_annotated_fusion_keeps_comments_and_keys_until_it_goes(t
         tuple(f"q = {q} # process-noise variance added per sample, unit²" for q in (0.25, 0.5)),
         tuple(f"r = {r} # measurement-noise variance, unit²" for r in (0.09, 0.08)),
     ]
-    turned = FusionTuning("level", "cm", FUSED.sensors[::-1], 0.5, (0.08, 4.0), (-1.5, 0.0), (1.02, 1.0))
+    turned = ChannelTuning(
+        "level", "cm", 0.5, (0.08, 4.0), sensors=FUSED.sensors[::-1], offset=(-1.5, 0.0), gain=(1.02, 1.0)
+    )
     save_tuning(replace(BOTH, fusion=turned), path)
     assert load_tuning(path).fusion == turned
     assert "# bought 2019" in path.read_text("utf-8")
@@ -228,7 +235,7 @@ SENSOR = '[[fusion.sensors]]\nname = "a"\nr = 1'
 
 
 def test_offset_gain_and_starts_may_be_left_out() -> None:
-    assert loads(fused(SENSOR)).fusion == FusionTuning("x", "", ("a",), 1.0, (1.0,), how="")
+    assert loads(fused(SENSOR)).fusion == ChannelTuning("x", "", 1.0, (1.0,), sensors=("a",), how="")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, tunings_for_stdin, with_momentum
+from kalscope.tuning.choose import adapt_tuning, filters_for_stdin, with_momentum
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
@@ -542,7 +542,7 @@ def test_only_the_channels_that_are_used_are_rescaled(tmp_path: Path) -> None:
         assert "momentum" not in " ".join(notes)
     path = tmp_path / "tuning.toml"
     save_tuning(tuning, path)
-    (params,), notes = tunings_for_stdin(path, {}, "fast", 0.01)
+    (params,), notes = filters_for_stdin(path, {}, "fast", None, 0.01)
     assert (params.q, "momentum" in " ".join(notes)) == (0.005, False)
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 if TYPE_CHECKING:
@@ -30,9 +29,9 @@ MAX_SENSORS = 8
 class Fusion:
     """The filter that was found for several sensors, and which of them take part."""
 
-    tuning: FusionTuning
+    tuning: ChannelTuning
     """Of all sensors."""
-    start: FusionTuning
+    start: ChannelTuning
     """What it was when the sensors were fused; Reset goes back there."""
     dropped: frozenset[str] = frozenset()
     """Sensors that take no part."""
@@ -40,7 +39,7 @@ class Fusion:
     """What the search found about them; None where the filter comes from a file."""
 
     @cached_property
-    def used(self) -> FusionTuning:
+    def used(self) -> ChannelTuning:
         """The filter of the sensors that take part."""
         return self._of_used(self.tuning)
 
@@ -52,12 +51,12 @@ class Fusion:
     @cached_property
     def as_channel(self) -> ChannelTuning:
         """The filter of one channel that it equals while all sensors in use answer."""
-        return _as_channel(self.used)
+        return self.used.as_channel
 
     @cached_property
     def start_as_channel(self) -> ChannelTuning:
         """The same of its starting values."""
-        return _as_channel(self._of_used(self.start))
+        return self._of_used(self.start).as_channel
 
     @property
     def reset(self) -> Fusion:
@@ -106,20 +105,8 @@ class Fusion:
             raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
         return replace(self, dropped=dropped)
 
-    def _of_used(self, tuning: FusionTuning) -> FusionTuning:
-        kept = [i for i, name in enumerate(tuning.sensors) if name not in self.dropped]
-        of_each = {
-            name: tuple(getattr(tuning, name)[i] for i in kept) for name in ("sensors", "r", "offset", "gain")
-        }
-        return replace(tuning, **of_each) if self.dropped else tuning
-
-
-def _as_channel(tuning: FusionTuning) -> ChannelTuning:
-    one = tuning.params.as_single
-    r = min(float(one.r), MAX_VARIANCE)
-    return ChannelTuning(
-        tuning.name, tuning.unit, tuning.q, r, tuning.p0, tuning.x0, tuning.how, tuning.gate, tuning.momentum
-    )
+    def _of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+        return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
 
 
 def name_of_fused(recording: Recording) -> str:

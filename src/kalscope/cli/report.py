@@ -94,9 +94,9 @@ def _kind_of(output: Path) -> str:
 def _of_fusion(recording: Recording, tuning: Tuning, config: Path) -> tuple[Report, list[str]]:
     """The page on the sensors that the tuning fuses, and notes on the choice of the filter."""
     from kalscope.export.report.fusion import make_fusion_report
-    from kalscope.tuning.choose_fusion import FusionGiven, fusion_for
+    from kalscope.tuning.choose import filters_for
 
-    fusion, notes = fusion_for(recording, config, FusionGiven())
+    (fusion,), notes = filters_for(recording, config, {})
     return make_fusion_report(recording, tuning, fusion, config=str(config)), notes
 
 

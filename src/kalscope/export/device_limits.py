@@ -26,8 +26,7 @@ from kalscope.filtering.classic.stages import (
 )
 from kalscope.filtering.params import FilterParams, require_one_sensor
 from kalscope.filtering.steady_state import steady_state
-from kalscope.tuning.fusion import FusionTuning
-from kalscope.tuning.tuning import ChannelTuning, Tuned
+from kalscope.tuning.tuning import ChannelTuning
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def update_us(channel: ChannelTuning, beside: Iterable[ChannelTuning] = ()) -> f
 
 
 def fusion_limits(
-    fusion: FusionTuning, *, levels: Sequence[float], sample_period: float | None = None
+    fusion: ChannelTuning, *, levels: Sequence[float], sample_period: float | None = None
 ) -> tuple[DeviceLimit, ...]:
     """The limits of a fusion on a board that computes in float32.
 
@@ -190,14 +189,14 @@ def fusion_limits(
     return tuple(limit for limit in found if limit is not None)
 
 
-def fusion_us(fusion: FusionTuning) -> float:
+def fusion_us(fusion: ChannelTuning) -> float:
     """Time of one update of a fusion, all sensors, on an Uno, µs."""
     cost = UNO_FUSION_WITH_MOMENTUM if fusion.momentum else UNO_FUSION
-    each = cost.update_us + (UNO_GAIN_US if any(gain != 1.0 for gain in fusion.gain) else 0)
+    each = cost.update_us + (UNO_GAIN_US if fusion.has_gains else 0)
     return len(fusion.sensors) * each + (UNO_FUSION_PREDICT_US if fusion.momentum else 0)
 
 
-def not_in_counts(channels: Iterable[Tuned]) -> list[Tuned]:
+def not_in_counts(channels: Iterable[ChannelTuning]) -> list[ChannelTuning]:
     """The filters in a unit such as g or V, which analogRead() does not return; an unknown unit may be counts."""
     return [one for one in channels if one.unit and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", one.unit.lower()))]
 
@@ -267,7 +266,7 @@ def _time(filtering_us: float, sample_period: float | None, channels: int, then:
     return _too_slow(filtering_us + channels * UNO_READ_US, f"filter {all_of_them}", sample_period, then)
 
 
-def _fusion_time(fusion: FusionTuning, sample_period: float | None) -> DeviceLimit | None:
+def _fusion_time(fusion: ChannelTuning, sample_period: float | None) -> DeviceLimit | None:
     sensors = len(fusion.sensors)
     return _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
 

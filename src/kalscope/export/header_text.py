@@ -14,7 +14,6 @@ from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import PowerOfTwo
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.steady_state import SteadyState
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 TEMPLATES = Path(__file__).parent / "targets" / "templates"
@@ -158,7 +157,7 @@ def _lag_words(steady: SteadyState) -> str:
     return f"{steady.lag_samples:.4g} samples{seconds}"
 
 
-def _momentum_words(job: Origin, one: ChannelTuning | FusionTuning) -> str:
+def _momentum_words(job: Origin, one: ChannelTuning) -> str:
     lasts = f"{number_text(one.momentum)} samples"
     if job.sample_period is not None:
         lasts += f" = {one.momentum * job.sample_period:.4g} s"
@@ -173,7 +172,7 @@ def ascii_squared(unit: str) -> str:
     return f"{word}^2" if word.isalpha() else f"({word})^2"
 
 
-def start_words(channel: ChannelTuning | FusionTuning) -> str:
+def start_words(channel: ChannelTuning) -> str:
     """The start rule in a phrase."""
     if channel.p0 is None:
         return "the first sample sets x = z and p = r"

@@ -10,7 +10,6 @@ from kalscope.export.board.chain import runs_kalman
 from kalscope.export.names import identifiers
 from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.steady_state import SteadyState, steady_state
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
@@ -121,7 +120,7 @@ class ExportJob(Origin):
 class FusionJob(Origin):
     """The filter that fuses several sensors, and where it comes from."""
 
-    fusion: FusionTuning
+    fusion: ChannelTuning
     """The filter."""
 
     @property
@@ -180,7 +179,7 @@ class FusionJob(Origin):
         return self.as_single.steady(self.as_single.channels[0])
 
 
-def step_of(channel: ChannelTuning | FusionTuning) -> dict[str, float]:
+def step_of(channel: ChannelTuning) -> dict[str, float]:
     """The constants of a filter with momentum by the names of `StepConstants`; {} without momentum."""
     return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from kalscope.common.array import Array
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, FusionJob
-from kalscope.filtering.filter import fuse
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -36,32 +36,22 @@ def vector_files(job: ExportJob | FusionJob, recording: Recording, rows: int = D
     if rows < 1 or not len(recording):
         raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
     if isinstance(job, FusionJob):
-        return {"groundtruth.csv": _fused_text(job, recording, rows)}
+        header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
+        return {"groundtruth.csv": _text(job.fusion, recording, header, rows)}
     if len(job.channels) == 1:
         (channel,) = job.channels
         name = recording.names[0] if len(recording.names) == 1 else channel.name
-        return {"groundtruth.csv": _text(channel, recording, name, rows)}
+        return {"groundtruth.csv": _text(replace(channel, name=name), recording, HEADER, rows)}
     return {
-        f"groundtruth_{word}.csv": _text(channel, recording, channel.name, rows)
-        for word, channel in job.named_channels
+        f"groundtruth_{word}.csv": _text(channel, recording, HEADER, rows) for word, channel in job.named_channels
     }
 
 
-def _text(channel: ChannelTuning, recording: Recording, name: str, rows: int) -> str:
-    z = np.ascontiguousarray(recording.channel(name)[:rows])
-    result = channel.filter.run(z)
-    return _table(HEADER, [recording.time[:rows], z, result.x, result.k], result.velocity)
-
-
-def _fused_text(job: FusionJob, recording: Recording, rows: int) -> str:
-    z = np.column_stack([recording.channel(name)[:rows] for name in job.fusion.sensors])
-    result = fuse(z, job.fusion.params)
-    header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
-    return _table(header, [recording.time[:rows], *z.T, result.x, result.p], result.velocity)
-
-
-def _table(header: str, columns: list[Array], velocity: Array | None) -> str:
-    if velocity is not None:
-        header, columns = f"{header},velocity", [*columns, velocity]
+def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> str:
+    z = np.ascontiguousarray(one.readings(recording)[:rows])
+    result = one.filter.run(z)
+    columns = [recording.time[:rows], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
+    if result.velocity is not None:
+        header, columns = f"{header},velocity", [*columns, result.velocity]
     lines = (",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns), strict=True))
     return "\n".join((header, *lines, ""))

@@ -2,82 +2,206 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
 from kalscope.estimation.sensor.starting import starting_params
 from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.protocol import Filter
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
+from kalscope.tuning.fused_channels import channels_to_fuse, for_each_sensor
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope.tuning.tuning_file import load_tuning
 
 Given = dict[str, Any]
-"""Fields of ChannelTuning by name, those that were given: floats, None for an automatic start, a Chain."""
+"""Fields of ChannelTuning by name, those that were given: floats, None for an automatic start, a Chain; r of a
+fusion as `for_each_sensor` takes it."""
+
+FUSED = "fused"
+"""Name of the fused value unless a tuning file gives another."""
+
+
+def units_of(recording: Recording) -> dict[str, str]:
+    """The unit of each channel, in order."""
+    return dict(zip(recording.names, recording.units, strict=True))
+
+
+def fuses(config: Path | None, given: Given, channel: str | None, fuse: str | None) -> bool:
+    """Whether the filter that runs is one that fuses channels.
+
+    Raises:
+        BadFile: `config` is not a tuning file.
+        BadSetting: --fuse with --channel, an r of each sensor without a fusion, or a chain with one.
+    """
+    if fuse is not None and channel is not None:
+        raise BadSetting(f"--fuse must be used without --channel: it names its channels (got {channel!r})")
+    if fuse is None and (config is None or channel is not None or load_tuning(config).fusion is None):
+        r: Any = given.get("r", math.nan)
+        if not isinstance(r, float):
+            raise BadSetting(f"--r must be one number without --fuse (got one for {', '.join(r)})")
+        return False
+    if given.get("chain") is not None:
+        raise BadSetting("--chain must be used without fused channels: a chain filters one (got both)")
+    return True
 
 
 def filters_for(
-    recording: Recording, config: Path | None, given: Given, channel: str | None
-) -> tuple[dict[str, Filter], list[str]]:
-    """Choose the filter of each channel of a recording.
+    recording: Recording, config: Path | None, given: Given, channel: str | None = None, fuse: str | None = None
+) -> tuple[list[ChannelTuning], list[str]]:
+    """Choose the filter of each channel of a recording, or the one that fuses several.
 
     Args:
         recording: The recording to filter.
         config: Tuning file, or None. Its q is rescaled to the recording's sample period.
         given: Parameters that override it, by name; None is an automatic start.
-        channel: The only channel to filter, or None for all.
+        channel: The only channel to filter; None = the fusion of the file, or all where it has none.
+        fuse: The channels to fuse, as `channels_to_fuse` takes them; None = those that the file fuses.
 
     Returns:
-        (filters, notes): filters by channel, and notes on the choice for the user.
+        (filters, notes): the filters, with the names of their channels, and notes on the choice for the user.
 
     Raises:
         BadFile: `config` is not a tuning file.
-        BadSetting: No such channel, the tuning has none of the channels, or a parameter is out of its range.
+        BadSetting: As `fuses`; no such channel, fewer than two to fuse; the tuning has none of the channels, or no
+            fusion; a recording that gives no filter that fuses; a parameter is out of its range.
     """
+    if fuses(config, given, channel, fuse):
+        fusion, notes = _fusion_for(recording, config, given, fuse)
+        return [fusion], notes
     if channel is not None:
         recording.index(channel)
     if config is not None:
         pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
-        return {name: _with(entry, given).filter for name, entry in pairs.items()}, notes
+        return [_overridden(replace(entry, name=name), given) for name, entry in pairs.items()], notes
     names = recording.names if channel is None else (channel,)
     chosen = [_untuned_filter(recording, name, given) for name in names]
-    notes = [note for _, note in chosen if note]
-    return {name: used for name, (used, _) in zip(names, chosen, strict=True)}, notes
+    return [used for used, _ in chosen], [note for _, note in chosen if note]
 
 
-def _with(entry: ChannelTuning, given: Given) -> ChannelTuning:
-    values: dict[str, Any] = dict(given)
+def filters_for_stdin(
+    config: Path | None, given: Given, channel: str | None, fuse: str | None, period: float | None
+) -> tuple[list[ChannelTuning], list[str]]:
+    """Choose the filters of a stream without names; arguments and errors as `filters_for`.
+
+    Returns:
+        (filters, notes): without `config` one for all columns, else one per column, in the order of the file, or
+        the one that fuses all of them.
+    """
+    if fuses(config, given, channel, fuse):
+        if config is None:
+            raise BadSetting(
+                '--fuse with SOURCE "-" needs --config with a fusion: kalscope tune LOG --fuse … -o FILE makes one'
+            )
+        tuning = _fusion_in(config, fuse)
+    elif config is not None:
+        tuning = replace(load_tuning(config).only(channel), fusion=None)
+    elif channel is not None:
+        raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
+    elif not ({"q", "r"} <= set(given) or _ends_with_a_classic_filter(given)):
+        raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
+    else:
+        return [_untuned(given)], []
+    used, notes = rescaled(tuning, period, given)
+    return [_overridden(entry, given) for entry in used.channels], notes
+
+
+def _fusion_for(
+    recording: Recording, config: Path | None, given: Given, fuse: str | None
+) -> tuple[ChannelTuning, list[str]]:
+    if config is None:
+        return _untuned_fusion(recording, given, fuse or "")
+    used, notes = at_recording(recording, _fusion_in(config, fuse), given)
+    (fusion,) = used.channels
+    here = [name for name in fusion.sensors if name in recording.names]
+    if not here:
+        raise BadSetting(
+            f"the recording must have a channel of the fusion, {', '.join(fusion.sensors)} "
+            f"(got {', '.join(recording.names)})"
+        )
+    if len(here) < len(fusion.sensors):
+        absent = ", ".join(name for name in fusion.sensors if name not in here)
+        notes.append(f"the recording has no channel {absent}: fused without")
+    return _overridden(fusion.of_sensors(here), given), notes
+
+
+def _overridden(entry: ChannelTuning, given: Given) -> ChannelTuning:
+    """The filter with the parameters that were given."""
+    values: Given = dict(given)
+    if entry.sensors and given.get("r") is not None:
+        named = for_each_sensor(entry.sensors, "--r", given["r"])
+        values["r"] = tuple(old if math.isnan(new) else new for old, new in zip(entry.r, named, strict=True))
     return replace(entry, **values)
 
 
-def _untuned_filter(recording: Recording, name: str, given: Given) -> tuple[Filter, str]:
-    if _ends_with_a_classic_filter(given):
-        return _untuned(given).filter, ""
-    values: dict[str, Any] = dict(given)
-    note = ""
-    if "q" not in given or "r" not in given:
+def _untuned_filter(recording: Recording, name: str, given: Given) -> tuple[ChannelTuning, str]:
+    values, note = dict(given), ""
+    if not _ends_with_a_classic_filter(given) and not {"q", "r"} <= set(given):
         values.setdefault("r", starting_params(recording.channel(name)).r)
         values.setdefault("q", values["r"] / 100.0)
         note = (
             f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; values not given are the starting values"
             " r = var(Δz)/2, q = r/100"
         )
-    return _untuned(values).filter, note
+    return replace(_untuned(values), name=name), note
 
 
 def _untuned(given: Given) -> ChannelTuning:
     """What was given, without a tuning file; q and r may be missing where they have no effect."""
-    return _with(ChannelTuning("stdin", "", 1.0, 1.0), given)
+    return _overridden(ChannelTuning("stdin", "", 1.0, 1.0), given)
 
 
 def _ends_with_a_classic_filter(given: Given) -> bool:
     """Whether a chain is given on which q and r have no effect."""
     chain = given.get("chain")
     return isinstance(chain, Chain) and chain.then is not None
+
+
+def _untuned_fusion(recording: Recording, given: Given, fuse: str) -> tuple[ChannelTuning, list[str]]:
+    """The filter as given where q and every r are, else by maximum likelihood."""
+    units = units_of(recording)
+    names = channels_to_fuse(units, fuse)
+    r = np.array(for_each_sensor(names, "--r", given.get("r", math.nan)))
+    if "q" in given and not np.isnan(r).any():
+        values: Given = {**given, "r": r}
+        return ChannelTuning(FUSED, units[names[0]], sensors=names, **values), []
+
+    from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+
+    found = estimate_fusion(
+        recording.values[:, [recording.index(name) for name in names]],
+        dt=recording.steps() if recording.gaps == "dt" else None,
+        names=names,
+        momentum=given.get("momentum", "auto"),
+        known_r=r,
+    )
+    if found.params is None:
+        raise BadSetting(
+            f"a fusion needs a usable q and r of each sensor, and the record gives none: {found.message}"
+        )
+    fusion = ChannelTuning.of_params(FUSED, units[names[0]], found.params, "maximum likelihood", names)
+    fusion = _overridden(fusion, given)
+    each = ", ".join(f"{name} {value:.6g}" for name, value in zip(names, fusion.r, strict=True))
+    return fusion, [f"{FUSED}: q = {fusion.q:.6g}, r of {each}, by maximum likelihood"]
+
+
+def _fusion_in(config: Path, names: str | None) -> Tuning:
+    """The tuning of a file with its fusion alone, only of the sensors that are named."""
+    tuning = load_tuning(config)
+    fusion = tuning.fusion
+    if fusion is None:
+        raise BadSetting(
+            f"the tuning must hold a fusion (got channels {', '.join(one.name for one in tuning.channels)} alone): "
+            "kalscope tune LOG --fuse … -o FILE makes one"
+        )
+    if names is not None:
+        fusion = fusion.of_sensors(channels_to_fuse(dict.fromkeys(fusion.sensors, fusion.unit), names))
+    return replace(tuning, channels=(fusion,), selected="", fusion=None)
 
 
 def adapt_tuning(
@@ -183,21 +307,3 @@ def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning
         f" {before:.6g} s, here it is {period:.6g} s"
     )
     return moved, [note]
-
-
-def tunings_for_stdin(
-    config: Path | None, given: Given, channel: str | None, period: float | None
-) -> tuple[ChannelTuning | list[ChannelTuning], list[str]]:
-    """Choose the filters of a stream without names; arguments and errors as `filters_for`.
-
-    Returns:
-        (tunings, notes): one for all columns, or with `config` one per column, in the order of the file.
-    """
-    if config is None:
-        if channel is not None:
-            raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
-        if not ({"q", "r"} <= set(given) or _ends_with_a_classic_filter(given)):
-            raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
-        return _untuned(given), []
-    tuning, notes = rescaled(replace(load_tuning(config).only(channel), fusion=None), period, given)
-    return [_with(entry, given) for entry in tuning.channels], notes

@@ -7,7 +7,7 @@ from dataclasses import replace
 from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.known import params_for_specification
-from kalscope.tuning.tuning import ChannelTuning, Tuned, Tuning, same_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 
 
 def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
@@ -18,9 +18,7 @@ def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
     old, moved = tuning.sample_period, tuning.rescaled(sample_period)
     if old is None or same_period(old, sample_period):
         return moved
-    fusion = None if moved.fusion is None else _said(moved.fusion, old, sample_period)
-    channels = tuple(_said(one, old, sample_period) for one in moved.channels)
-    return replace(moved, channels=channels, fusion=fusion)
+    return moved.with_each(lambda one: _with_origin(one, old, sample_period))
 
 
 def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: float) -> Tuning:
@@ -51,11 +49,11 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
     return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 
 
-def _said(new: Tuned, old: float, sample_period: float) -> Tuned:
+def _with_origin(new: ChannelTuning, old: float, sample_period: float) -> ChannelTuning:
     """The rescaled filter, with the period that it was found at in `how`.
 
     That period comes first: a header may cut the end, and a lag that was asked for does not hold at the new period.
     """
     momentum = " and momentum divided by it" if new.momentum > 0.0 else ""
-    chain = ", chain rescaled" if isinstance(new, ChannelTuning) and new.chain is not None else ""
+    chain = ", chain rescaled" if new.chain is not None else ""
     return replace(new, how=f"at {old:.4g} s: {new.how}; q times {sample_period / old:.4g}{momentum}{chain}")

@@ -15,8 +15,12 @@ from kalscope.common.files import write_atomic
 from kalscope.errors import BadFile, BadSetting
 from kalscope.tuning import toml_text as toml
 from kalscope.tuning.chain_table import chain_in, plain_chain
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+FUSION = "[fusion]"
+"""How messages name the table of the fusion."""
+_LATER_KEYS = (("momentum", "momentum", 2), ("the chain", "chain", 4))
+"""Keys of a channel that an older format does not have: as messages name them, and their format."""
 
 
 def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
@@ -71,7 +75,9 @@ def loads(text: str) -> Tuning:
     channels = toml.tables_of(document.get("channel"), "[[channel]]")
     try:
         return Tuning(
-            channels=tuple(_channel(entry, i, document["format"]) for i, entry in enumerate(channels, 1)),
+            channels=tuple(
+                _filter(entry, f"[[channel]] {i}", document["format"]) for i, entry in enumerate(channels, 1)
+            ),
             source=toml.text_of(source, "spec", "[source]"),
             source_name=toml.text_of(source, "name", "[source]"),
             sha256=toml.text_of(source, "sha256", "[source]"),
@@ -79,7 +85,7 @@ def loads(text: str) -> Tuning:
             selected=toml.text_of(document, "selected", "the file"),
             tool=toml.text_of(document, "tool", "the file"),
             date=toml.text_of(document, "date", "the file"),
-            fusion=_fusion(document["fusion"], document["format"]) if "fusion" in document else None,
+            fusion=_filter(document["fusion"], FUSION, document["format"]) if "fusion" in document else None,
         )
     except BadSetting as error:
         raise BadFile(str(error)) from None
@@ -89,21 +95,10 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file; None = the key is absent."""
     name, spec, sha256 = (toml.clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
     source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
-    channels = [
-        {
-            "name": toml.clean(channel.name),
-            "unit": toml.clean(channel.unit),
-            "q": channel.q,
-            "r": channel.r,
-            **_plain_filter(channel),
-            "chain": plain_chain(channel.chain),
-        }
-        for channel in tuning.channels
-    ]
     tool, made, selected = (toml.clean(text) for text in (tuning.tool, tuning.date, tuning.selected))
     head = {"format": _format(tuning), "tool": tool, "date": made, "selected": selected}
-    fusion = None if tuning.fusion is None else _plain_fusion(tuning.fusion)
-    return {**head, "source": source, "channel": channels, "fusion": fusion}
+    fusion = None if tuning.fusion is None else _plain_filter(tuning.fusion)
+    return {**head, "source": source, "channel": [*map(_plain_filter, tuning.channels)], "fusion": fusion}
 
 
 def _format(tuning: Tuning) -> int:
@@ -115,55 +110,61 @@ def _format(tuning: Tuning) -> int:
     return 2 if tuning.has_momentum else 1
 
 
-def _plain_filter(one: ChannelTuning | FusionTuning) -> dict[str, Any]:
-    """What a channel and a fusion have in common, after q and r."""
+def _plain_filter(one: ChannelTuning) -> dict[str, Any]:
+    """A channel, or a fusion with a table in it for each sensor."""
+    values = zip(one.sensors, one.r, one.offset, one.gain, strict=True) if one.sensors else ()
+    sensors = [{"name": toml.clean(name), "r": r, "offset": b, "gain": c} for name, r, b, c in values]
     return {
+        "name": toml.clean(one.name),
+        "unit": toml.clean(one.unit),
+        "q": one.q,
+        **({} if sensors else {"r": one.r}),
         "p0": "diffuse" if one.p0 is None else one.p0,
         "x0": "first" if one.x0 is None else one.x0,
         "momentum": one.momentum or None,
         "gate": one.gate,
         "how": toml.clean(one.how),
+        **({"sensors": sensors} if sensors else {"chain": plain_chain(one.chain)}),
     }
 
 
-def _plain_fusion(fusion: FusionTuning) -> dict[str, Any]:
-    """The fusion as a table of the file, a table in it for each sensor."""
-    values = zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True)
-    sensors = [{"name": toml.clean(name), "r": r, "offset": b, "gain": c} for name, r, b, c in values]
-    names = {"name": toml.clean(fusion.name), "unit": toml.clean(fusion.unit)}
-    return {**names, "q": fusion.q, **_plain_filter(fusion), "sensors": sensors}
-
-
-def _channel(entry: object, number: int, file_format: int) -> ChannelTuning:
-    table, name, where = _named(entry, f"[[channel]] {number}", "channel")
-    if "momentum" in table and file_format < 2:
-        raise BadFile(f"momentum of {where} needs format = 2 at the top of the file (got format = {file_format})")
-    if "chain" in table and file_format < 4:
-        raise BadFile(f"the chain of {where} needs format = 4 at the top of the file (got format = {file_format})")
+def _filter(entry: object, here: str, file_format: int) -> ChannelTuning:
+    """A channel, or the fusion."""
+    fuses = here == FUSION
+    table, name, where = _named(entry, here, "fusion" if fuses else "channel")
+    needed = [(here, 3, fuses)]
+    needed += [(f"{one} of {where}", least, not fuses and key in table) for one, key, least in _LATER_KEYS]
+    for what, least, is_there in needed:
+        if is_there and file_format < least:
+            raise BadFile(f"{what} needs format = {least} at the top of the file (got format = {file_format})")
     try:
-        chain = chain_in(table["chain"], where) if "chain" in table else None
-        return ChannelTuning(name=name, r=toml.number_of(table, "r", where), **_filter(table, where), chain=chain)
-    except BadSetting as error:
-        raise BadFile(f"{where}: {error}") from None
-
-
-def _fusion(entry: object, file_format: int) -> FusionTuning:
-    table, name, where = _named(entry, "[fusion]", "fusion")
-    if file_format < 3:
-        raise BadFile(f"[fusion] needs format = 3 at the top of the file (got format = {file_format})")
-    entries = toml.tables_of(table.get("sensors"), "[[fusion.sensors]]")
-    sensors = [_named(one, f"[[fusion.sensors]] {i}", "sensor") for i, one in enumerate(entries, 1)]
-    try:
-        return FusionTuning(
-            name=name,
-            sensors=tuple(sensor for _, sensor, _ in sensors),
-            r=tuple(toml.number_of(one, "r", said) for one, _, said in sensors),
-            offset=tuple(toml.number_of({"offset": 0.0, **one}, "offset", said) for one, _, said in sensors),
-            gain=tuple(toml.number_of({"gain": 1.0, **one}, "gain", said) for one, _, said in sensors),
-            **_filter(table, where),
+        r: dict[str, Any] = _sensors(table) if fuses else {"r": toml.number_of(table, "r", where)}
+        return ChannelTuning(
+            name,
+            toml.text_of(table, "unit", where),
+            toml.number_of(table, "q", where),
+            p0=toml.optional_number_of(table, "p0", where, "diffuse"),
+            x0=toml.optional_number_of(table, "x0", where, "first"),
+            how=toml.text_of(table, "how", where),
+            gate=toml.optional_number_of(table, "gate", where),
+            momentum=toml.optional_number_of(table, "momentum", where) or 0.0,
+            chain=chain_in(table["chain"], where) if "chain" in table and not fuses else None,
+            **r,
         )
     except BadSetting as error:
         raise BadFile(f"{where}: {toml.one_line(error)}") from None
+
+
+def _sensors(table: toml.Tables) -> dict[str, Any]:
+    """What a fusion has for each sensor."""
+    entries = toml.tables_of(table.get("sensors"), "[[fusion.sensors]]")
+    sensors = [_named(one, f"[[fusion.sensors]] {i}", "sensor") for i, one in enumerate(entries, 1)]
+    usual: dict[str, Any] = {"r": {}, "offset": {"offset": 0.0}, "gain": {"gain": 1.0}}
+    each = {
+        key: tuple(toml.number_of({**default, **one}, key, where) for one, _, where in sensors)
+        for key, default in usual.items()
+    }
+    return {"sensors": tuple(name for _, name, _ in sensors), **each}
 
 
 def _named(entry: object, where: str, what: str) -> tuple[toml.Tables, str, str]:
@@ -173,16 +174,3 @@ def _named(entry: object, where: str, what: str) -> tuple[toml.Tables, str, str]
         raise BadFile(f"name of {where} must be given (got nothing)")
     name = toml.text_of(table, "name", where)
     return table, name, f"{what} {toml.shown(name)}"
-
-
-def _filter(table: toml.Tables, where: str) -> dict[str, Any]:
-    """The arguments that a channel and a fusion have in common."""
-    return {
-        "unit": toml.text_of(table, "unit", where),
-        "q": toml.number_of(table, "q", where),
-        "p0": toml.optional_number_of(table, "p0", where, "diffuse"),
-        "x0": toml.optional_number_of(table, "x0", where, "first"),
-        "how": toml.text_of(table, "how", where),
-        "gate": toml.optional_number_of(table, "gate", where),
-        "momentum": toml.optional_number_of(table, "momentum", where) or 0.0,
-    }

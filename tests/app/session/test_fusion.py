@@ -12,7 +12,7 @@ from feed import Board
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
-from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
@@ -298,7 +298,7 @@ def test_a_live_board_that_starts_again_stays_fused():
 
 def test_sensors_of_other_units_are_fused_by_a_file_and_drawn_on_the_scale_of_the_quantity():
     rec = recording(("a", "b"), ("mm", "mV"))
-    tuning = FusionTuning("level", "mm", ("a", "b"), 0.01, (1.0, 4.0), (0.0, 5.0), (1.0, -2.0))
+    tuning = ChannelTuning("level", "mm", 0.01, (1.0, 4.0), sensors=("a", "b"), offset=(0.0, 5.0), gain=(1.0, -2.0))
     state = opened_with(rec, replace(opened(rec).as_tuning(), fusion=tuning))
     assert (state.fusion.tuning, candidates(state)) == (tuning, ("a", "b"))
     drawn = {one.name: one.raw for one in frame_of(state).sensors}

@@ -10,7 +10,6 @@ from kalscope.estimation.sensor.noise import noise_from_still
 from kalscope.export.board.still_rule import GROUPS, LEARNING, BoardRange, measure_on_board, rows_of
 from kalscope.export.registry import export_tuning
 from kalscope.filtering.classic.chain import Chain
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 ROWS = rows_of(2.0, 0.005)
@@ -110,7 +109,7 @@ def test_a_sketch_that_measures_is_for_filters_with_an_r_on_an_arduino():
     exact = Tuning((ChannelTuning("light", "", 0.01, 0.0, 1.0),))
     six = Tuning(tuple(ChannelTuning(f"c{i}", "", 0.1, 1.0, momentum=5.0) for i in range(6)))
     behind = Tuning((ChannelTuning("light", "", 0.01, 4.0, chain=Chain(5)),))
-    fused = Tuning(tuning.channels, fusion=FusionTuning("level", "", ("a", "b"), 0.1, (1.0, 1.0)))
+    fused = Tuning(tuning.channels, fusion=ChannelTuning("level", "", 0.1, (1.0, 1.0), sensors=("a", "b")))
     for other, target, options, refusal in (
         (tuning, "c", {}, "target must be arduino for calibration"),
         (tuning, "arduino", {"fixed_gains": True}, "must be without fixed gains"),

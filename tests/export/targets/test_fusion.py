@@ -17,7 +17,7 @@ import yaml
 from required import node, not_here
 from waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, FusionTuning, Recording, Tuning, export_tuning, fuse
+from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, fuse
 from kalscope.export.board.fusion import fuse_float32, fusion_on_board
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
@@ -40,21 +40,28 @@ def readings(seed, fusion):
     return z
 
 
-PAIR = FusionTuning("level", "cm", ("sonar", "float"), 0.09, (1.0, 0.25))
+PAIR = ChannelTuning("level", "cm", 0.09, (1.0, 0.25), sensors=("sonar", "float"))
 CASES = {
     "two": PAIR,
     "offsets": replace(PAIR, offset=(3.0, -1.5), gate=9.0),
-    "gains": FusionTuning(
-        "tilt", "deg", ("a", "b", "c"), 0.09, (1.0, 16.0, 0.01), (0.5, -3.0, 0.0), (1.0, -4.1, 0.01), gate=6.0
+    "gains": ChannelTuning(
+        "tilt",
+        "deg",
+        0.09,
+        (1.0, 16.0, 0.01),
+        sensors=("a", "b", "c"),
+        offset=(0.5, -3.0, 0.0),
+        gain=(1.0, -4.1, 0.01),
+        gate=6.0,
     ),
     "known start": replace(PAIR, p0=4.0, x0=19.0, gate=9.0),
     "first reading": replace(PAIR, p0=4.0),
     "momentum": replace(PAIR, offset=(3.0, -1.5), momentum=7.0, gate=9.0),
     "momentum, gains and start": replace(PAIR, gain=(1.25, 0.8), momentum=1e4, p0=9.0, x0=20.0),
     "momentum, first reading": replace(PAIR, momentum=0.3, p0=2.0),
-    "one": FusionTuning("only", "", ("a",), 0.09, (1.0,)),
-    "exact": FusionTuning("x", "", ("a", "b"), 0.09, (1e-30, 0.0), p0=1.0),
-    "exact, momentum": FusionTuning("x", "", ("a", "b"), 0.09, (1e-30, 0.0), p0=1.0, momentum=5.0),
+    "one": ChannelTuning("only", "", 0.09, (1.0,), sensors=("a",)),
+    "exact": ChannelTuning("x", "", 0.09, (1e-30, 0.0), sensors=("a", "b"), p0=1.0),
+    "exact, momentum": ChannelTuning("x", "", 0.09, (1e-30, 0.0), sensors=("a", "b"), p0=1.0, momentum=5.0),
 }
 EACH = pytest.mark.parametrize("case", CASES)
 
@@ -358,7 +365,7 @@ def test_other_refusals_say_what_helps(tmp_path):
         export_tuning(tuned(CASES["momentum"]), "esphome")
     with pytest.raises(BadSetting, match="sample_period of the tuning must be known for ESPHome"):
         export_tuning(replace(tuned(PAIR), sample_period=None), "esphome")
-    many = FusionTuning("x", "", tuple(map(str, range(33))), 1.0, (1.0,) * 33)
+    many = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
     with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): fuse fewer, or export c"):
         export_tuning(tuned(many), "arduino")
     with pytest.raises(BadSetting, match=r"at most 32 sensors \(got 33\)"):

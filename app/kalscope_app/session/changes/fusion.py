@@ -9,7 +9,7 @@ from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
-from kalscope.tuning.fusion import FusionTuning
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes.parameters import DECADES
 from kalscope_app.session.fusion import MAX_SENSORS, MIN_SENSORS, Fusion, name_of_fused
 from kalscope_app.session.state import Change, State
@@ -74,10 +74,7 @@ def apply_fusion(
             note = "The sensors were fused after another recording was opened; nothing was changed."
             return state.with_answers(note=note)
         unit = recording.units[recording.index(sensors[0])]
-        r, offset, gain = (tuple(column.tolist()) for column in (params.sensor_r, params.offset, params.gain))
-        start = params.p0, params.x0, params.gate, params.momentum
-        name = name_of_fused(recording)
-        tuning = FusionTuning(name, unit, sensors, params.q, r, offset, gain, *start, how)
+        tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
         return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
 
     return change

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import viser
 
-from kalscope.export.filtered_csv import filtered_csv_chunks, fused_csv_chunks
+from kalscope.export.filtered_csv import filtered_csv_chunks
 from kalscope.export.report.content import Report, make_report
 from kalscope.export.report.fusion import make_fusion_report
 from kalscope.export.report.page import as_html
@@ -60,9 +60,9 @@ def csv(state: State) -> bytes:
 
 def _csv_chunks(state: State) -> Iterator[str]:
     if state.fusion is not None:
-        return fused_csv_chunks(state.recording, state.fusion.used)
+        return filtered_csv_chunks(state.recording, [state.fusion.used])
     state.require_exportable(state.recording.names)
-    return filtered_csv_chunks(state.recording, state.as_tuning())
+    return filtered_csv_chunks(state.recording, state.as_tuning().channels)
 
 
 def _report(state: State) -> Report:

@@ -6,12 +6,12 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import typer
 
 from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
-from kalscope.cli.filter.options import NOTHING, GivenParams, params_options
+from kalscope.cli.filter.options import params_options
 from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 MAX_LINE_BYTES = 65_536
 """Bytes of one line on stdin, hundreds of channels; a longer one is not a line of numbers."""
+
+_NONE: dict[str, Any] = {}
+"""No parameter is given."""
 
 
 @with_options(reading=read_options, given=params_options)
@@ -34,7 +37,7 @@ def filter_command(
         ),
     ],
     config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
-    given: GivenParams = NOTHING,
+    given: dict[str, Any] = _NONE,
     channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
     fuse: Annotated[
         str | None,
@@ -61,19 +64,22 @@ def filter_command(
     from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
     which the filter predicts over, and for a comment (# % //), which is not a sample.
     """
-    from kalscope.cli.filter.chosen import filtered, filters_of_lines, fusion_given
     from kalscope.common.text import plain
+    from kalscope.export.filtered_csv import filtered_csv_chunks
     from kalscope.sources.readers.account import account, sample_period_conflict
+    from kalscope.tuning.choose import filters_for, filters_for_stdin, fuses
 
     tell_compiling()
-    fusion = fusion_given(config, given, channel, fuse)
+    fused = fuses(config, given, channel, fuse)  # before anything is read: it refuses contradictions
     if source == "-":
         _refuse_with_stdin(report=report, output=output)
-        _filter_stdin(*filters_of_lines(config, given, channel, fusion, sample_period), reading)
+        chosen, notes = filters_for_stdin(config, given, channel, fuse, sample_period)
+        of_each = [one.filter for one in chosen]
+        _filter_stdin(chosen[0].params if fused else of_each if config else of_each[0], notes, reading)
         return
     recording = _read(source, reading, sample_period, output, force=force)
-    chunks, notes = filtered(recording, config, given, channel, fusion)
-    write_output(chunks, output)
+    chosen, notes = filters_for(recording, config, given, channel, fuse)
+    write_output(filtered_csv_chunks(recording, chosen), output)
     if report:
         sys.stderr.write(plain(account(recording)))
     if sample_period is not None:

@@ -25,7 +25,6 @@ from kalscope.export.report.tables import ReportTable, Rows, meaning, parameters
 from kalscope.filtering.filter import FilterResult, fuse
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ _MAX_BRIDGED = 10
 def make_fusion_report(
     recording: Recording,
     tuning: Tuning,
-    fusion: FusionTuning,
+    fusion: ChannelTuning,
     *,
     config: str = "tuning.toml",
     now: datetime | None = None,
@@ -67,17 +66,6 @@ def make_fusion_report(
     verdict = judge_fusion(z, params, dt, names=fusion.sensors, unit=fusion.unit, sample_period=period)
     truth = None if recording.truth is None else recording.truth[:, columns[0]]
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {fusion.unit}".strip()
-    own = ChannelTuning(
-        fusion.name,
-        fusion.unit,
-        fusion.q,
-        float(single.r),
-        fusion.p0,
-        fusion.x0,
-        fusion.how,
-        fusion.gate,
-        fusion.momentum,
-    )
     failing = " ".join(sentence for one in verdict.sensors for sentence in one.sentences[len(one.faults) :])
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(fusion.sensors)}",
@@ -86,7 +74,7 @@ def make_fusion_report(
         tables=(
             ReportTable(f"Sensors ({fusion.unit})" if fusion.unit else "Sensors", *_sensors(fusion, verdict)),
             ReportTable("While all sensors answer", meaning(steady_state(single, period), result, period, error)),
-            ReportTable("Parameters", _without_r(parameters(own, period))),
+            ReportTable("Parameters", parameters(fusion, period)),
             ReportTable("Pinned settings", ()),
         ),
         texts=(("What does fusing bring?", " ".join(verdict.sentences)), ("If a sensor fails", failing)),
@@ -95,9 +83,9 @@ def make_fusion_report(
     )
 
 
-def _sensors(fusion: FusionTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[str, ...]]:
+def _sensors(fusion: ChannelTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[str, ...]]:
     """A row per sensor, and the column headings; a gain in place of the error alone where there are any."""
-    gains = any(gain != 1.0 for gain in fusion.gain)
+    gains = fusion.has_gains
     rows = [
         (
             one.name,
@@ -112,12 +100,7 @@ def _sensors(fusion: FusionTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[
     return tuple(rows), ("", "noise σ", "offset", "gain" if gains else "alone", "share", "without")
 
 
-def _without_r(rows: Rows) -> Rows:
-    """The parameters without r: each sensor has its own."""
-    return tuple(row for row in rows if row[0] != "measurement noise r")
-
-
-def _charts(recording: Recording, fusion: FusionTuning, z: Array, result: FilterResult) -> tuple[Panel, ...]:
+def _charts(recording: Recording, fusion: ChannelTuning, z: Array, result: FilterResult) -> tuple[Panel, ...]:
     def lines(x: Array, part: slice) -> list[Line]:
         sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(fusion.sensors)]
         return [*sensors, _line(x, result.x[part], fusion.name, "s2")]

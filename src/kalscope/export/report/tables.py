@@ -51,7 +51,7 @@ def parameters(own: ChannelTuning, period: float | None) -> Rows:
     rows = [
         *(() if own.chain is None else (("filter", own.chain.words),)),
         ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
-        ("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),
+        *(() if own.sensors else (("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),)),
         ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
         ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
     ]

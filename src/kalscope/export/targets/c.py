@@ -14,7 +14,6 @@ from kalscope.export.names import number_text
 from kalscope.export.targets.stages import WHOLE, code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.momentum.constants import step_constants
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 MAX_SENSORS = 32
@@ -90,7 +89,7 @@ def _fusion_constant(job: FusionJob) -> str:
     return f"{said}\n{guard}const kalscope_fusion_tuning {name} = {{\n{fields}}};\n"
 
 
-def _starting_values(one: ChannelTuning | FusionTuning) -> dict[str, str]:
+def _starting_values(one: ChannelTuning) -> dict[str, str]:
     return {
         "q": number_text(one.q),
         "p0": number_text(one.p0, "INFINITY"),

@@ -12,7 +12,6 @@ from kalscope.export.targets.stages import numbers_of
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.chain_table import plain_chain
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 FORMAT, CHAIN_FORMAT, FUSION_FORMAT = "kalscope-parameters-1", "kalscope-parameters-2", "kalscope-fusion-1"
@@ -66,7 +65,7 @@ def _text(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
-def _start(one: ChannelTuning | FusionTuning) -> dict[str, float | None]:
+def _start(one: ChannelTuning) -> dict[str, float | None]:
     return {"start_variance_p0": one.p0, "start_value_x0": one.x0, "outlier_gate": one.gate}
 
 
@@ -102,7 +101,7 @@ def _chain(chain: Chain) -> dict[str, Any]:
     return {"words": chain.words, "median": 1, **known, **({} if chain.then is None else numbers_of(chain.then))}
 
 
-def _momentum(steady: SteadyState, channel: ChannelTuning | FusionTuning) -> dict[str, Any]:
+def _momentum(steady: SteadyState, channel: ChannelTuning) -> dict[str, Any]:
     """How long the signal keeps its direction, and the constants of one sample period that follow."""
     constants = step_of(channel)
     return {

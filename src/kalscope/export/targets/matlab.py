@@ -7,7 +7,6 @@ from dataclasses import replace
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, step_of
 from kalscope.export.names import number_text
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 
@@ -40,7 +39,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     return {f"kalman_fusion_{job.identifier}.m": text}
 
 
-def _values(one: ChannelTuning | FusionTuning) -> dict[str, str]:
+def _values(one: ChannelTuning) -> dict[str, str]:
     return {
         "q": number_text(one.q),
         "p0": number_text(one.p0, "Inf"),

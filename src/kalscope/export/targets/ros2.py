@@ -13,7 +13,6 @@ from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
 from kalscope.export.names import comment_text, number_text, quoted
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 _CHANNEL = """\
@@ -79,7 +78,7 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     )
 
 
-def _rest(one: ChannelTuning | FusionTuning) -> Iterator[str]:
+def _rest(one: ChannelTuning) -> Iterator[str]:
     """A parameter cannot be null or unset: a bool says what is automatic, and the number is left out."""
     known = {
         "start_variance_known": ("start_variance_p0", one.p0),

@@ -21,7 +21,7 @@ from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.choose_fusion import units_of
+from kalscope.tuning.choose import units_of
 from kalscope.tuning.fused_channels import channels_to_fuse, sensor_named
 
 

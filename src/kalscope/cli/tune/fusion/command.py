@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
-from kalscope.tuning.choose_fusion import FUSED, fusion_tuning
+from kalscope.tuning.choose import FUSED
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import save_tuning
 
@@ -95,7 +95,7 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
         raise BadSetting(
             f"-o needs a usable q and r of each sensor, and the record gives none: {answer.estimate.message}"
         )
-    fusion = fusion_tuning(params, answer.sensors, answer.unit, answer.how)
+    fusion = ChannelTuning.of_params(_free_name(recording), answer.unit, params, answer.how, answer.sensors)
     single = [
         ChannelTuning(
             name, unit, params.q * gain * gain, r, how=answer.how, gate=params.gate, momentum=params.momentum
@@ -104,8 +104,7 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
     ]
     kept = kept_channels(recording, set(answer.sensors), saved_before(recording, output))
     channels = sorted([*kept, *single], key=lambda one: recording.names.index(one.name))
-    named = replace(fusion, name=_free_name(recording))
-    tuning = Tuning.of(recording, channels, selected=answer.sensors[0], fusion=named)
+    tuning = Tuning.of(recording, channels, selected=answer.sensors[0], fusion=fusion)
     save_tuning(tuning, output)
     return [f"kept as they were in the tuning: {', '.join(one.name for one in kept)}"] if kept else []
 

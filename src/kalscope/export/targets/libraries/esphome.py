@@ -15,7 +15,6 @@ from kalscope.errors import BadSetting
 from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
 from kalscope.export.job import ExportJob, FusionJob, Origin
 from kalscope.export.names import comment_text, number_text, quoted
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 _SENSOR = """\
@@ -83,7 +82,7 @@ def _sensor(job: ExportJob, word: str, channel: ChannelTuning) -> str:
 
 
 def _combination(
-    job: Origin, word: str, ending: str, one: ChannelTuning | FusionTuning, said: tuple[str, ...], sources: str
+    job: Origin, word: str, ending: str, one: ChannelTuning, said: tuple[str, ...], sources: str
 ) -> str:
     if job.sample_period is None:
         raise BadSetting(

@@ -15,7 +15,6 @@ from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import Exponential, MovingAverage, PowerOfTwo
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady_state import ratio_for, steady_state
-from kalscope.tuning.fusion import FusionTuning
 from kalscope.tuning.tuning import ChannelTuning
 
 LARGEST_RATIO = 1e15
@@ -87,7 +86,7 @@ def _in_esphome(chain: Chain) -> str:
     )
 
 
-def _mean_text(fusion: FusionTuning) -> str:
+def _mean_text(fusion: ChannelTuning) -> str:
     """The mean of the readings, offset and gain taken out, by their shares: 0.25 (a - 3) + 0.75 b."""
     parts: list[str] = []
     for name, share, gain, offset in zip(
