@@ -15,7 +15,7 @@ from kalscope import ChannelTuning
 from kalscope.export.board.chain import filter_channel_float32
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
-from kalscope.export.job import ExportJob, FusionJob
+from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c, fixed_gains
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
@@ -89,7 +89,7 @@ def test_the_c_filter_compiles_without_a_warning_and_answers_the_same_bits(proce
 def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
     job, z = ExportJob(CHAINS), samples()[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
-    fusion = FusionJob(FUSION)
+    fusion = ExportJob((FUSION,))
     for name, text in c.fused_files(fusion).items():
         (tmp_path / name).write_text(text, encoding="ascii")
     fused = processor.compile(tmp_path / "kalscope_fusion.c", "-DKALSCOPE_FLOAT")

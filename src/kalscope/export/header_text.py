@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from string import Template
 
 from kalscope.export.board.chain import runs_kalman
-from kalscope.export.job import ExportJob, FusionJob, Origin
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import PowerOfTwo
@@ -26,7 +26,7 @@ _SECTION = re.compile(r"^=== (\w+)\n", re.MULTILINE)
 def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: str) -> str:
     """A file of `targets/templates` in which each $name is replaced by its text.
 
-    A line after `@momentum` or another mark of `Origin.marks` appears only in an export with that mark.
+    A line after `@momentum` or another mark of `ExportJob.marks` appears only in an export with that mark.
     """
     text = (TEMPLATES / name).read_text(encoding="utf-8")
     chosen = _MARKED.sub(lambda found: found[2] if found[1] in marks else "", text)
@@ -39,7 +39,7 @@ def fill_sections(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
     return dict(zip(pieces[::2], pieces[1::2], strict=True))
 
 
-def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
+def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
     """Where the export comes from and which sample period it holds for: only for that one, or with another q.
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
@@ -70,35 +70,59 @@ def about(job: Origin, *, for_one_period: bool = False) -> tuple[str, ...]:
 
 
 def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
-    """What the filter of one channel is: the three variances with their unit, gain, lag and start; or its chain."""
+    """What one filter is: the variances with their unit, gain, lag and start, and its sensors; or its chain."""
     if not runs_kalman(channel):
         return _about_classic(job, channel)
-    square = ascii_squared(channel.unit) or "the square of the signal's unit"
-    steady = job.steady(channel)
+    steady, name, fuses = job.steady(channel), comment_text(channel.name), bool(channel.sensors)
+    square = ascii_squared(channel.unit) or (
+        "the square of its unit" if fuses else "the square of the signal's unit"
+    )
+    head = f"Channel {name}; all are variances (not standard deviations) in {square}:"
+    if fuses:
+        head = f"Fused value {name}; all are variances (not standard deviations), q and p0 in {square}:"
+    elif channel.chain is not None:
+        head = f"Channel {name}: {chain_words(channel.chain)}; variances in {square}:"
+    what, row = ("reading", "row of a sensor") if fuses else ("sample", "row")
     gate = "off"
     if channel.gate is not None:
         limit = number_text(channel.gate)
-        gate = f"a sample whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row at most"
-    lines = [
-        f"Channel {comment_text(channel.name)}; all are variances (not standard deviations) in {square}:",
-        f"  process noise q = {number_text(channel.q)} per sample",
-        f"  measurement noise r = {number_text(channel.r)}",
+        gate = f"a {what} whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a {row} at most"
+    lines = [head, f"  process noise q = {number_text(channel.q)} per sample"]
+    if not fuses:
+        lines.append(f"  measurement noise r = {number_text(channel.r)}")
+    if channel.momentum > 0.0:
+        seconds = "" if job.sample_period is None else f" = {channel.momentum * job.sample_period:.4g} s"
+        lines.append(
+            f"  momentum tau = {number_text(channel.momentum)} samples{seconds}:"
+            " how long the signal keeps its direction"
+        )
+    lines += [
         f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
         f"  start: {start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
-        f"  settled: gain K = {steady.gain:.6g}, lag behind a ramp {_lag_words(steady)}",
+        f"  settled{', while all sensors answer' if fuses else ''}: gain K = {steady.gain:.6g},"
+        f" lag behind a ramp {_lag_words(steady)}{'' if channel.chain is None else ', and that of the median'}",
     ]
-    if channel.chain is not None:
-        lines[0] = f"Channel {comment_text(channel.name)}: {chain_words(channel.chain)}; variances in {square}:"
-        lines[-1] += ", and that of the median"
+    if fuses:
+        return (*lines, *_about_sensors(channel))
     if channel.momentum > 0.0:
-        lines[3:3] = [_momentum_words(job, channel)]
         lines.append(
             f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
             f" overshoot on a step {100.0 * steady.overshoot:.3g} %"
         )
     return tuple(lines)
+
+
+def _about_sensors(fusion: ChannelTuning) -> Iterator[str]:
+    each = "each reads offset + gain x + noise of variance r, in its own unit"
+    yield f"Sensors, in the order of the readings: {each}."
+    values = zip(fusion.sensors, fusion.offset, fusion.gain, fusion.r, fusion.params.shares, strict=True)
+    for i, (name, offset, gain, r, share) in enumerate(values, 1):
+        yield (
+            f"  {i} {comment_text(name, 40)}: offset {number_text(offset)}, gain {number_text(gain)},"
+            f" r = {number_text(r)}, share {100.0 * share:.3g} %"
+        )
 
 
 def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
@@ -122,46 +146,9 @@ def chain_words(chain: Chain) -> str:
     return comment_text(chain.words.replace("α", "alpha").replace("β", "beta"), 100)
 
 
-def about_fusion(job: FusionJob) -> tuple[str, ...]:
-    """What the fused filter is: variances with their unit, each sensor, and gain and lag while all answer."""
-    fusion, steady = job.fusion, job.steady
-    square = ascii_squared(fusion.unit) or "the square of its unit"
-    start = "the first reading sets x = (z - offset) / gain and p = r / gain^2"
-    gate = "off"
-    if fusion.gate is not None:
-        limit = number_text(fusion.gate)
-        gate = f"a reading whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a row of a sensor at most"
-    lines = [
-        f"Fused value {comment_text(fusion.name)}; all are variances (not standard deviations),"
-        f" q and p0 in {square}:",
-        f"  process noise q = {number_text(fusion.q)} per sample",
-        *([_momentum_words(job, fusion)] if job.has_momentum else []),
-        f"  start variance p0 = {number_text(fusion.p0, 'unknown (diffuse)')}",
-        f"  start: {start if fusion.p0 is None else start_words(fusion)}",
-        f"  outlier gate: {gate}",
-        f"  found: {comment_text(fusion.how)}",
-        f"  settled, while all sensors answer: gain K = {steady.gain:.6g}, lag behind a ramp {_lag_words(steady)}",
-        "Sensors, in the order of the readings: each reads offset + gain x + noise of variance r, in its own unit.",
-    ]
-    values = zip(fusion.sensors, fusion.offset, fusion.gain, fusion.r, fusion.params.shares, strict=True)
-    for i, (name, offset, gain, r, share) in enumerate(values, 1):
-        lines.append(
-            f"  {i} {comment_text(name, 40)}: offset {number_text(offset)}, gain {number_text(gain)},"
-            f" r = {number_text(r)}, share {100.0 * share:.3g} %"
-        )
-    return tuple(lines)
-
-
 def _lag_words(steady: SteadyState) -> str:
     seconds = "" if steady.lag_s is None else f" = {steady.lag_s:.4g} s"
     return f"{steady.lag_samples:.4g} samples{seconds}"
-
-
-def _momentum_words(job: Origin, one: ChannelTuning) -> str:
-    lasts = f"{number_text(one.momentum)} samples"
-    if job.sample_period is not None:
-        lasts += f" = {one.momentum * job.sample_period:.4g} s"
-    return f"  momentum tau = {lasts}: how long the signal keeps its direction"
 
 
 def ascii_squared(unit: str) -> str:
@@ -174,6 +161,8 @@ def ascii_squared(unit: str) -> str:
 
 def start_words(channel: ChannelTuning) -> str:
     """The start rule in a phrase."""
+    if channel.sensors and channel.p0 is None:
+        return "the first reading sets x = (z - offset) / gain and p = r / gain^2"
     if channel.p0 is None:
         return "the first sample sets x = z and p = r"
     if channel.x0 is None:

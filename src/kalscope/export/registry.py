@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob, FusionJob, fusion_job_of, job_of
+from kalscope.export.job import ExportJob, job_of
 from kalscope.export.names import comment_text
 from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
 from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
@@ -38,7 +38,7 @@ class Target:
     """Writes the settled filter instead; None = the target has no such option."""
     calibration: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the filter and what measures r on the device; None = the target has no such option."""
-    fused: Callable[[FusionJob], dict[str, str]] | None = None
+    fused: Callable[[ExportJob], dict[str, str]] | None = None
     """Writes the filter that fuses several sensors; None = the target takes one reading per sample."""
     chains: bool = False
     """Whether it can hold a chain or a classic filter in place of the Kalman filter."""
@@ -190,13 +190,13 @@ def export_tuning(
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     chosen = tuning.only(channel)
     chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
-    job = fusion_job_of(chosen) or job_of(chosen)
+    job = job_of(chosen)
     if fixed_gains and not calibration:
         return _fixed(target, job, vectors)
     if calibration:
         files = _calibrated(target, job, fixed_gains=fixed_gains)
     else:
-        files = _fused(target, job) if isinstance(job, FusionJob) else _channels(target, job)
+        files = _fused(target, job) if job.fuses else _channels(target, job)
     if vectors is not None:
         from kalscope.export.vectors import vector_files
 
@@ -217,7 +217,7 @@ def _channels(target: str, job: ExportJob) -> dict[str, str]:
     return TARGETS[target].files(job)
 
 
-def _fused(target: str, job: FusionJob) -> dict[str, str]:
+def _fused(target: str, job: ExportJob) -> dict[str, str]:
     write = TARGETS[target].fused
     if not TARGETS[target].is_offered:
         return TARGETS[target].files(job.as_single)  # says why these values would give a different filter
@@ -228,8 +228,8 @@ def _fused(target: str, job: FusionJob) -> dict[str, str]:
     return write(job)
 
 
-def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -> dict[str, str]:
-    if isinstance(job, FusionJob):
+def _fixed(target: str, job: ExportJob, vectors: Recording | None) -> dict[str, str]:
+    if job.fuses:
         raise BadSetting(
             f"fixed gains must be of one sensor (got the fusion {comment_text(job.fusion.name)}, whose gains change"
             " with the sensors that answer): leave that option out, or choose a channel"
@@ -248,12 +248,12 @@ def _fixed(target: str, job: ExportJob | FusionJob, vectors: Recording | None) -
     return write(job)
 
 
-def _calibrated(target: str, job: ExportJob | FusionJob, *, fixed_gains: bool) -> dict[str, str]:
+def _calibrated(target: str, job: ExportJob, *, fixed_gains: bool) -> dict[str, str]:
     write = TARGETS[target].calibration
     if write is None:
         able = " or ".join(_able(lambda each: each.calibration))
         raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
-    if isinstance(job, FusionJob):
+    if job.fuses:
         raise BadSetting(
             f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that option"
             " out, or choose a channel"

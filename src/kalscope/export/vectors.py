@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob, FusionJob
+from kalscope.export.job import ExportJob
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -17,7 +17,7 @@ DEFAULT_ROWS = 1000
 HEADER = "time,raw,filtered,gain"
 
 
-def vector_files(job: ExportJob | FusionJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
+def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
 
     The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
@@ -35,7 +35,7 @@ def vector_files(job: ExportJob | FusionJob, recording: Recording, rows: int = D
     """
     if rows < 1 or not len(recording):
         raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
-    if isinstance(job, FusionJob):
+    if job.fuses:
         header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
         return {"groundtruth.csv": _text(job.fusion, recording, header, rows)}
     if len(job.channels) == 1:

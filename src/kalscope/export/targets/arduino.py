@@ -14,8 +14,8 @@ from kalscope.export.board.momentum import LAST_POWER
 from kalscope.export.board.still_rule import template_texts
 from kalscope.export.device_limits import not_in_counts
 from kalscope.export.float32 import Float32Params, float32_text, to_float32, without_momentum
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, Origin
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text
 from kalscope.export.targets.stages import (
     KALMAN_FIELDS,
@@ -188,13 +188,13 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     )
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`KalscopeFusion.h` and `kalscope_fusion.ino`; errors as `files`."""
     _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
     return {"KalscopeFusion.h": _fused_header(job), "kalscope_fusion.ino": _fused_sketch(job)}
 
 
-def _fused_header(job: FusionJob) -> str:
+def _fused_header(job: ExportJob) -> str:
     try:
         held = fusion_on_board(job.fusion.params)
     except BadSetting as error:
@@ -202,7 +202,7 @@ def _fused_header(job: FusionJob) -> str:
     values = [float32_text(value) for value in (held.q, held.p0, held.x0, held.gate)]
     if job.has_momentum:
         values += map(float32_text, vars(held.momentum).values())
-    for each in (held.r, held.offset, held.gain)[: 3 if job.has_gains else 2]:
+    for each in (held.r, held.offset, held.gain)[: 3 if job.fusion.has_gains else 2]:
         values.append(f"{{{', '.join(map(float32_text, each))}}}")
     reading = "(readings[i] - tuning.offset[i]) / tuning.gain[i]"
     return fill_template(
@@ -214,13 +214,13 @@ def _fused_header(job: FusionJob) -> str:
         all_bits="1" * (len(held.r) - 1) + "0",
         count=str(len(held.r)),
         gate_limit=str(GATE_LIMIT),
-        tuning_about=commented(about_fusion(job), "//").rstrip(),
+        tuning_about=commented(about_channel(job, job.fusion), "//").rstrip(),
         values=f"  {', '.join(values)}",
-        reading=reading if job.has_gains else "readings[i] - tuning.offset[i]",
+        reading=reading if job.fusion.has_gains else "readings[i] - tuning.offset[i]",
     )
 
 
-def _fused_sketch(job: FusionJob) -> str:
+def _fused_sketch(job: ExportJob) -> str:
     fusion, names = job.fusion, job.sensor_identifiers
     pins = [f"A{i}" for i in range(len(names))]
     period_us, said = _period(job)
@@ -228,7 +228,7 @@ def _fused_sketch(job: FusionJob) -> str:
         "arduino/kalscope_fusion.ino",
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
-        columns=",".join((*names, job.identifier)),
+        columns=",".join((*names, job.identifiers[-1])),
         period_us=str(period_us),
         period_words=said,
         pins=", ".join(pins),
@@ -239,8 +239,8 @@ def _fused_sketch(job: FusionJob) -> str:
     )
 
 
-def _fusion_constant(job: FusionJob) -> str:
-    return f"KALSCOPE_FUSION_{job.identifier.upper()}"
+def _fusion_constant(job: ExportJob) -> str:
+    return f"KALSCOPE_FUSION_{job.identifiers[-1].upper()}"
 
 
 def _check_pins(count: int, what: str, instead: str, most: int) -> None:
@@ -267,7 +267,7 @@ def _unit(unit: str) -> str:
     return comment_text(unit, 20) or "its own unit"
 
 
-def _period(job: Origin) -> tuple[int, str]:
+def _period(job: ExportJob) -> tuple[int, str]:
     """Microseconds between samples, and a remark on them."""
     if job.sample_period is None:
         return DEFAULT_PERIOD_US, " a guess: the tuning has no sample period"

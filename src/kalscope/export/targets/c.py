@@ -8,8 +8,8 @@ from kalscope.errors import BadSetting
 from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import Float32Params, float32_text
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, step_of
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 from kalscope.export.targets.stages import WHOLE, code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
@@ -43,7 +43,7 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"kalscope_filter.h": header, "kalscope_filter.c": source}
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_fusion.h` and `.c`; what float cannot hold stops the compiler as in `files`.
 
     Raises:
@@ -58,7 +58,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         job.marks,
         about=_commented(about(job)),
         words=", ".join(names),
-        name=job.identifier,
+        name=job.identifiers[-1],
         count=str(len(names)),
     )
     source = fill_template(
@@ -67,16 +67,16 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         about=_commented(about(job)),
         gate_limit=str(GATE_LIMIT),
         tuning=_fusion_constant(job),
-        reading=reading if job.has_gains else "readings[i] - tuning->offset[i]",
+        reading=reading if job.fusion.has_gains else "readings[i] - tuning->offset[i]",
     )
     return {"kalscope_fusion.h": header, "kalscope_fusion.c": source}
 
 
-def _fusion_constant(job: FusionJob) -> str:
+def _fusion_constant(job: ExportJob) -> str:
     fusion = job.fusion
     values = _starting_values(fusion) | {name: number_text(value) for name, value in step_of(fusion).items()}
     fields = "".join(f"    .{field} = (kalscope_fusion_real){value},\n" for field, value in values.items())
-    each = {"r": job.noise, "offset": fusion.offset} | ({"gain": fusion.gain} if job.has_gains else {})
+    each = {"r": job.noise, "offset": fusion.offset} | ({"gain": fusion.gain} if job.fusion.has_gains else {})
     for field, numbers in each.items():
         listed = ", ".join(f"(kalscope_fusion_real){number_text(number)}" for number in numbers)
         fields += f"    .{field} = {{{listed}}},\n"
@@ -84,8 +84,8 @@ def _fusion_constant(job: FusionJob) -> str:
     try:
         fusion_on_board(fusion.params)
     except BadSetting:
-        guard = _float_guard(job.identifier)
-    said, name = _commented(about_fusion(job)), f"kalscope_fusion_tuning_{job.identifier}"
+        guard = _float_guard(job.identifiers[-1])
+    said, name = _commented(about_channel(job, job.fusion)), f"kalscope_fusion_tuning_{job.identifiers[-1]}"
     return f"{said}\n{guard}const kalscope_fusion_tuning {name} = {{\n{fields}}};\n"
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, step_of
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -20,7 +20,7 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"kalscope_filter.mjs": text}
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_fusion.mjs`."""
     single, each = job.arguments
     given = {name: number_text(value) for name, value in single.items()}
@@ -28,7 +28,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     text = fill_template(
         "fused/kalscope_fusion.mjs",
         job.marks,
-        about=commented((*about(job), *about_fusion(job)), "//"),
+        about=commented((*about(job), *about_channel(job, job.fusion)), "//"),
         words=", ".join(job.sensor_identifiers),
         values="".join(f"  {name}: {value},\n" for name, value in given.items()),
     )

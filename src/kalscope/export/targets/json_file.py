@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 from kalscope.export.board.chain import runs_kalman
-from kalscope.export.header_text import about, about_channel, about_fusion, ascii_squared
-from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
+from kalscope.export.header_text import about, about_channel, ascii_squared
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.targets.stages import numbers_of
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.steady_state import SteadyState
@@ -25,14 +25,14 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"kalscope_parameters.json": _text(document)}
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_fusion.json`; names are whole, in escapes."""
-    fusion, steady = job.fusion, job.steady
+    fusion, steady = job.fusion, job.steady(job.fusion)
     shares = fusion.params.shares.tolist()
     values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, shares, strict=True)
     fused = {
         "name": _clean(fusion.name),
-        "identifier": job.identifier,
+        "identifier": job.identifiers[-1],
         "unit": _clean(fusion.unit),
         "unit_of_variances": ascii_squared(fusion.unit),
         "process_noise_q": fusion.q,
@@ -41,7 +41,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         "found": _clean(fusion.how),
         "steady_gain": steady.gain,
         "lag_samples": steady.lag_samples if fusion.q > 0.0 else None,
-        "about": list(about_fusion(job)),
+        "about": list(about_channel(job, job.fusion)),
     }
     sensors = [
         {"name": _clean(name), "identifier": word, "measurement_noise_r": r, "offset": b, "gain": c, "share": share}
@@ -50,7 +50,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     return {"kalscope_fusion.json": _text({**_head(job, FUSION_FORMAT), "fusion": fused, "sensors": sensors})}
 
 
-def _head(job: Origin, layout: str) -> dict[str, Any]:
+def _head(job: ExportJob, layout: str) -> dict[str, Any]:
     return {
         "format": layout,
         "about": list(about(job)),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, step_of
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -26,17 +26,17 @@ def _script(whole: ExportJob, channel: ChannelTuning) -> str:
     )
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalman_fusion_IDENTIFIER.m`."""
     each = {"r": job.noise, "offset": job.fusion.offset, "gain": job.fusion.gain}
     text = fill_template(
         "fused/kalman_fusion.m",
         job.marks,
-        about=commented((*about(job), *about_fusion(job)), "%"),
+        about=commented((*about(job), *about_channel(job, job.fusion)), "%"),
         **{name: ", ".join(map(number_text, numbers)) for name, numbers in each.items()},
         **_values(job.fusion),
     )
-    return {f"kalman_fusion_{job.identifier}.m": text}
+    return {f"kalman_fusion_{job.identifiers[-1]}.m": text}
 
 
 def _values(one: ChannelTuning) -> dict[str, str]:

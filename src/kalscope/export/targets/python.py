@@ -7,12 +7,11 @@ from collections.abc import Callable
 from kalscope.export.header_text import (
     about,
     about_channel,
-    about_fusion,
     commented,
     fill_sections,
     fill_template,
 )
-from kalscope.export.job import ExportJob, FusionJob, step_of
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import number_text
 from kalscope.export.targets.stages import numbers_of, piece_of, used_pieces
 from kalscope.tuning.tuning import ChannelTuning
@@ -45,7 +44,7 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"kalscope_filter.py": own, "with_kalscope.py": kalscope}
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_fusion.py` and `fusion_with_kalscope.py`, whose first two lines are constant as well."""
     single, each = job.arguments
     own = _lines(single, each)
@@ -56,7 +55,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         name: fill_template(
             f"fused/{name}.txt",
             job.marks,
-            about=commented((*about(job), *about_fusion(job)), "#"),
+            about=commented((*about(job), *about_channel(job, job.fusion)), "#"),
             words=", ".join(job.sensor_identifiers),
             values=values,
         )

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, Origin, step_of
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob, step_of
 from kalscope.export.names import comment_text, number_text, quoted
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -39,7 +39,7 @@ def files(job: ExportJob) -> dict[str, str]:
     return {"kalscope_parameters.yaml": text}
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_fusion.yaml`; errors as `files`."""
     fusion = job.fusion
     values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, strict=True)
@@ -47,7 +47,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     lines = [*(f"        {name}: {value}\n" for name, value in fused.items()), *_rest(fusion)]
     text = fill_template(
         "fused/kalscope_fusion.yaml",
-        about=commented((*about(job), *about_fusion(job)), "#"),
+        about=commented((*about(job), *about_channel(job, job.fusion)), "#"),
         period=_period(job),
         fusion="".join(("      fused:\n", *lines)),
         names=", ".join(map(quoted, job.sensor_identifiers)),
@@ -63,7 +63,7 @@ def fused_files(job: FusionJob) -> dict[str, str]:
     return {"kalscope_fusion.yaml": text}
 
 
-def _period(job: Origin) -> str:
+def _period(job: ExportJob) -> str:
     return "" if job.sample_period is None else f"      sample_period: {_number(job.sample_period)}\n"
 
 

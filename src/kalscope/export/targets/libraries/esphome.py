@@ -12,8 +12,8 @@ import sys
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.header_text import about, about_channel, about_fusion, commented, fill_template
-from kalscope.export.job import ExportJob, FusionJob, Origin
+from kalscope.export.header_text import about, about_channel, commented, fill_template
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text, quoted
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -49,7 +49,7 @@ def files(job: ExportJob) -> dict[str, str]:
     return _files(job, "".join(_sensor(job, *named) for named in job.named_channels))
 
 
-def fused_files(job: FusionJob) -> dict[str, str]:
+def fused_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_esphome.yaml`: one Kalman combination sensor of all, each scaled by a copy of it where it must be.
 
     Raises:
@@ -65,10 +65,10 @@ def fused_files(job: FusionJob) -> dict[str, str]:
         _check("r", word, r, error, 1.0)
         source, remark = (word, _RAW) if is_raw else (f"{word}_scaled", "")
         sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
-    return _files(job, scaled + _combination(job, job.identifier, "", fusion, about_fusion(job), sources))
+    return _files(job, scaled + _combination(job, job.identifiers[-1], "", fusion, sources))
 
 
-def _files(job: Origin, sensors: str) -> dict[str, str]:
+def _files(job: ExportJob, sensors: str) -> dict[str, str]:
     text = fill_template("libraries/kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
     return {"kalscope_esphome.yaml": text}
 
@@ -76,14 +76,12 @@ def _files(job: Origin, sensors: str) -> dict[str, str]:
 def _sensor(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     error = math.sqrt(channel.r)
     source = _SOURCE.format(source=word, remark=_RAW, error=number_text(error))
-    text = _combination(job, f"{word}_filtered", " filtered", channel, about_channel(job, channel), source)
+    text = _combination(job, f"{word}_filtered", " filtered", channel, source)
     _check("r", channel.name, channel.r, error, 1.0)
     return text
 
 
-def _combination(
-    job: Origin, word: str, ending: str, one: ChannelTuning, said: tuple[str, ...], sources: str
-) -> str:
+def _combination(job: ExportJob, word: str, ending: str, one: ChannelTuning, sources: str) -> str:
     if job.sample_period is None:
         raise BadSetting(
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
@@ -91,7 +89,7 @@ def _combination(
     process = math.sqrt(one.q) / math.sqrt(job.sample_period)  # q/T alone might overflow
     _check("q", one.name, one.q, process, 0.001)
     return _SENSOR.format(
-        about=commented(said, "  #"),
+        about=commented(about_channel(job, one), "  #"),
         word=word,
         name=quoted(f"{comment_text(one.name, 40)}{ending}"),  # harmless: "${…}" would be substituted
         process=number_text(process),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
 from kalscope.export.header_text import chain_words
-from kalscope.export.job import ExportJob, FusionJob
+from kalscope.export.job import ExportJob
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.stages import Exponential, MovingAverage, PowerOfTwo
@@ -37,7 +37,7 @@ def nearest_without_momentum(channel: ChannelTuning) -> ChannelTuning:
     return replace(channel, q=min(ratio * channel.r, MAX_VARIANCE), momentum=0.0)
 
 
-def refusal_of_fusion(job: FusionJob, target: str, able: Iterable[str]) -> BadSetting:
+def refusal_of_fusion(job: ExportJob, target: str, able: Iterable[str]) -> BadSetting:
     """What to raise for a target that takes one reading, with the mean of the readings that would do instead.
 
     Args:
