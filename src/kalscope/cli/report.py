@@ -55,8 +55,10 @@ def report_command(
 
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
+    from kalscope.export.report.content import make_report
     from kalscope.export.report.page import as_html
     from kalscope.export.report.picture import as_png
+    from kalscope.tuning.choose import filters_for
     from kalscope.tuning.tuning_file import load_tuning
 
     tell_compiling()
@@ -76,7 +78,8 @@ def report_command(
         moments = np.arange(len(recording)) * tuning.sample_period
         recording = replace(recording, time=moments, sample_period=tuning.sample_period)
     if fused:
-        report, notes = _of_fusion(recording, tuning, config)
+        (fusion,), notes = filters_for(recording, config, {})
+        report = make_report(recording, tuning, fusion=fusion, config=str(config))
     else:
         report, notes = _of_channel(recording, tuning, config, channel, (momentum, overshoot))
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
@@ -89,15 +92,6 @@ def _kind_of(output: Path) -> str:
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     return kind
-
-
-def _of_fusion(recording: Recording, tuning: Tuning, config: Path) -> tuple[Report, list[str]]:
-    """The page on the sensors that the tuning fuses, and notes on the choice of the filter."""
-    from kalscope.export.report.fusion import make_fusion_report
-    from kalscope.tuning.choose import filters_for
-
-    (fusion,), notes = filters_for(recording, config, {})
-    return make_fusion_report(recording, tuning, fusion, config=str(config)), notes
 
 
 def _of_channel(

@@ -9,7 +9,6 @@ import viser
 
 from kalscope.export.filtered_csv import filtered_csv_chunks
 from kalscope.export.report.content import Report, make_report
-from kalscope.export.report.fusion import make_fusion_report
 from kalscope.export.report.page import as_html
 from kalscope.export.report.picture import as_png
 from kalscope_app.engine.jobs import Jobs
@@ -67,7 +66,7 @@ def _csv_chunks(state: State) -> Iterator[str]:
 
 def _report(state: State) -> Report:
     if state.fusion is not None:
-        return make_fusion_report(state.recording, state.as_tuning(), state.fusion.used)
+        return make_report(state.recording, state.as_tuning(), fusion=state.fusion.used)
     state.require_exportable([state.channel])
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)

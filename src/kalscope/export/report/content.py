@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,12 +17,14 @@ from kalscope.analysis.alternatives.comparison import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.fit.goal import request_in, still_met
 from kalscope.analysis.fit.run import Run
+from kalscope.analysis.fusion.judge import judge_fusion
 from kalscope.analysis.judgement import advice_words, judge
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
     count,
     number,
+    percent,
     sample_rate,
 )
 from kalscope.common.version import program
@@ -46,6 +49,12 @@ MAX_DRAWN_POINTS = 1500
 
 UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is not a model of the signal."
 """What is shown instead of the verdict on a chain."""
+
+STYLES = ("raw", "s1", "s3", "s4")
+"""Of the sensors, from the first; the fused value is s2."""
+
+_MAX_BRIDGED = 10
+"""A sensor's line is broken where it has no reading for this many of its usual steps."""
 
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of less than twice as many has none."""
@@ -81,18 +90,20 @@ def make_report(
     tuning: Tuning,
     channel: str | None = None,
     *,
+    fusion: ChannelTuning | None = None,
     config: str = "tuning.toml",
     options: Sequence[str] = (),
     now: datetime | None = None,
     command: str = "",
     pins: Sequence[tuple[str, ChannelTuning]] = (),
 ) -> Report:
-    """The report on one channel.
+    """The report on one channel, or on sensors that are fused.
 
     Args:
         recording: the data.
         tuning: its filters, at the recording's sample period.
         channel: which one; None = the selected, else the first.
+        fusion: the filter and its sensors, at the recording's sample period; None = the report is on a channel.
         config: name of the tuning file in the command.
         options: more words of the command, where the filter is not that of the file.
         now: time to print; None = now. Everything else is the same in every run.
@@ -100,46 +111,71 @@ def make_report(
         pins: names and settings of the channel to show beside the present one.
 
     Raises:
-        BadSetting: the recording or the tuning has no such channel.
+        BadSetting: the recording or the tuning has no such channel or sensor, or there are no samples.
     """
-    name = channel or tuning.selected or tuning.channels[0].name
-    own = tuning.channel(name)
+    shown = fusion or tuning.channel(channel or tuning.selected or tuning.channels[0].name)
     if not len(recording):
         raise BadSetting("a report must have samples to show (got none)")
-    column = recording.index(name)
-    z = recording.channel(name)
-    truth = None if recording.truth is None else recording.truth[:, column]
+    z, sources, period = shown.readings(recording), shown.sensors or (shown.name,), recording.sample_period
+    truth = None if recording.truth is None else recording.truth[:, recording.index(sources[0])]
     dt = recording.steps() if recording.gaps == "dt" else None
-    judged, texts = _judged(recording, own, z, dt, truth)  # before the run is kept: memory
-    result = own.filter.run(z, dt)
-    steady = own.filter.settled(result, recording.sample_period)
-    error = "" if truth is None else f"{number(rmse(result.x, truth))} {own.unit}".strip()
+    judge_it = _judged_fusion if shown.sensors else _judged
+    judged, texts = judge_it(shown, z, dt, period, truth)  # before the run is kept: memory
+    result = shown.filter.run(z, dt)
+    error = "" if truth is None else f"{number(rmse(result.x, truth))} {shown.unit}".strip()
+    effect = meaning(shown.filter.settled(result, period), result, period, error)
+    values = ReportTable("Parameters", parameters(shown, period))
+    pinned = pinned_settings(shown, pins, z, dt, truth, period)
+    if shown.sensors:
+        tables = (*judged, ReportTable("While all sensors answer", effect), values, pinned)
+    else:
+        tables = (values, ReportTable("Resulting filter", effect), *judged, pinned)
     return Report(
-        title=f"{recording.title or recording.source or 'Recording'}: {name}",
-        subtitle=subtitle_of(recording, z),
-        charts=_charts(recording, own, z, result, truth),
-        tables=(
-            ReportTable("Parameters", parameters(own, recording.sample_period)),
-            ReportTable("Resulting filter", meaning(steady, result, recording.sample_period, error)),
-            *judged,
-            pinned_settings(own, pins, z, dt, truth, recording.sample_period),
-        ),
+        title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(sources)}",
+        subtitle=_subtitle(recording, result.x if shown.sensors else z),
+        charts=_charts(recording, shown, z, result, truth),
+        tables=tables,
         texts=texts,
-        command=command or command_of(recording, config, options),
-        origin=origin_of(recording, tuning, now),
+        command=command or _command(recording, config, options),
+        origin=_origin(recording, tuning, now),
     )
 
 
-def _judged(
-    recording: Recording, own: ChannelTuning, z: Array, dt: Array | None, truth: Array | None
-) -> tuple[tuple[ReportTable, ...], tuple[tuple[str, str], ...]]:
+Judged = tuple[tuple[ReportTable, ...], tuple[tuple[str, str], ...]]
+"""Tables, and texts with their headings."""
+
+
+def _judged_fusion(
+    fusion: ChannelTuning, z: Array, dt: Array | None, period: float | None, _: Array | None
+) -> Judged:
+    """A row per sensor, with a gain in place of the error alone where there are any; and what fusing is worth."""
+    verdict = judge_fusion(z, fusion.params, dt, names=fusion.sensors, unit=fusion.unit, sample_period=period)
+    rows = tuple(
+        (
+            one.name,
+            number(math.sqrt(fusion.r[i])),
+            number(fusion.offset[i]),
+            number(fusion.gain[i] if fusion.has_gains else one.error),
+            percent(one.share),
+            number(one.error_without),
+        )
+        for i, one in enumerate(verdict.sensors)
+    )
+    heading = f"Sensors ({fusion.unit})" if fusion.unit else "Sensors"
+    columns = ("", "noise σ", "offset", "gain" if fusion.has_gains else "alone", "share", "without")
+    failing = " ".join(sentence for one in verdict.sensors for sentence in one.sentences[len(one.faults) :])
+    texts = ("What does fusing bring?", " ".join(verdict.sentences)), ("If a sensor fails", failing)
+    return (ReportTable(heading, rows, columns),), texts
+
+
+def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None, truth: Array | None) -> Judged:
     """The tables and the texts on how well the filter fits, and on simpler ones; of a chain there are none."""
     if own.chain is not None:
         return (), (("Does the filter fit?", UNJUDGED),)
     checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
     texts = (
-        ("Does the filter fit?", _fits(own, checks, recording.sample_period)),
+        ("Does the filter fit?", _fits(own, checks, period)),
         ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
     )
     return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
@@ -151,7 +187,7 @@ def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
     return f"{judgement.headline}{advice}"
 
 
-def subtitle_of(recording: Recording, z: Array) -> str:
+def _subtitle(recording: Recording, z: Array) -> str:
     """How much there is of the samples z, in a few words."""
     parts = [f"{count(len(z))} samples"]
     if recording.sample_period is not None:
@@ -162,13 +198,13 @@ def subtitle_of(recording: Recording, z: Array) -> str:
     return ", ".join(parts)
 
 
-def command_of(recording: Recording, config: str, options: Sequence[str]) -> str:
+def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
     """What reopens the recording with a tuning file."""
     source = recording.source or "FILE"
     return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
 
 
-def origin_of(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
+def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
     """File, SHA-256, versions, date."""
     moment = (now or datetime.now(UTC)).astimezone(UTC)
     rows = [
@@ -186,6 +222,13 @@ def origin_of(recording: Recording, tuning: Tuning, now: datetime | None) -> Row
 def _charts(
     recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
+    if own.sensors:
+
+        def fused(x: Array, part: slice) -> list[Line]:
+            sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
+            return [*sensors, _line(x, result.x[part], own.name, "s2")]
+
+        return panels_of(recording, (own.name, own.unit), [z], fused)
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
 
     def lines(x: Array, part: slice) -> list[Line]:
@@ -227,6 +270,18 @@ def panels_of(
     )
 
 
+def _line(x: Array, y: Array, name: str, style: str) -> Line:
+    """A curve through its readings, from one to the next however slow the sensor is; broken in long gaps."""
+    at = np.flatnonzero(np.isfinite(y))
+    if len(at) < 2:  # a line needs two points
+        return Line(x[0] + np.arange(2.0), np.full(2, y[at[0]] if len(at) else np.nan), name, style)
+    steps = np.diff(at)
+    gaps = np.flatnonzero(steps > _MAX_BRIDGED * np.median(steps)) + 1
+    x, y = np.insert(x[at], gaps, x[at][gaps]), np.insert(y[at], gaps, np.nan)
+    kept = chosen_samples(y)
+    return Line(x[kept], y[kept], name, style)
+
+
 def _y_range(seen: Array) -> tuple[float, float]:
     seen = seen[np.isfinite(seen)]
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
@@ -240,7 +295,7 @@ def _label(name: str, unit: str) -> str:
     return f"{short} ({unit[:8]})" if unit else short
 
 
-def chosen_samples(z: Array) -> NDArray[np.intp]:
+def _chosen_samples(z: Array) -> NDArray[np.intp]:
     """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
     if len(z) <= MAX_DRAWN_POINTS:
         return np.arange(len(z))

@@ -122,7 +122,7 @@ def pinned_settings(
 ) -> ReportTable:
     """The present setting and the pinned ones of the channel, by name."""
     rows: list[tuple[str, ...]] = []
-    for name, one in (("current", own), *pins):
+    for name, one in (("current", own), *pins) if pins else ():
         result = one.filter.run(z, dt)
         steady, chain = one.filter.settled(result, period), one.chain
         label = f"{name}, τ {number(one.momentum)}" if one.momentum > 0.0 else name
@@ -133,7 +133,7 @@ def pinned_settings(
         lag, reduction = lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)
         rows.append((label, *used, lag, reduction, last))
     last = "log-likelihood" if truth is None else "RMSE"
-    return ReportTable("Pinned settings", tuple(rows) if pins else (), ("", "q", "r", "lag", "noise", last))
+    return ReportTable("Pinned settings", tuple(rows), ("", "q", "r", "lag", "noise", last))
 
 
 def rmse(x: Array, truth: Array) -> float:
