@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
-from kalscope.cli.tune.fusion.options import NONE, FusionOptions, fusion_options
 from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -23,7 +22,7 @@ MAX_OTHERS = 24
 """Maximum number of other channels that are named; a car sends hundreds."""
 
 
-@with_options(reading=read_options, asked=tune_options, fusing=fusion_options)
+@with_options(reading=read_options, asked=tune_options)
 def tune_command(
     source: Source,
     channel: Annotated[
@@ -32,7 +31,6 @@ def tune_command(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     asked: TuneOptions = NOTHING,
-    fusing: FusionOptions = NONE,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
@@ -55,31 +53,32 @@ def tune_command(
     tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    fusing.refuse_others(channel, every)
+    asked.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
-    if fusing.names is not None:
-        text, more = _fused(recording, asked, fusing, (details, as_json), output)
+    if asked.fuse is not None:
+        from kalscope.cli.console import progress_line
+        from kalscope.cli.tune import fusion
+        from kalscope.cli.tune.summary import reading_lines
+        from kalscope.common.progress import Progress
+
+        with progress_line() as show:
+            answer = fusion.answer_fusion(recording, asked, Progress(show))
+        more = [] if output is None else fusion.save_fusion(recording, answer, output)
+        lines = [*fusion.summary_of(answer), *(fusion.details_of(answer) if details else [])]
+        text = "\n".join([*reading_lines(recording), *lines]) + "\n"
+        whole = fusion.as_plain(answer) if as_json else {}
     else:
         names = recording.names if every else (channel or default_channel(recording),)
         answers = _answers(recording, names, asked)
         more = [] if output is None else _save(recording, answers, output)
-        text = _json(recording, answers, every) if as_json else _text(recording, answers, details)
+        text = _text(recording, answers, details)
+        whole = _plain(recording, answers, every) if as_json else {}
+    if as_json:
+        text = _json(recording, whole)
     write_output(iter([text]), None)
     for note in filter(None, [*notes, *more]):
         say(f"note: {note}")
-
-
-def _fused(
-    recording: Recording, asked: TuneOptions, fusing: FusionOptions, form: tuple[bool, bool], output: Path | None
-) -> tuple[str, list[str]]:
-    """The answer on fused channels as text, with details, or as JSON; saved, and notes on that."""
-    from kalscope.cli.tune.fusion.command import json_of, save_fusion, text_of, tune_fusion
-
-    details, as_json = form
-    answer = tune_fusion(recording, asked, fusing)
-    notes = [] if output is None else save_fusion(recording, answer, output)
-    return json_of(recording, answer) if as_json else text_of(recording, answer, details), notes
 
 
 def _answers(recording: Recording, names: tuple[str, ...], asked: TuneOptions) -> list[Answer]:
@@ -128,36 +127,32 @@ def _others(recording: Recording, answers: list[Answer]) -> str:
     return f"Other channels (--channel, --all): {words}{rest}" if others else ""
 
 
-def _json(recording: Recording, answers: list[Answer], every: bool) -> str:
+def _plain(recording: Recording, answers: list[Answer], every: bool) -> dict[str, Any]:
     """One object: the channel's own, or with --all one that holds a list of them."""
-    from kalscope.cli.tune.plain import as_plain, finite
+    from kalscope.cli.tune.plain import as_plain
+
+    plain = [as_plain(answer, recording) for answer in answers]
+    return {"channels": plain} if every else plain[0]
+
+
+def _json(recording: Recording, answer: dict[str, Any]) -> str:
+    """The answer after what was read."""
+    from kalscope.cli.tune.plain import finite
     from kalscope.sources.readers import account
 
-    reading = finite(account.as_plain(recording))
-    head = {"source": recording.source, "sha256": recording.sha256, "reading": reading}
-    plain = [as_plain(answer, recording) for answer in answers]
-    whole = {**head, "channels": plain} if every else {**head, **plain[0]}
-    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    head = {"source": recording.source, "sha256": recording.sha256, "reading": account.as_plain(recording)}
+    return json.dumps(finite({**head, **answer}), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str]:
     """Save the tuning of the channels that have a pair; returns notes about it for the user."""
-    from kalscope.cli.tune.saved import kept_channels, replaced_chains, saved_before
+    from kalscope.cli.tune.saved import save
     from kalscope.cli.tune.words import VERDICT_WORDS
     from kalscope.sources.readers import account
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
-    from kalscope.tuning.tuning_file import save_tuning
+    from kalscope.tuning.tuning import ChannelTuning
 
     found = [
-        ChannelTuning(
-            one.channel,
-            one.unit,
-            one.found.params.q,
-            float(one.found.params.r),
-            how=one.found.how,
-            gate=one.found.params.gate,
-            momentum=one.found.params.momentum,
-        )
+        ChannelTuning.of_params(one.channel, one.unit, one.found.params, one.found.how)
         for one in answers
         if one.found.params is not None
     ]
@@ -167,16 +162,7 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
         none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
         raise BadSetting(f"{lost}{none}: {_instead(answers[0])}")
     notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
-    before = saved_before(recording, output)
-    notes += replaced_chains({one.name for one in found}, before)
-    kept = kept_channels(recording, {one.channel for one in answers}, before)
-    if kept:
-        notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
-    channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
-    fusion = None if before is None else before.fusion
-    tuning = Tuning.of(recording, channels, selected=found[0].name, fusion=fusion)
-    save_tuning(tuning, output)
-    return notes
+    return notes + save(recording, found, {one.channel for one in answers}, output)
 
 
 def _instead(answer: Answer) -> str:

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from kalscope.cli.options import SensorNumbers, number_option, number_or, number_or_each, percentage, positive
+from kalscope.cli.options import (
+    SensorNumbers,
+    number_option,
+    number_or,
+    number_or_each,
+    percentage,
+    positive,
+    text_option,
+)
 from kalscope.errors import BadSetting
 
 if TYPE_CHECKING:
@@ -44,6 +52,22 @@ class TuneOptions:
     """Outlier gate on v²/s; NaN = off, None = as it is found."""
     robust: bool | Literal["auto"] = "auto"
     """Whether spikes are set aside; "auto" = where there are any."""
+    fuse: str | None = None
+    """The channels to fuse; None = channels are tuned one by one."""
+    reference: str | None = None
+    """The fused sensor whose offset is 0 and whose gain is 1; None = what all share is unknown."""
+    gains: bool = False
+    """Whether the gain of each fused sensor is estimated too."""
+
+    def refuse_others(self, channel: str | None, every: bool) -> None:
+        """Raise BadSetting for an option that --fuse excludes, or that needs --fuse where it is not given."""
+        if self.fuse is None:
+            for option, given in (("--reference", self.reference is not None), ("--sensor-gains", self.gains)):
+                if given:
+                    raise BadSetting(f"{option} needs --fuse, the sensors of one quantity (got none)")
+        elif channel is not None or every:
+            got = "--all" if every else f"--channel {channel!r}"
+            raise BadSetting(f"--fuse must be used without --channel and --all: it names its channels (got {got})")
 
     def request(self, recording: Recording) -> Request:
         """The same in the words of `find_parameters`.
@@ -130,6 +154,13 @@ Robust = Annotated[
         help="Always or never set spikes aside before the fit; default: where there are any.",
     ),
 ]
+Fuse = Annotated[str | None, text_option("NAMES", "Fuse these channels, sensors of one quantity: a,b,c or 1,2,3.")]
+Reference = Annotated[
+    str | None, text_option("NAME", "With --fuse: the sensor without an offset; default: offsets add up to 0.")
+]
+SensorGains = Annotated[
+    bool, typer.Option("--sensor-gains", help="With --fuse: estimate the gain of each sensor too.")
+]
 
 
 def tune_options(
@@ -148,6 +179,9 @@ def tune_options(
     momentum: Momentum = None,
     gate: Gate = None,
     robust: Robust = None,
+    fuse: Fuse = None,
+    reference: Reference = None,
+    sensor_gains: SensorGains = False,
 ) -> TuneOptions:
     """The options in place of the parameter `asked` of the command; see `with_options`.
 
@@ -162,7 +196,8 @@ def tune_options(
     given = {name: value for name, value in (*lambdas, *whole, *others) if value is not None}
     _refuse_contradictions([*given, *each, *([] if still is None else ["--still"])], method)
     tau = "auto" if momentum is None or math.isnan(momentum) else momentum
-    return TuneOptions(method or "ml", given, each, still, tau, gate, "auto" if robust is None else robust)
+    spikes = "auto" if robust is None else robust
+    return TuneOptions(method or "ml", given, each, still, tau, gate, spikes, fuse, reference, sensor_gains)
 
 
 def _refuse_contradictions(named: list[str], method: str | None) -> None:

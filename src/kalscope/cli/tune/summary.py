@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from kalscope.analysis.actions import ChooseFilter, as_sentences
 from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
-from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, wrapped
-from kalscope.common.text import decibels, duration, gate_text, lag_in_full, percent, plural, squared, trimmed
+from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, momentum_and_gate, wrapped
+from kalscope.common.text import decibels, duration, lag_in_full, percent, plural, squared, trimmed
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
 
@@ -40,20 +40,9 @@ def _filter(answer: Answer) -> str:
     if params is None:
         return f"{name}: no q and r to recommend ({VERDICT_WORDS[answer.verdict]})"
     q, r, unit = trimmed(params.q, 4), trimmed(float(params.r), 4), squared(answer.unit)
-    return f"{name}: q = {q}, r = {r} {unit}, {_momentum(answer)}, {_gate(answer)}"
-
-
-def _momentum(answer: Answer) -> str:
-    tau = 0.0 if answer.found.params is None else answer.found.params.momentum
-    return f"momentum {lag_in_full(tau, answer.sample_period)}" if tau else "no momentum"
-
-
-def _gate(answer: Answer) -> str:
-    """The outlier gate, and how many samples the fit set aside as spikes."""
-    gate = None if answer.found.params is None else answer.found.params.gate
-    words = "no gate" if gate is None else f"gate {gate_text(gate)}"
     aside = _aside(answer)
-    return f"{words}, {plural(aside, 'spike')} set aside" if aside else words
+    spikes = f", {plural(aside, 'spike')} set aside" if aside else ""
+    return f"{name}: q = {q}, r = {r} {unit}, {momentum_and_gate(params, answer.sample_period)}{spikes}"
 
 
 def _aside(answer: Answer) -> int:

@@ -7,7 +7,8 @@ import textwrap
 from collections.abc import Callable
 
 from kalscope.cli.tune.answer import CHOSEN
-from kalscope.common.text import number
+from kalscope.common.text import gate_text, lag_in_full, number
+from kalscope.filtering.params import FilterParams
 
 WIDTH = 96
 """Columns of the page."""
@@ -40,3 +41,9 @@ def between(low: float, high: float, largest: float = math.inf, words: Callable[
 def wrapped(text: str) -> list[str]:
     """The text in lines of the page; options and numbers stay whole."""
     return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def momentum_and_gate(params: FilterParams, period: float | None) -> str:
+    """What a filter has beside its variances."""
+    momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
+    return f"{momentum}, {'no gate' if params.gate is None else f'gate {gate_text(params.gate)}'}"

@@ -295,7 +295,7 @@ def _label(name: str, unit: str) -> str:
     return f"{short} ({unit[:8]})" if unit else short
 
 
-def _chosen_samples(z: Array) -> NDArray[np.intp]:
+def chosen_samples(z: Array) -> NDArray[np.intp]:
     """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
     if len(z) <= MAX_DRAWN_POINTS:
         return np.arange(len(z))
