@@ -14,7 +14,6 @@ from kalscope.export.device_limits import (
     UNO_READ_US,
     UNO_WITH_MOMENTUM,
     device_limits,
-    fusion_limits,
     tuning_limits,
     update_us,
 )
@@ -87,21 +86,21 @@ def test_what_is_no_period_or_level_is_refused():
 
 def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_time_that_of_its_sensors():
     fusion = ChannelTuning("level", "", 0.01, (4.0, 9.0), sensors=("a", "b"))
-    assert fusion_limits(fusion, levels=(1023.0, 1023.0)) == ()
-    (limit,) = fusion_limits(replace(fusion, q=1e-60), levels=(1.0, 1.0))
+    assert tuning_limits((fusion,), levels=(1023.0, 1023.0)) == ()
+    (limit,) = tuning_limits((replace(fusion, q=1e-60),), levels=(1.0, 1.0))
     assert limit.message.startswith("q must fit float32")
     slow = replace(fusion, q=1e-13)
-    (limit,) = fusion_limits(slow, levels=(1.0, 1.0))
+    (limit,) = tuning_limits((slow,), levels=(1.0, 1.0))
     assert limit.kind == "gain"
     assert "A fusion has no constant gain to continue with: export c" in limit.message
     gained = replace(slow, q=2.5e-10, gain=(1.0, 0.001))
-    assert [one.kind for one in fusion_limits(gained, levels=(1.0, 1.0))] == ["estimate"]
-    assert "steps by 6.1e-05 at 1000," in fusion_limits(gained, levels=(1.0, 1.0))[0].message
+    assert [one.kind for one in tuning_limits((gained,), levels=(1.0, 1.0))] == ["estimate"]
+    assert "steps by 6.1e-05 at 1000," in tuning_limits((gained,), levels=(1.0, 1.0))[0].message
     costs = ((fusion, 2 * 113), (replace(fusion, gain=(1.0, 2.0)), 2 * 142), (replace(fusion, momentum=9.0), 522))
     for one, us in costs:
         needed = 1e-6 * (us + 2 * UNO_READ_US)
-        assert fusion_limits(one, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
-        (limit,) = fusion_limits(one, levels=(1023.0, 1023.0), sample_period=0.999 * needed)
+        assert tuning_limits((one,), levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
+        (limit,) = tuning_limits((one,), levels=(1023.0, 1023.0), sample_period=0.999 * needed)
         assert (limit.kind, "to read and fuse 2 sensors" in limit.message) == ("time", True)
 
 

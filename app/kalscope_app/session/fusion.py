@@ -15,9 +15,6 @@ from kalscope.tuning.tuning import ChannelTuning
 if TYPE_CHECKING:
     from kalscope.estimation.fusion.result import FusionEstimate
 
-FUSED = "fused"
-"""What the fused value is called where no channel has that name."""
-
 MIN_SENSORS = 2
 """One sensor needs no fusion."""
 
@@ -107,8 +104,3 @@ class Fusion:
 
     def _of_used(self, tuning: ChannelTuning) -> ChannelTuning:
         return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
-
-
-def name_of_fused(recording: Recording) -> str:
-    """What the fused value is called: a name that no channel has."""
-    return next(name for name in (FUSED, *(f"{FUSED} {i}" for i in range(2, 99))) if name not in recording.names)

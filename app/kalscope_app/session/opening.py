@@ -18,10 +18,10 @@ from kalscope.filtering.protocol import Filter, StandardFilter
 from kalscope.papers.experiments import open_experiment
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording, Timing
-from kalscope.tuning.choose import adapt_tuning
+from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.paper_tuning import with_paper_filter
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope_app.session.fusion import Fusion, name_of_fused
+from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import ChannelSettings, OpenRecording, State
 
 MAX_NAMED = 3

@@ -131,14 +131,16 @@ def tuning_limits(
     sample_period: float | None = None,
     constant_gain: bool = True,
 ) -> tuple[DeviceLimit, ...]:
-    """The limits of all channels of a board, whatever filters they have.
+    """The limits of all channels of a board, whatever filters they have, or of one filter that fuses.
 
     Args:
         channels: The filters.
-        levels: Largest size of the signal of each, unit, > 0.
+        levels: Largest size of the signal of each, or of what each sensor reads, in its unit, > 0.
         sample_period: s, > 0; None = unknown, then time is not checked.
         constant_gain: As in `device_limits`.
     """
+    if channels[0].sensors:
+        return _fusion_limits(channels[0], levels, sample_period)
     found: list[DeviceLimit] = []
     for channel, level in zip(channels, levels, strict=True):
         if runs_kalman(channel):
@@ -164,16 +166,9 @@ def update_us(channel: ChannelTuning, beside: Iterable[ChannelTuning] = ()) -> f
     return medians + (UNO_WITH_MOMENTUM if momentum else UNO).update_us
 
 
-def fusion_limits(
-    fusion: ChannelTuning, *, levels: Sequence[float], sample_period: float | None = None
+def _fusion_limits(
+    fusion: ChannelTuning, levels: Sequence[float], sample_period: float | None
 ) -> tuple[DeviceLimit, ...]:
-    """The limits of a fusion on a board that computes in float32.
-
-    Args:
-        fusion: The filter.
-        levels: Largest size of what each sensor reads, unit of the sensor, > 0.
-        sample_period: s, > 0; None = unknown, then time is not checked.
-    """
     try:
         fusion_on_board(fusion.params)
     except BadSetting as error:
@@ -184,7 +179,7 @@ def fusion_limits(
     found = (
         _gain(single, _NO_CONSTANT_OF_FUSION),
         _estimate(single, max(scaled)),
-        _fusion_time(fusion, sample_period),
+        _too_slow(fusion_us(fusion) + len(levels) * UNO_READ_US, f"fuse {len(levels)} sensors", sample_period),
     )
     return tuple(limit for limit in found if limit is not None)
 
@@ -264,11 +259,6 @@ def _settled(params: FilterParams) -> tuple[float, float]:
 def _time(filtering_us: float, sample_period: float | None, channels: int, then: str = "") -> DeviceLimit | None:
     all_of_them = "one channel" if channels == 1 else f"{channels} channels"
     return _too_slow(filtering_us + channels * UNO_READ_US, f"filter {all_of_them}", sample_period, then)
-
-
-def _fusion_time(fusion: ChannelTuning, sample_period: float | None) -> DeviceLimit | None:
-    sensors = len(fusion.sensors)
-    return _too_slow(fusion_us(fusion) + sensors * UNO_READ_US, f"fuse {sensors} sensors", sample_period)
 
 
 def _too_slow(needed_us: float, work: str, sample_period: float | None, then: str = "") -> DeviceLimit | None:

@@ -37,21 +37,17 @@ def limits_of(
     if precision == "float64":
         return []
 
-    from kalscope.export.device_limits import fusion_limits, not_in_counts, tuning_limits
+    from kalscope.export.device_limits import not_in_counts, tuning_limits
 
     chosen = tuning.only(channel)
-    if chosen.fusion is not None:
-        levels = [level(name) for name in chosen.fusion.sensors]
-        found = fusion_limits(chosen.fusion, levels=levels, sample_period=chosen.sample_period)
-        others = not_in_counts((chosen.fusion,))
-    else:
-        found = tuning_limits(
-            chosen.channels,
-            levels=[level(one.name) for one in chosen.channels],
-            sample_period=chosen.sample_period,
-            constant_gain=precision == "float32, gain kept",
-        )
-        others = not_in_counts(chosen.channels)
+    filters = chosen.channels if chosen.fusion is None else (chosen.fusion,)
+    found = tuning_limits(
+        filters,
+        levels=[level(name) for one in filters for name in one.sensors or (one.name,)],
+        sample_period=chosen.sample_period,
+        constant_gain=precision == "float32, gain kept",
+    )
+    others = not_in_counts(filters)
     said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]
     others = " and ".join(f"{one.name} is in {one.unit}" for one in others)
     if target == "arduino" and others and not fixed_gains:

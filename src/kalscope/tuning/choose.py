@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from kalscope.common.text import unused_name
 from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
 from kalscope.estimation.sensor.starting import starting_params
@@ -25,6 +26,11 @@ fusion as `for_each_sensor` takes it."""
 
 FUSED = "fused"
 """Name of the fused value unless a tuning file gives another."""
+
+
+def name_of_fused(recording: Recording) -> str:
+    """What the fused value is called: a name that no channel has."""
+    return unused_name(FUSED, set(recording.names), " ")
 
 
 def units_of(recording: Recording) -> dict[str, str]:

@@ -9,9 +9,10 @@ from kalscope.common.text import typed_number
 from kalscope.errors import BadSetting
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
+from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes.parameters import DECADES
-from kalscope_app.session.fusion import MAX_SENSORS, MIN_SENSORS, Fusion, name_of_fused
+from kalscope_app.session.fusion import MAX_SENSORS, MIN_SENSORS, Fusion
 from kalscope_app.session.state import Change, State
 
 if TYPE_CHECKING:

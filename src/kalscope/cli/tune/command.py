@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
-from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
+from kalscope.cli.tune.options import NO_FUSION, NOTHING, TuneOptions, fusion_options, tune_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -22,7 +23,7 @@ MAX_OTHERS = 24
 """Maximum number of other channels that are named; a car sends hundreds."""
 
 
-@with_options(reading=read_options, asked=tune_options)
+@with_options(reading=read_options, asked=tune_options, fusing=fusion_options)
 def tune_command(
     source: Source,
     channel: Annotated[
@@ -31,6 +32,7 @@ def tune_command(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
     asked: TuneOptions = NOTHING,
+    fusing: dict[str, Any] = NO_FUSION,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
@@ -53,6 +55,7 @@ def tune_command(
     tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
+    asked = replace(asked, **fusing)
     asked.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []

@@ -35,7 +35,7 @@ from kalscope.estimation.known import params_for_specification
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.choose import FUSED, units_of
+from kalscope.tuning.choose import name_of_fused, units_of
 from kalscope.tuning.fused_channels import channels_to_fuse, for_each_sensor, sensor_named
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -395,7 +395,7 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
         raise BadSetting(
             f"-o needs a usable q and r of each sensor, and the record gives none: {answer.estimate.message}"
         )
-    fusion = ChannelTuning.of_params(_free_name(recording), answer.unit, params, answer.how, answer.sensors)
+    fusion = ChannelTuning.of_params(name_of_fused(recording), answer.unit, params, answer.how, answer.sensors)
     single = [
         ChannelTuning(
             name, unit, params.q * gain * gain, r, how=answer.how, gate=params.gate, momentum=params.momentum
@@ -403,14 +403,6 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
         for name, unit, r, gain in zip(answer.sensors, answer.units, fusion.r, fusion.gain, strict=True)
     ]
     return save(recording, single, set(answer.sensors), output, fusion)
-
-
-def _free_name(recording: Recording) -> str:
-    """A name for the fused value that no channel has."""
-    name, more = FUSED, 2
-    while name in recording.names:
-        name, more = f"{FUSED} {more}", more + 1
-    return name
 
 
 def _shared(found: FusionEstimate) -> dict[str, Any] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -103,6 +103,7 @@ class TuneOptions:
 
 
 NOTHING = TuneOptions()
+NO_FUSION: dict[str, Any] = {}
 
 
 Method = Annotated[str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")]
@@ -154,13 +155,6 @@ Robust = Annotated[
         help="Always or never set spikes aside before the fit; default: where there are any.",
     ),
 ]
-Fuse = Annotated[str | None, text_option("NAMES", "Fuse these channels, sensors of one quantity: a,b,c or 1,2,3.")]
-Reference = Annotated[
-    str | None, text_option("NAME", "With --fuse: the sensor without an offset; default: offsets add up to 0.")
-]
-SensorGains = Annotated[
-    bool, typer.Option("--sensor-gains", help="With --fuse: estimate the gain of each sensor too.")
-]
 
 
 def tune_options(
@@ -179,9 +173,6 @@ def tune_options(
     momentum: Momentum = None,
     gate: Gate = None,
     robust: Robust = None,
-    fuse: Fuse = None,
-    reference: Reference = None,
-    sensor_gains: SensorGains = False,
 ) -> TuneOptions:
     """The options in place of the parameter `asked` of the command; see `with_options`.
 
@@ -196,8 +187,22 @@ def tune_options(
     given = {name: value for name, value in (*lambdas, *whole, *others) if value is not None}
     _refuse_contradictions([*given, *each, *([] if still is None else ["--still"])], method)
     tau = "auto" if momentum is None or math.isnan(momentum) else momentum
-    spikes = "auto" if robust is None else robust
-    return TuneOptions(method or "ml", given, each, still, tau, gate, spikes, fuse, reference, sensor_gains)
+    return TuneOptions(method or "ml", given, each, still, tau, gate, "auto" if robust is None else robust)
+
+
+def fusion_options(
+    fuse: Annotated[
+        str | None, text_option("NAMES", "Fuse these channels, sensors of one quantity: a,b,c or 1,2,3.")
+    ] = None,
+    reference: Annotated[
+        str | None, text_option("NAME", "With --fuse: the sensor without an offset; default: offsets add up to 0.")
+    ] = None,
+    sensor_gains: Annotated[
+        bool, typer.Option("--sensor-gains", help="With --fuse: estimate the gain of each sensor too.")
+    ] = False,
+) -> dict[str, Any]:
+    """Fields of TuneOptions, which a fleet does not have; see `with_options`."""
+    return {"fuse": fuse, "reference": reference, "gains": sensor_gains}
 
 
 def _refuse_contradictions(named: list[str], method: str | None) -> None:
