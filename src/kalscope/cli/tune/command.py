@@ -23,7 +23,7 @@ MAX_OTHERS = 24
 """Maximum number of other channels that are named; a car sends hundreds."""
 
 
-@with_options(reading=read_options, asked=tune_options, fusing=fusion_options)
+@with_options(reading=read_options, options=tune_options, fusing=fusion_options)
 def tune_command(
     source: Source,
     channel: Annotated[
@@ -31,7 +31,7 @@ def tune_command(
         typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
-    asked: TuneOptions = NOTHING,
+    options: TuneOptions = NOTHING,
     fusing: dict[str, Any] = NO_FUSION,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -55,25 +55,25 @@ def tune_command(
     tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    asked = replace(asked, **fusing)
-    asked.refuse_others(channel, every)
+    options = replace(options, **fusing)
+    options.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
-    if asked.fuse is not None:
+    if options.fuse is not None:
         from kalscope.cli.console import progress_line
         from kalscope.cli.tune import fusion
         from kalscope.cli.tune.summary import reading_lines
         from kalscope.common.progress import Progress
 
         with progress_line() as show:
-            answer = fusion.answer_fusion(recording, asked, Progress(show))
+            answer = fusion.answer_fusion(recording, options, Progress(show))
         more = [] if output is None else fusion.save_fusion(recording, answer, output)
         lines = [*fusion.summary_of(answer), *(fusion.details_of(answer) if details else [])]
         text = "\n".join([*reading_lines(recording), *lines]) + "\n"
         whole = fusion.as_plain(answer) if as_json else {}
     else:
         names = recording.names if every else (channel or default_channel(recording),)
-        answers = _answers(recording, names, asked)
+        answers = _answers(recording, names, options)
         more = [] if output is None else _save(recording, answers, output)
         text = _text(recording, answers, details)
         whole = _plain(recording, answers, every) if as_json else {}
@@ -84,20 +84,20 @@ def tune_command(
         say(f"note: {note}")
 
 
-def _answers(recording: Recording, names: tuple[str, ...], asked: TuneOptions) -> list[Answer]:
+def _answers(recording: Recording, names: tuple[str, ...], options: TuneOptions) -> list[Answer]:
     """The answers of the channels, with progress on a terminal."""
     from kalscope.cli.console import progress_line
     from kalscope.cli.tune.answer import answer_for
     from kalscope.common.progress import Progress
 
-    request = asked.request(recording)
+    request = options.request(recording)
     with progress_line() as show:
 
         def progress_of(i: int) -> Progress:
             whole = Progress(lambda fraction, text: show(fraction, f"{names[i]}: {text}"))
             return whole.part(i / len(names), (i + 1) / len(names))
 
-        return [answer_for(recording, name, request, progress_of(i), asked.gate) for i, name in enumerate(names)]
+        return [answer_for(recording, name, request, progress_of(i), options.gate) for i, name in enumerate(names)]
 
 
 def _text(recording: Recording, answers: list[Answer], details: bool) -> str:

@@ -82,41 +82,41 @@ class FusionAnswer:
     """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 
-def answer_fusion(recording: Recording, asked: TuneOptions, progress: Progress) -> FusionAnswer:
+def answer_fusion(recording: Recording, options: TuneOptions, progress: Progress) -> FusionAnswer:
     """Find and judge the filter that fuses channels of a recording.
 
     Raises:
         BadSetting: no such channels, two units, options that contradict each other, or a target out of reach.
     """
-    sensors, reference = _sensors(recording, asked)
+    sensors, reference = _sensors(recording, options)
     units = {name: units_of(recording)[name] for name in sensors}
-    request = _request_of(asked, recording)
+    request = _request_of(options, recording)
     z = recording.values[:, [recording.index(name) for name in sensors]]
     dt = recording.steps() if recording.gaps == "dt" else None
-    known = _known_noise(asked, recording, sensors)
+    known = _known_noise(options, recording, sensors)
 
     def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[FusionEstimate, FilterParams | None]:
         """The estimate, and the filter that is asked for."""
-        found = estimate_fusion(
+        fit = estimate_fusion(
             z,
             dt=dt,
             names=sensors,
             momentum=0.0 if request.goal else request.momentum,
-            robust=asked.robust,
-            gains=asked.gains,
+            robust=options.robust,
+            gains=options.gains,
             reference=reference,
             known_r=known,
             progress=progress,
         )
-        return found, _with_gate(_at_goal(found, request, recording.sample_period), asked.gate)
+        return fit, _with_gate(_at_goal(fit, request, recording.sample_period), options.gate)
 
-    found, params = fitted(z, dt, progress.part(0.0, 0.5))
+    fit, params = fitted(z, dt, progress.part(0.0, 0.5))
     verdict = None
     if params is not None:
         judging = progress.part(0.5, 1.0)
         verdict = judge_fusion(
             z,
-            replace(found, params=params),
+            replace(fit, params=params),
             dt,
             names=sensors,
             unit=units[reference or sensors[0]],
@@ -131,32 +131,32 @@ def answer_fusion(recording: Recording, asked: TuneOptions, progress: Progress) 
         readings=tuple(np.isfinite(z).sum(axis=0).tolist()),
         sample_period=recording.sample_period,
         request=request,
-        estimate=found,
+        estimate=fit,
         params=params,
-        how=_how(asked, request),
+        how=_how(options, request),
         steady=None if params is None else steady_state(params.as_single, recording.sample_period),
         verdict=verdict,
     )
 
 
-def _sensors(recording: Recording, asked: TuneOptions) -> tuple[tuple[str, ...], str | None]:
+def _sensors(recording: Recording, options: TuneOptions) -> tuple[tuple[str, ...], str | None]:
     """The channels to fuse, and the reference among them, if one is named."""
-    reference = asked.reference
-    mixed = asked.gains and reference is not None
-    sensors = channels_to_fuse(units_of(recording), asked.fuse or "", mixed_units=mixed)
+    reference = options.reference
+    mixed = options.gains and reference is not None
+    sensors = channels_to_fuse(units_of(recording), options.fuse or "", mixed_units=mixed)
     return sensors, None if reference is None else sensor_named(sensors, "--reference", reference)
 
 
-def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> FilterParams | None:
+def _at_goal(fit: FusionEstimate, request: Request, period: float | None) -> FilterParams | None:
     """The filter with the q and momentum that meet the target while all sensors answer; as found without a target.
 
     A target needs no q of the record: the noises of the sensors are enough.
     """
     if not request.goal:
-        return found.params
-    params = found.params
-    if params is None and np.all(found.r > 0.0):
-        params = FilterParams(1.0, found.r, offset=found.offset, gain=found.gain)
+        return fit.params
+    params = fit.params
+    if params is None and np.all(fit.r > 0.0):
+        params = FilterParams(1.0, fit.r, offset=fit.offset, gain=fit.gain)
     if params is None:
         return None
     r = float(params.as_single.r)
@@ -177,72 +177,72 @@ def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams 
     return replace(params, gate=None if math.isnan(gate) else gate)
 
 
-def _how(asked: TuneOptions, request: Request) -> str:
+def _how(options: TuneOptions, request: Request) -> str:
     """How the filter was found, for the tuning file."""
-    known = [*asked.each, *(name for name in ("--r", "--sigma", "--density") if name in asked.numbers)]
-    origin = "r given" if known else "r from a still stretch" if asked.still is not None else ""
+    known = [*options.each, *(name for name in ("--r", "--sigma", "--density") if name in options.numbers)]
+    origin = "r given" if known else "r from a still stretch" if options.still is not None else ""
     parts = [part for part in (request.goal, origin) if part]
     return ", ".join(["fused", *parts, *([] if request.goal else ["maximum likelihood"])])
 
 
-def _known_noise(asked: TuneOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
+def _known_noise(options: TuneOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
     """The r of each sensor that is known, unit²; NaN where it is to be estimated.
 
     Raises:
         BadSetting: an option names another sensor, or a sensor shows no still stretch.
     """
-    for option, given in asked.each.items():
+    for option, given in options.each.items():
         values = for_each_sensor(sensors, option, given)
         return [value * value if option == "--sigma" else value for value in values]
     dt = recording.steps() if recording.gaps == "dt" else None
-    noise = replace(asked, each={}).request(recording).noise
+    noise = replace(options, each={}).request(recording).noise
     known = [noise.resolve(recording.channel(name), dt) for name in sensors]
     return [math.nan if one is None else one[0] for one in known]
 
 
-def _request_of(asked: TuneOptions, recording: Recording) -> Request:
+def _request_of(options: TuneOptions, recording: Recording) -> Request:
     """The target, momentum and robustness that were asked for; without noise: each sensor has its own.
 
     Raises:
         BadSetting: an option that a fusion cannot have.
     """
-    if asked.method != "ml":
-        raise BadSetting(f"--method must be ml with --fuse, the only one for several sensors (got {asked.method})")
-    request = replace(replace(asked, each={}).request(recording), noise=Noise())
+    if options.method != "ml":
+        raise BadSetting(
+            f"--method must be ml with --fuse, the only one for several sensors (got {options.method})"
+        )
+    request = replace(replace(options, each={}).request(recording), noise=Noise())
     request.checked_momentum()
     return request
 
 
 def summary_of(answer: FusionAnswer) -> list[str]:
     """The lines of the answer, the verdict first."""
-    found, params, verdict = answer.estimate, answer.params, answer.verdict
+    fit, params, verdict = answer.estimate, answer.params, answer.verdict
     if params is None or verdict is None:
-        choose = [NOTHING_FOUND] if found.verdict in ("no_noise", "no_movement") else []
-        return _page(_nothing(answer), found.message, *found.notes, *choose)
-    said = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
-    lines = _page(*said, _filter(answer, params)) + list(_table(answer, params, verdict))
+        choose = [NOTHING_FOUND] if fit.verdict in ("no_noise", "no_movement") else []
+        return _page(_nothing(answer), fit.message, *fit.notes, *choose)
+    first = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
+    lines = _page(*first, _filter(answer, params)) + list(_table(answer, params, verdict))
     faults = [sentence for one in verdict.sensors for sentence in one.sentences[: len(one.faults)]]
-    notes = [*dict.fromkeys(faults), *_about_fit(answer, params), *found.notes]
+    notes = [*dict.fromkeys(faults), *_about_fit(answer, params), *fit.notes]
     return lines + _page(*notes, _next(answer, params, verdict))
 
 
 def details_of(answer: FusionAnswer) -> list[str]:
     """What `--details` adds: how it was found, and what the record allows."""
-    found = answer.estimate
-    of_fit = (
-        "" if answer.request.goal else f" {found.message}"
-    )  # which says how the fit settles, not what was chosen
+    fit = answer.estimate
+    of_fit = "" if answer.request.goal else f" {fit.message}"  # which says how the fit settles, not what was chosen
     lines = ["", *wrapped(f"How: {answer.how}.{of_fit}"), "", "Where a sensor fails:"]
     for one in () if answer.verdict is None else answer.verdict.sensors:
         lines += wrapped("  " + " ".join(one.sentences[len(one.faults) :]))
     lines += ["", "The record allows (95 %):"]
-    q = between(*found.q_interval.tolist())
+    q = between(*fit.q_interval.tolist())
     lines.append(f"  q {q} {squared(answer.unit)}")
     for i, name in enumerate(answer.sensors):
-        offset = " to ".join(number(end) for end in found.offset_interval[i].tolist())
-        gain = " to ".join(number(end) for end in found.gain_interval[i].tolist())
+        offset = " to ".join(number(end) for end in fit.offset_interval[i].tolist())
+        gain = " to ".join(number(end) for end in fit.gain_interval[i].tolist())
         lines += wrapped(
-            f"  {name}: r {between(*found.r_interval[i].tolist())} {squared(answer.units[i])}, offset {offset}"
+            f"  {name}: r {between(*fit.r_interval[i].tolist())} {squared(answer.units[i])}, offset {offset}"
             f"{f' {answer.units[i]}' if answer.units[i] else ''}{f', gain {gain}' if _has_gains(answer) else ''}; "
             f"{count(answer.readings[i])} readings of {count(answer.rows)}"
         )
@@ -251,11 +251,11 @@ def details_of(answer: FusionAnswer) -> list[str]:
 
 def _about_fit(answer: FusionAnswer, params: FilterParams) -> Iterator[str]:
     """What a goal costs, and that the record leaves a parameter open; nothing where it is the best fit."""
-    found, goal = answer.estimate, answer.request.goal
+    fit, goal = answer.estimate, answer.request.goal
     if goal:
-        yield f"You chose {goal}{_beside_fit(found.q / params.q)}"
-    if found.verdict != "ok" and not (goal and found.verdict == "no_movement"):
-        yield found.message
+        yield f"You chose {goal}{_beside_fit(fit.q / params.q)}"
+    if fit.verdict != "ok" and not (goal and fit.verdict == "no_movement"):
+        yield fit.message
 
 
 def _beside_fit(factor: float) -> str:
@@ -349,7 +349,7 @@ def _after(unit: str) -> str:
 
 def as_plain(answer: FusionAnswer) -> dict[str, Any]:
     """The answer as one object of JSON."""
-    found, params, verdict = answer.estimate, answer.params, answer.verdict
+    fit, params, verdict = answer.estimate, answer.params, answer.verdict
     sensors = [
         {
             "name": name,
@@ -359,10 +359,10 @@ def as_plain(answer: FusionAnswer) -> dict[str, Any]:
             "offset": None if params is None else float(params.offset[i]),
             "gain": None if params is None else float(params.gain[i]),
             "share": None if params is None else float(params.shares[i]),
-            "r_interval": found.r_interval[i].tolist(),
-            "offset_interval": found.offset_interval[i].tolist(),
-            "gain_interval": found.gain_interval[i].tolist(),
-            "spikes": found.spikes[i].tolist(),
+            "r_interval": fit.r_interval[i].tolist(),
+            "offset_interval": fit.offset_interval[i].tolist(),
+            "gain_interval": fit.gain_interval[i].tolist(),
+            "spikes": fit.spikes[i].tolist(),
             "judgement": None if verdict is None else asdict(verdict.sensors[i]),
         }
         for i, name in enumerate(answer.sensors)
@@ -373,13 +373,13 @@ def as_plain(answer: FusionAnswer) -> dict[str, Any]:
         "rows": answer.rows,
         "sample_period": answer.sample_period,
         **{name: None if params is None else getattr(params, name) for name in ("q", "momentum", "gate")},
-        "verdict": found.verdict,
-        "message": found.message,
-        "shared_noise": _shared(found),
-        "notes": list(found.notes),
+        "verdict": fit.verdict,
+        "message": fit.message,
+        "shared_noise": _shared(fit),
+        "notes": list(fit.notes),
         "how": answer.how,
-        "q_interval": found.q_interval.tolist(),
-        "loglik": found.loglik,
+        "q_interval": fit.q_interval.tolist(),
+        "loglik": fit.loglik,
         "steady": None if answer.steady is None else asdict(answer.steady),
         "error": None if verdict is None else verdict.error,
         "held_out": None if verdict is None or verdict.held_out is None else asdict(verdict.held_out),

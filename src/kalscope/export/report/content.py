@@ -119,8 +119,9 @@ def make_report(
     z, sources, period = shown.readings(recording), shown.sensors or (shown.name,), recording.sample_period
     truth = None if recording.truth is None else recording.truth[:, recording.index(sources[0])]
     dt = recording.steps() if recording.gaps == "dt" else None
-    judge_it = _judged_fusion if shown.sensors else _judged
-    judged, texts = judge_it(shown, z, dt, period, truth)  # before the run is kept: memory
+    judged, texts = (_judged_fusion if shown.sensors else _judged)(
+        shown, z, dt, period, truth
+    )  # before the run is kept: memory
     result = shown.filter.run(z, dt)
     error = "" if truth is None else f"{number(rmse(result.x, truth))} {shown.unit}".strip()
     effect = meaning(shown.filter.settled(result, period), result, period, error)
