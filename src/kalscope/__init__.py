@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kalscope.analysis.alternatives.agreement.comparison import compare_methods
+    from kalscope.analysis.estimators import compare_methods
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
     from kalscope.analysis.fusion.judge import judge_fusion
     from kalscope.analysis.fusion.result import FusionVerdict
@@ -118,7 +118,7 @@ __all__ = [
 ]
 
 _NAMES = {
-    "analysis.alternatives.agreement.comparison": "compare_methods",
+    "analysis.estimators": "compare_methods",
     "analysis.diagnostics": "Diagnostics diagnose diagnose_held_out",
     "analysis.fusion.judge": "judge_fusion",
     "analysis.fusion.result": "FusionVerdict",

@@ -174,18 +174,6 @@ def test_a_wrong_pair_is_wrong_on_both_halves_and_no_change():
     assert judged(louder(N // 2, N, 2.0), RIGHT).held_out.endswith(": the halves differ")
 
 
-@pytest.mark.slow
-def test_other_methods_are_quoted_only_where_the_residuals_fit():
-    z = walk()
-    found = estimate(z)
-    fits, slow = residuals(z, found.params, fitted=True), residuals(z, FilterParams(1e-4, 1.0))
-    one = judge(fits, None, found, "The model does not describe it.")
-    assert one.status == "methods_differ"
-    assert one.advice[0].text == "choose the lag that you can accept: the model does not describe it"
-    assert judge(slow, None, found, "ML finds gain 0.9, the Allan variance 0.4.").status == "too_slow"
-    assert judge(fits, None, found).status == "fits"
-
-
 def test_what_was_chosen_is_not_undone():
     found = residuals(walk(), FilterParams(1.0, 1.0))
     one = judge(found, request=Request(target={"lag_s": 0.05}))

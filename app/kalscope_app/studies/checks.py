@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.fit.goal import request_in, still_met
 from kalscope.analysis.fit.run import Run
@@ -75,7 +74,6 @@ def _of_filter(
         whole,
         held_out,
         estimate,
-        disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
         request=still_met(asked, state.params, state.recording.sample_period),
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],

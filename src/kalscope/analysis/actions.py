@@ -28,7 +28,6 @@ Status = Literal[
     "steps",
     "gate",
     "shape",
-    "methods_differ",
     "no_pair",
 ]
 """The most urgent finding: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
@@ -36,7 +35,7 @@ Status = Literal[
 "spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by
 one factor; "as_chosen", the best fit is another filter than the chosen one; "structure", the model does not
 describe the signal; "changes", its errors change during the record; "steps", it jumps; "gate", the gate rejects
-too much; "shape", its errors are not normal; "methods_differ"; "no_pair", there is no q and r to judge."""
+too much; "shape", its errors are not normal; "no_pair", there is no q and r to judge."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ WORDS: dict[Status, tuple[str, Tone]] = {
     "steps": ("signal steps", "note"),
     "gate": ("gate too narrow", "bad"),
     "shape": ("unusual noise", "note"),
-    "methods_differ": ("methods differ", "note"),
     "no_pair": ("no result", "bad"),
 }
 """One or two plain words for each status, and their tone."""
@@ -48,7 +47,6 @@ HEADLINES: dict[Status, str] = {
     "rounded": "The readings are rounded more coarsely than their noise, or held.",
     "vague": "The filter fits, and so does any other q/r: the record cannot tell them apart.",
     "weak": "The filter fits, but by this model nearly every change in the record is movement.",
-    "methods_differ": "Predictions one sample ahead fit, but other methods of estimation contradict the model.",
 }
 """What each status says of the record; the others hold a number or quote the estimate."""
 

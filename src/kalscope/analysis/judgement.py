@@ -63,7 +63,6 @@ def judge(
     residuals: Diagnostics | None,
     held_out: Diagnostics | None = None,
     estimate: Estimate | None = None,
-    disagreement: str = "",
     request: Request | None = None,
     still: tuple[int, int] | None = None,
     unit: str = "",
@@ -74,14 +73,13 @@ def judge(
         residuals: the filter judged on the whole record; None where there is no pair.
         held_out: of the second half, by a pair that has not seen it; None where that was not possible.
         estimate: where q and r come from; None where they were chosen.
-        disagreement: how the methods of estimation differ, "" where they agree or were not asked.
         request: what the user wanted and knew, from which the filter follows; None where the parameters were set by
             hand. The advice does not undo a goal such as a lag, and does not repeat a search.
         still: the still stretch that was found, its first sample and one past its last; where r is to be given, it
             is offered.
         unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
-    one = _judged(residuals, held_out, estimate, disagreement, request)
+    one = _judged(residuals, held_out, estimate, request)
     if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
         one = replace(one, headline=below_step(float(estimate.resolution), unit))
     return one if still is None else replace(one, advice=tuple(_from_still(advice, still) for advice in one.advice))
@@ -108,7 +106,6 @@ def _judged(
     residuals: Diagnostics | None,
     held_out: Diagnostics | None,
     estimate: Estimate | None,
-    disagreement: str,
     request: Request | None,
 ) -> Judgement:
     """The judgement of a record in which no still stretch is known."""
@@ -130,7 +127,7 @@ def _judged(
         said = [ROUNDED] if rounded else findings_in_words(residuals.findings, known)
     halves = "" if held_out is None else held_out_clause(held_out)
     if not said:
-        said = _beyond_residuals(held_out, estimate, "" if choice.goal else disagreement)
+        said = _beyond_residuals(held_out, estimate)
     if known.estimated and estimate is not None:
         said = _with_next_step(said, estimate, residuals.findings.lag_costs)
     if not said:
@@ -214,7 +211,7 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
     return Judgement("no_pair", headline, NO_PAIR.get(verdict, NO_PAIR["no_noise"][1:]), "", *WORDS["no_pair"])
 
 
-def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, disagreement: str) -> list[Finding]:
+def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -> list[Finding]:
     """The evidence against a filter whose residuals on the whole record are white and of the right size."""
     verdict = "" if estimate is None else str(estimate.verdict)
     if verdict == "flat":
@@ -223,7 +220,4 @@ def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None, d
         size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
         text = f"the squared errors of the second half are {size}: the noise or the movement changes"
         return [("changes", Advice(text))]
-    if disagreement:
-        reason = f"{disagreement[0].lower()}{disagreement[1:].rstrip('.')}"
-        return [("methods_differ", Advice(f"{CHOOSE}: {reason}", ChooseFilter()))]
     return []

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.analysis.alternatives.agreement.comparison import compare_methods
-from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.estimators import compare_methods
 from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.analysis.judgement import Judgement, judge, needs_noise
 from kalscope.common.array import Array
@@ -68,14 +67,11 @@ class Answer:
         return self.found.estimate or self.opinions[0]
 
     @property
-    def disagreement(self) -> str:
-        """How the methods contradict maximum likelihood, "" where they do not."""
-        return disagreement(self.opinions, self.momentum)
-
-    @property
     def momentum(self) -> float:
         """Momentum of the answer in sample periods, with or without a pair; 0 without."""
-        return momentum_of(self.found)
+        if self.found.params is not None:
+            return scalar(self.found.params.momentum)
+        return 0.0 if self.found.estimate is None else scalar(self.found.estimate.momentum)
 
 
 def answer_for(
@@ -115,7 +111,14 @@ def answer_for(
         steady=None if found.params is None else steady_state(found.params, period),
         residuals=residuals,
         held_out=held_out,
-        judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate), unit),
+        judgement=judge(
+            residuals,
+            held_out,
+            found.estimate,
+            request=request,
+            still=find_still_stretch(z, dt) if needs_noise(found.estimate) else None,
+            unit=unit,
+        ),
     )
 
 
@@ -140,38 +143,6 @@ def _residuals(z: Array, dt: Array | None, found: Found) -> Diagnostics | None:
         return None
     judged = diagnose(kalman_filter(z, found.params, dt), fitted=found.estimate is not None)
     return judged if isinstance(judged, Diagnostics) else None
-
-
-def _judged(
-    request: Request,
-    found: Found,
-    opinions: tuple[Estimate, ...],
-    residuals: Diagnostics | None,
-    held_out: Diagnostics | None,
-    still: tuple[int, int] | None,
-    unit: str,
-) -> Judgement:
-    return judge(
-        residuals,
-        held_out,
-        found.estimate,
-        disagreement(opinions, momentum_of(found)),
-        request=request,
-        still=still,
-        unit=unit,
-    )
-
-
-def _still(z: Array, dt: Array | None, estimate: Estimate | None) -> tuple[int, int] | None:
-    """The still stretch to offer where the record leaves r open."""
-    return find_still_stretch(z, dt) if needs_noise(estimate) else None
-
-
-def momentum_of(found: Found) -> float:
-    """Momentum in sample periods, with or without a pair; 0 without."""
-    if found.params is not None:
-        return scalar(found.params.momentum)
-    return 0.0 if found.estimate is None else scalar(found.estimate.momentum)
 
 
 def _held_out(
