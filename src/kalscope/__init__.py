@@ -10,8 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kalscope.analysis.estimators import compare_methods
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+    from kalscope.analysis.estimators import compare_methods
     from kalscope.analysis.fusion.judge import judge_fusion
     from kalscope.analysis.fusion.result import FusionVerdict
     from kalscope.catalogue import open_source

@@ -27,7 +27,6 @@ UK_DRIVERS = """
 """Car drivers killed or seriously injured in Great Britain, a month, 1969 to 1984: Harvey & Durbin (1986)."""
 
 
-
 def walk(n, ratio, seed=0):
     g = np.random.default_rng(seed)
     return np.cumsum(g.normal(0, math.sqrt(ratio), n)) + g.normal(size=n)

@@ -1,4 +1,4 @@
-"""The methods that estimate q and r, side by side, and which of them lie within the interval of maximum likelihood."""
+"""The methods that estimate q and r, side by side, and which lie within the interval of maximum likelihood."""
 
 from __future__ import annotations
 

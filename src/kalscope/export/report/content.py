@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.actions import as_sentences
-from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.fit.goal import request_in, still_met
 from kalscope.analysis.fit.run import Run
