@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
     from kalscope.analysis.estimators import compare_methods
-    from kalscope.analysis.fusion.judge import judge_fusion
-    from kalscope.analysis.fusion.result import FusionVerdict
+    from kalscope.analysis.fused import FusionJudgement, judge_fusion
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.estimate import estimate
@@ -72,8 +71,8 @@ __all__ = [
     "FilterParams",
     "FilterResult",
     "FusionEstimate",
+    "FusionJudgement",
     "FusionTuning",
-    "FusionVerdict",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -120,8 +119,7 @@ __all__ = [
 _NAMES = {
     "analysis.estimators": "compare_methods",
     "analysis.diagnostics": "Diagnostics diagnose diagnose_held_out",
-    "analysis.fusion.judge": "judge_fusion",
-    "analysis.fusion.result": "FusionVerdict",
+    "analysis.fused": "FusionJudgement judge_fusion",
     "catalogue": "open_source",
     "errors": "BadDevice BadFile BadSetting Cancelled KalscopeError",
     "estimation.estimate": "estimate",

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
-from kalscope.analysis.fit.goal import request_in, still_met
-from kalscope.analysis.fit.run import Run
-from kalscope.analysis.judgement import Judgement, judge, needs_noise
+from kalscope.analysis.findings import request_in, still_met
+from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.residuals import Run
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES

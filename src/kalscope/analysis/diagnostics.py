@@ -13,13 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.analysis import residual_tests
-from kalscope.analysis.fit.correction import MIN_SAMPLES
-from kalscope.analysis.fit.findings import Findings, find_misfits
-from kalscope.analysis.fit.record import finite
-from kalscope.analysis.fit.run import Columns, Run
-from kalscope.analysis.fit.spikes import Spikes
-from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
+from kalscope.analysis import residuals as tests
+from kalscope.analysis.correction import MIN_SAMPLES, finite
+from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
+from kalscope.analysis.residuals import Columns, Run, Spikes
 from kalscope.common.array import Array, Indices
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
@@ -28,8 +25,6 @@ from kalscope.filtering.filter import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]
-
-__all__ = ["NO_FAULT", "Diagnostics", "Fit", "diagnose", "diagnose_held_out", "expected_nis"]
 
 MAX_RESIDUAL = 1e60
 """Residuals are clipped here, so that their fourth powers stay finite."""
@@ -102,8 +97,8 @@ class Diagnostics:
     """Advised factor for r; 1 = keep."""
     nis_before: float = 1.0
     """Of `diagnose_held_out`: the mean of e² on the first half; 1 where that is not known."""
-    findings: Findings = field(default_factory=lambda: Findings(0))
-    """The evidence against the filter, for `analysis.judgement`; found in all samples."""
+    evidence: Evidence = field(default_factory=lambda: Evidence(0))
+    """The evidence against the filter, for `analysis.judge`; found in all samples."""
 
 
 def diagnose(
@@ -164,7 +159,7 @@ def diagnose_held_out(
     squares, count = 0.0, 0
     for _, columns in whole.part(0, half).pieces():
         seen = finite(_standardised(columns))
-        squares, count = squares + residual_tests.dot(seen, seen), count + len(seen)
+        squares, count = squares + tests.dot(seen, seen), count + len(seen)
     return replace(judged, nis_before=squares / count) if squares else judged
 
 
@@ -177,41 +172,41 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         fitted: as for `diagnose`.
         first: index of its first sample in the record; 0 = it is the first, and may follow a given start.
     """
-    e, residuals = np.empty(run.n), _Residuals(run.n)
+    e, scores = np.empty(run.n), _Scores(run.n)
     for begin, columns in run.pieces():
-        own = _standardised(columns)
-        e[begin : begin + len(own)] = own
-        residuals.take(begin, own, columns)
+        piece = _standardised(columns)
+        e[begin : begin + len(piece)] = piece
+        scores.take(begin, piece, columns)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
-        few = Findings(n, momentum=run.momentum)
-        return Diagnostics(e=e, n=n, advice=advice_text(findings_in_words(few, known)), findings=few)
-    spikes = Spikes.among(scored, *residuals.taken(), residuals.prior and not first)
-    refusals = residuals.refusals()
-    del residuals
+        few = Evidence(n, momentum=run.momentum)
+        return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)
+    spikes = Spikes.among(scored, *scores.rows(), scores.prior and not first)
+    refusals = scores.refusals()
+    del scores
     h = lags or min(max(round(math.sqrt(n)), 4), 20)
-    white = residual_tests.correlation(e, h, fitted)
-    nis_low, nis_high = residual_tests.nis_band(n)
-    variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
-    skewness, excess, normality, normality_p = residual_tests.normality(scored)
-    slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
-    found = find_misfits(run, seen, scored, spikes, refusals, h)
+    white = tests.correlation(e, h, fitted)
+    nis_low, nis_high = tests.nis_band(n)
+    variance_ratio, variance_ratio_p = tests.variance_change(scored)
+    skewness, excess, normality, normality_p = tests.normality(scored)
+    slow_share, slow_samples, slow_p = tests.low_frequency_share(scored)
+    evidence = find_evidence(run, seen, scored, spikes, refusals, h)
     return Diagnostics(
         e=e,
         n=n,
-        advice=advice_text(findings_in_words(found, known)),
+        advice=advice_text(findings_of(evidence, known)),
         correlation=white.r,
         r1=float(white.r[0]),
         r1_bound=white.bound,
         ljung_box=white.q,
         ljung_box_p=white.p,
-        nis=residual_tests.dot(scored, scored) / n,
+        nis=tests.dot(scored, scored) / n,
         nis_low=nis_low,
         nis_high=nis_high,
         spikes=len(spikes.at),
-        spikes_expected=residual_tests.spike_chance(0, n)[0],
+        spikes_expected=tests.spike_chance(0, n)[0],
         spike_indices=seen[spikes.at[:20]] + first,
         jumps=spikes.jumps,
         variance_ratio=variance_ratio,
@@ -223,9 +218,9 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         slow_share=slow_share,
         slow_samples=slow_samples,
         slow_p=slow_p,
-        q_factor=found.correction.q_factor,
-        r_factor=found.correction.r_factor,
-        findings=found,
+        q_factor=evidence.correction.q_factor,
+        r_factor=evidence.correction.r_factor,
+        evidence=evidence,
     )
 
 
@@ -237,8 +232,8 @@ def _values_at(e: Array, at: Indices) -> Array:
 
 def without_residuals(one: Diagnostics) -> Diagnostics:
     """The same without its arrays of all samples, to be kept: no view shows each residual."""
-    correction = replace(one.findings.correction, e=None)
-    return replace(one, e=np.empty(0), findings=replace(one.findings, correction=correction))
+    correction = replace(one.evidence.correction, e=None)
+    return replace(one, e=np.empty(0), evidence=replace(one.evidence, correction=correction))
 
 
 def _standardised(columns: Columns) -> Array:
@@ -250,13 +245,13 @@ def _standardised(columns: Columns) -> Array:
     return np.clip(e, -MAX_RESIDUAL, MAX_RESIDUAL, out=e)
 
 
-class _Residuals:
+class _Scores:
     """What the search for spikes needs of the scored samples, collected piece by piece."""
 
     def __init__(self, n: int) -> None:
-        self._rows, self._count = np.empty((3, n)), 0
+        self._columns, self._count = np.empty((3, n)), 0
         self._refused: list[NDArray[np.int64]] = []
-        self._begun = False
+        self._started = False
         self.prior = False
         """Whether the first sample was scored: x0 was given, and no sample set the start."""
 
@@ -265,17 +260,17 @@ class _Residuals:
         _, p, k, v, s = columns
         scored = np.isfinite(e)
         end = self._count + int(np.count_nonzero(scored))
-        for row, column in zip(self._rows, (k, v, s), strict=True):
+        for row, column in zip(self._columns, (k, v, s), strict=True):
             row[self._count : end] = column[scored]
         self._count = end
         self._refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
         met = (k > 0.0) | np.isfinite(v)
-        if not self._begun and met.any():
-            self._begun, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))
+        if not self._started and met.any():
+            self._started, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))
 
-    def taken(self) -> tuple[Array, Array, Array]:
+    def rows(self) -> tuple[Array, Array, Array]:
         """Gain, innovation and its variance of the scored samples, shape (N,) each."""
-        k, v, s = self._rows[:, : self._count]
+        k, v, s = self._columns[:, : self._count]
         return k, v, s
 
     def refusals(self) -> NDArray[np.int64]:

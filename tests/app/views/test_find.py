@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, estimate, open_source, steady_state
-from kalscope.analysis.actions import as_sentences
+from kalscope.analysis.findings import as_sentences
 from kalscope.cli.tune.answer import answer_for
 from kalscope.cli.tune.options import TuneOptions
 from kalscope.common.progress import Progress
@@ -84,7 +84,7 @@ def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     assert answer.found.params is not None
     tuned = compute_checks(apply_found(at.recording, at.channel, answer.found)(at)).judgement
     said = answer.judgement
-    assert (tuned.word, tuned.headline, tuned.advice) == (said.word, said.headline, said.advice)
+    assert (tuned.word, tuned.headline, tuned.findings) == (said.word, said.headline, said.findings)
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.diagnostics import expected_nis
 from kalscope.analysis.estimators import WITHOUT_NUMBERS, comparison, is_within
-from kalscope.analysis.judgement import advice_words
+from kalscope.analysis.findings import as_sentences
+from kalscope.analysis.judge import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
 from kalscope.common.text import (
@@ -121,7 +121,7 @@ def _row(method: str, q: str, r: str, lag: str, inside: str, verdict: str) -> st
 
 
 def _trust(answer: Answer) -> Iterator[str]:
-    judged, held = answer.residuals, answer.held_out
+    judged, held = answer.judgement.residuals, answer.judgement.held_out
     if judged is None:
         return
     yield from wrapped(f"Advice: {as_sentences(advice_words(answer.judgement))}")
@@ -135,4 +135,4 @@ def _trust(answer: Answer) -> Iterator[str]:
         return
     band = f"{number(held.nis)}, expected {expected_nis(held)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
-    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.held_out}.")
+    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.second_half}.")

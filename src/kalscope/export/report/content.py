@@ -11,12 +11,11 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.analysis.actions import as_sentences
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
-from kalscope.analysis.fit.goal import request_in, still_met
-from kalscope.analysis.fit.run import Run
-from kalscope.analysis.judgement import advice_words, judge
+from kalscope.analysis.findings import as_sentences, request_in, still_met
+from kalscope.analysis.judge import advice_words, judge
+from kalscope.analysis.residuals import Run
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
@@ -147,7 +146,7 @@ def _judged(
 
 def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
     judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
-    advice = f" {as_sentences(advice_words(judgement))}" if judgement.advice else ""
+    advice = f" {as_sentences(advice_words(judgement))}" if judgement.findings else ""
     return f"{judgement.headline}{advice}"
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.analysis.fused import FusionJudgement, judge_fusion
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import number, percent
@@ -80,7 +79,7 @@ def make_fusion_report(
         fusion.gate,
         fusion.momentum,
     )
-    failing = " ".join(sentence for one in verdict.sensors for sentence in one.sentences[len(one.faults) :])
+    failing = " ".join(sentence for one in verdict.sensors for sentence in one.if_it_fails)
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(fusion.sensors)}",
         subtitle=subtitle_of(recording, result.x),
@@ -97,7 +96,7 @@ def make_fusion_report(
     )
 
 
-def _sensors(fusion: FusionTuning, verdict: FusionVerdict) -> tuple[Rows, tuple[str, ...]]:
+def _sensors(fusion: FusionTuning, verdict: FusionJudgement) -> tuple[Rows, tuple[str, ...]]:
     """A row per sensor, and the column headings; a gain in place of the error alone where there are any."""
     gains = any(gain != 1.0 for gain in fusion.gain)
     rows = [

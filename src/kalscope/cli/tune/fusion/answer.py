@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.analysis.fused import FusionJudgement, judge_fusion
 from kalscope.cli.tune.fusion.options import FusionOptions, known_noise, request_of
 from kalscope.cli.tune.options import TuneOptions
 from kalscope.common.array import Array
@@ -52,7 +51,7 @@ class FusionAnswer:
     """How it was found, for the tuning file."""
     steady: SteadyState | None
     """The settled filter while all sensors answer; None without a filter."""
-    verdict: FusionVerdict | None
+    verdict: FusionJudgement | None
     """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 

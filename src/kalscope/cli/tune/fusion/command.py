@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from kalscope.analysis.fused import SensorJudgement
 from kalscope.cli.console import progress_line
 from kalscope.cli.tune.fusion.answer import FusionAnswer, answer_fusion
 from kalscope.cli.tune.fusion.options import FusionOptions
@@ -58,7 +59,7 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
             "offset_interval": found.offset_interval[i].tolist(),
             "gain_interval": found.gain_interval[i].tolist(),
             "spikes": found.spikes[i].tolist(),
-            "judgement": None if verdict is None else asdict(verdict.sensors[i]),
+            "judgement": None if verdict is None else _sensor(verdict.sensors[i]),
         }
         for i, name in enumerate(answer.sensors)
     ]
@@ -77,10 +78,19 @@ def _plain(answer: FusionAnswer) -> dict[str, Any]:
         "loglik": found.loglik,
         "steady": None if answer.steady is None else asdict(answer.steady),
         "error": None if verdict is None else verdict.error,
-        "held_out": None if verdict is None or verdict.held_out is None else asdict(verdict.held_out),
+        "held_out": None if verdict is None or verdict.prediction is None else asdict(verdict.prediction),
         "judgement": [] if verdict is None else list(verdict.sentences),
         "sensors": sensors,
     }
+
+
+def _sensor(one: SensorJudgement) -> dict[str, Any]:
+    names = (
+        *("name", "share", "answered", "error", "error_without", "shares_without", "pull"),
+        *("drift", "noise_ratio", "spikes", "stuck", "silent", "faults"),
+    )
+    sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
+    return {**{name: getattr(one, name) for name in names}, "sentences": sentences}
 
 
 def _shared(found: FusionEstimate) -> dict[str, Any] | None:

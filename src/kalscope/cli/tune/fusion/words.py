@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.analysis.fused import FusionJudgement
 from kalscope.cli.tune.fusion.answer import FusionAnswer
 from kalscope.cli.tune.words import between, wrapped
 from kalscope.common.array import Array
@@ -44,10 +44,10 @@ def summary_of(answer: FusionAnswer) -> list[str]:
     if params is None or verdict is None:
         choose = [NOTHING_FOUND] if found.verdict in ("no_noise", "no_movement") else []
         return _page(_nothing(answer), found.message, *found.notes, *choose)
-    said = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
-    lines = _page(*said, _filter(answer, params)) + list(_table(answer, params, verdict))
-    faults = [sentence for one in verdict.sensors for sentence in one.sentences[: len(one.faults)]]
-    notes = [*dict.fromkeys(faults), *_about_fit(answer, params), *found.notes]
+    lines = _page(verdict.headline, verdict.second_half, _filter(answer, params)) + list(
+        _table(answer, params, verdict)
+    )
+    notes = [*(one.text for one in verdict.findings), *_about_fit(answer, params), *found.notes]
     return lines + _page(*notes, _next(answer, params, verdict))
 
 
@@ -59,7 +59,7 @@ def details_of(answer: FusionAnswer) -> list[str]:
     )  # which says how the fit settles, not what was chosen
     lines = ["", *wrapped(f"How: {answer.how}.{of_fit}"), "", "Where a sensor fails:"]
     for one in () if answer.verdict is None else answer.verdict.sensors:
-        lines += wrapped("  " + " ".join(one.sentences[len(one.faults) :]))
+        lines += wrapped("  " + " ".join(one.if_it_fails))
     lines += ["", "The record allows (95 %):"]
     q = between(*found.q_interval.tolist())
     lines.append(f"  q {q} {squared(answer.unit)}")
@@ -98,7 +98,7 @@ def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> str:
+def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> str:
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
     odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
@@ -135,7 +135,7 @@ def _filter(answer: FusionAnswer, params: FilterParams) -> str:
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 
-def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> Iterator[str]:
+def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     gains = _has_gains(answer)
     head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "error alone", "without it")
