@@ -235,7 +235,7 @@ def test_chance_is_not_called_a_difference():
     assert difference(a, b, lag=5000.0).high == math.inf
     same = difference(b, b, lag=5.0)
     assert (same.ratio, same.real) == (1.0, False)
-    short = verdict(["Median"], [difference(a, b, lag=5000.0)], "error", "lag", 5000.0, len(b))
+    short = verdict([("Median", difference(a, b, lag=5000.0))], "error", "lag", 5000.0, len(b))
     assert "about 5\u202f000 samples, so 400\u202f080 are needed, 8 blocks of 50\u202f010, and" in short
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from kalscope.analysis.filter_errors import (
     Errors,
     difference,
     interval_words,
+    lower,
     overshoot_words,
     percent_of,
     refusal,
@@ -89,70 +90,58 @@ class Stretch:
         return ChainFilter(chain, self.params).denoise(self.errors.z, self.steps)
 
 
+def measured(curve: Array, errors: Errors, *, causal: bool = True) -> dict[str, Any]:
+    """A curve with its errors, as an `Alternative` has them."""
+    prediction = errors.prediction(curve) if causal else None
+    return {
+        "curve": curve,
+        "rmse": errors.rmse(curve),
+        "prediction": prediction,
+        "roughness": errors.roughness(curve),
+    }
+
+
 def present_row(result: FilterResult, steady: SteadyState, errors: Errors, moves: bool) -> Alternative:
     """The present filter."""
-    gain, lag = float(steady.gain), float(steady.lag_samples)
-    close = np.abs(result.k - gain) <= 0.01 * gain
-    less = "Lags less for the same noise, because it keeps the direction, and overshoots for it."
-    overshoot = float(steady.overshoot)
+    close = np.abs(result.k - steady.gain) <= 0.01 * steady.gain
+    less = " Lags less for the same noise, because it keeps the direction, and overshoots for it."
     return Alternative(
         name="Kalman (present)",
-        parameters=f"K = {gain:.4g}" + (f", L = {float(steady.velocity_gain):.4g}" if moves else ""),
-        curve=result.x,
-        causal=True,
-        lag_samples=lag,
-        noise_reduction_db=float(steady.noise_reduction_db),
-        rmse=errors.rmse(result.x),
-        prediction=errors.prediction(result.x),
-        roughness=errors.roughness(result.x),
+        parameters=f"K = {steady.gain:.4g}" + (f", L = {steady.velocity_gain:.4g}" if moves else ""),
+        **measured(result.x, errors),
+        lag_samples=steady.lag_samples,
+        noise_reduction_db=steady.noise_reduction_db,
         start_samples=int(np.argmax(close)) if close.any() else len(result.k),
         gaps="lets its variance grow, and weights the next sample more",
         memory=5 if moves else 2,
-        overshoot=overshoot,
+        overshoot=steady.overshoot,
         sentence="Starts as fast as the noise allows, and knows its own uncertainty, also across gaps."
-        + (f" {less}" if overshoot > 0.0 else ""),
+        + (less if steady.overshoot > 0.0 else ""),
     )
 
 
 def candidate_rows(chosen: tuple[Candidate, ...], stretch: Stretch, match: Match) -> tuple[Alternative, ...]:
     """Each candidate, as a device runs it where one can."""
-    own = stretch.errors.squared(stretch.present.curve)
+    errors, present = stretch.errors, stretch.present
+    present_errors = errors.squared(present.curve)
     causal = sum(one.causal for one in chosen)
 
     def row(one: Candidate) -> Alternative:
-        curve = one.run(stretch.errors.z) if one.chain is None else stretch.run(one.chain)
-        squared = stretch.errors.squared(curve)
-        against = difference(squared, own, stretch.memory, causal) if one.causal else None
-        return _candidate_row(one, curve, stretch, match, against)
+        curve = one.run(errors.z) if one.chain is None else stretch.run(one.chain)
+        decibel = -10.0 * math.log10(one.noise_gain) if one.noise_gain > 0.0 else math.inf
+        near = abs(decibel - present.noise_reduction_db) <= MAX_MISS_DB
+        if match == "lag":
+            near = is_matched(one.lag_samples - present.lag_samples, present.lag_samples)
+        against = difference(errors.squared(curve), present_errors, stretch.memory, causal) if one.causal else None
+        return Alternative(
+            **{each.name: getattr(one, each.name) for each in fields(Description)},
+            **measured(curve, errors, causal=one.causal),
+            noise_reduction_db=decibel,
+            matched=near and one.noise_gain < MAX_NOISE_GAIN,
+            against=against,
+        )
 
     return tuple(map(row, chosen))
-
-
-def _candidate_row(
-    one: Candidate, curve: Array, stretch: Stretch, match: Match, against: Difference | None
-) -> Alternative:
-    errors, present = stretch.errors, stretch.present
-    decibel = decibels_of(one.noise_gain)
-    near = (
-        is_matched(one.lag_samples - present.lag_samples, present.lag_samples)
-        if match == "lag"
-        else abs(decibel - present.noise_reduction_db) <= MAX_MISS_DB
-    )
-    return Alternative(
-        **{each.name: getattr(one, each.name) for each in fields(Description)},
-        curve=curve,
-        noise_reduction_db=decibel,
-        rmse=errors.rmse(curve),
-        prediction=errors.prediction(curve) if one.causal else None,
-        roughness=errors.roughness(curve),
-        matched=near and one.noise_gain < MAX_NOISE_GAIN,
-        against=against,
-    )
-
-
-def decibels_of(gain: float) -> float:
-    """A share of the variance that is left as a noise reduction, dB."""
-    return -10.0 * math.log10(gain) if gain > 0.0 else math.inf
 
 
 def smoother_row(stretch: Stretch) -> Alternative:
@@ -161,14 +150,11 @@ def smoother_row(stretch: Stretch) -> Alternative:
     curve = smooth(errors.z, params, stretch.steps).x
     return Alternative(
         name="Smoother (offline bound)",
-        parameters="same parameters, both ways" if scalar(params.momentum) else "same q and r, both ways",
-        curve=curve,
+        parameters="same parameters, both ways" if params.momentum else "same q and r, both ways",
+        **measured(curve, errors, causal=False),
         causal=False,
         lag_samples=0.0,
         noise_reduction_db=math.nan,
-        rmse=errors.rmse(curve),
-        prediction=None,
-        roughness=errors.roughness(curve),
         start_samples=0,
         gaps="interpolates from both sides",
         memory=0,
@@ -193,22 +179,18 @@ BEFORE_PRESENT, BEFORE_BEST = "Median, then Kalman", "Median, then the best"
 """Names of the rows: before the present filter, and before the best other one."""
 
 
-@dataclass(frozen=True)
-class HelpfulMedian:
-    """A median before a filter that it helps."""
-
-    row: Alternative
-    """Both, over the stretch."""
-    words: str = ""
-    """What the verdict says of it, with a leading space."""
-
-
-def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[HelpfulMedian, ...]:
+def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[tuple[Alternative, str], ...]:
     """The medians that help: before the present filter, and before the best of the others if that does better.
 
+    A median takes out spikes before a filter smears them, for a sample or two more lag. So it is compared as it is,
+    not at equal lag, and only where it does more than a smaller q would, which costs the same lag.
+
     Args:
-        others: The candidates.
-        stretch: What is compared.
+        others: the candidates.
+        stretch: what is compared.
+
+    Returns:
+        Both filters as one row, and what the verdict says of it, with a leading space.
     """
     better = [one for one in others if one.matched and one.chain and one.against and one.against.better]
     best = min(better, key=lambda one: one.against.ratio if one.against else 1.0, default=None)
@@ -217,29 +199,42 @@ def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[
     return tuple(one for one in tried if one is not None)
 
 
-def _median_before(name: str, base: Alternative, stretch: Stretch) -> HelpfulMedian | None:
+def _median_before(name: str, base: Alternative, stretch: Stretch) -> tuple[Alternative, str] | None:
     """The better of the medians before `base`, or None where none helps it."""
     then = base.chain.then if base.chain else None
     errors, best = stretch.errors, None
-    own = errors.squared(base.curve)
     for chain in () if isinstance(then, Median) else (Chain(window, then) for window in WINDOWS):
         curve = stretch.run(chain)
-        found = _better(errors.squared(curve), own, stretch)
+        squared = errors.squared(curve)
+        found = _better(squared, errors.squared(base.curve), stretch)
         if found is None or (best and best[0].ratio < found.ratio):
             continue
         steady = chain_response(chain, stretch.params, (errors.z, base.curve))
-        if _better(errors.squared(curve), errors.squared(_as_slow(scalar(steady.lag_samples), stretch)), stretch):
+        if _better(squared, errors.squared(_as_slow(steady.lag_samples, stretch)), stretch):
             best = found, chain, curve, steady
     if best is None:
         return None
     found, chain, curve, steady = best
-    later = plural(float(f"{scalar(steady.lag_samples) - base.lag_samples:.2g}"), "sample")
-    row = replace(_row(base, chain, curve, steady, stretch), name=name, sentence=_sentence(chain, later))
-    less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
-    said = (
-        f" With a median of {chain.median} before your filter its {errors.words} is {less}, for {later} more lag."
+    window, later = chain.median, plural(float(f"{steady.lag_samples - base.lag_samples:.2g}"), "sample")
+    spikes = "one sample" if window == WINDOWS[0] else f"up to {window // 2} samples"
+    present = errors.squared(stretch.present.curve)
+    row = replace(
+        base,
+        name=name,
+        parameters=f"window of {window}" + (f", {lower(then.name)}: {then.words}" if then else ""),
+        chain=chain,
+        **measured(curve, errors),
+        lag_samples=steady.lag_samples,
+        noise_reduction_db=steady.noise_reduction_db,
+        start_samples=base.start_samples + window,
+        memory=base.memory + Median(window).memory,
+        against=difference(errors.squared(curve), present, stretch.memory, 2 * len(WINDOWS)),
+        sentence=f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag.",
     )
-    return HelpfulMedian(row, said if base is stretch.present else "")
+    if base is not stretch.present:
+        return row, ""
+    less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
+    return row, f" With a median of {window} before your filter its {errors.words} is {less}, for {later} more lag."
 
 
 def _better(error: Array, than: Array, stretch: Stretch) -> Difference | None:
@@ -251,35 +246,8 @@ def _better(error: Array, than: Array, stretch: Stretch) -> Difference | None:
 def _as_slow(lag: float, stretch: Stretch) -> Array:
     """The present filter with a smaller q, so that it lags as much: a median must do more than slow it down."""
     params = stretch.params
-    ratio = ratio_for(lag_samples=lag, momentum=scalar(params.momentum))
-    return kalman_filter(stretch.errors.z, replace(params, q=ratio * scalar(params.r)), stretch.steps).x
-
-
-def _sentence(chain: Chain, later: str) -> str:
-    spikes = "one sample" if chain.median == WINDOWS[0] else f"up to {chain.median // 2} samples"
-    return f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag."
-
-
-def _row(base: Alternative, chain: Chain, curve: Array, steady: SteadyState, stretch: Stretch) -> Alternative:
-    """The row of `base`, as the median changes it."""
-    errors, window, then = stretch.errors, chain.median, chain.then
-    return replace(
-        base,
-        parameters=f"window of {window}"
-        + (f", {then.name[:1].lower()}{then.name[1:]}: {then.words}" if then else ""),
-        chain=chain,
-        curve=curve,
-        lag_samples=scalar(steady.lag_samples),
-        noise_reduction_db=scalar(steady.noise_reduction_db),
-        rmse=errors.rmse(curve),
-        prediction=errors.prediction(curve),
-        roughness=errors.roughness(curve),
-        start_samples=base.start_samples + window,
-        memory=base.memory + Median(window).memory,
-        against=difference(
-            errors.squared(curve), errors.squared(stretch.present.curve), stretch.memory, 2 * len(WINDOWS)
-        ),
-    )
+    ratio = ratio_for(lag_samples=lag, momentum=params.momentum)
+    return kalman_filter(stretch.errors.z, replace(params, q=ratio * params.r), stretch.steps).x
 
 
 def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:
@@ -291,31 +259,31 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
         params: its parameters.
         smoothed: fixed gains started at the first sample, shape (n,); without momentum exponential smoothing.
     """
-    steady, noise = steady_state(params), math.sqrt(float(params.r))
-    gain = float(steady.gain)
-    parts = [f"{_settled(steady, scalar(params.momentum))} The Kalman filter differs at the start and at gaps."]
+    steady, noise = steady_state(params), math.sqrt(scalar(params.r))
     apart = np.abs(result.x - smoothed)
     seen = np.flatnonzero(np.isfinite(z))
     gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
     until = int(seen[gaps[0]]) + 1 if len(gaps) else len(z)
-    parts.append(_start(apart[:until], result.k[:until], gain, noise))
-    parts.append(_gaps(apart, result.k, seen, gaps, gain, noise))
-    if params.gate is not None and int(result.rejected):
-        parts.append(
-            f"Your outlier gate rejected {plural(int(result.rejected), 'sample')}, which no other filter here does."
-        )
-    return " ".join(part for part in parts if part)
+    parts = [
+        f"{_settled(steady, params.momentum)} The Kalman filter differs at the start and at gaps.",
+        _start(apart[:until], result.k[:until], steady.gain, noise),
+        _gaps(apart, result.k, seen, gaps, steady.gain, noise),
+    ]
+    if params.gate is not None and result.rejected:
+        rejected = plural(int(result.rejected), "sample")
+        parts.append(f"Your outlier gate rejected {rejected}, which no other filter here does.")
+    return " ".join(parts)
 
 
 def _settled(steady: SteadyState, tau: float) -> str:
     """The settled filter as a formula."""
-    gain = number(float(steady.gain), 4)
+    gain = number(steady.gain, 4)
     if not tau:
         return f"Once settled your filter is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
     kept, ahead = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau)
     return (
         f"Once settled your filter has fixed gains: x += {number(ahead, 4)}·v and v *= {number(kept, 4)} predict,"
-        f" then e = z − x corrects, x += {gain}·e and v += {number(float(steady.velocity_gain), 4)}·e."
+        f" then e = z − x corrects, x += {gain}·e and v += {number(steady.velocity_gain, 4)}·e."
     )
 
 
@@ -347,15 +315,11 @@ def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp]
     longest = int(np.argmax(np.diff(seen)[gaps]))
     missing = int(np.diff(seen)[gaps][longest]) - 1
     largest = float(np.nanmax(apart[after])) if np.isfinite(apart[after]).any() else 0.0
-    far = (
-        f", and the two then differ by up to {number(largest / noise, 2)} standard deviations of the noise"
-        if noise
-        else ""
-    )
+    apart_by = f", and the two then differ by up to {number(largest / noise, 2)} standard deviations of the noise"
     places = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
     return (
         f"There {'is' if len(gaps) == 1 else 'are'} {places}; after the longest ({missing} samples) the gain is "
-        f"{number(float(k[after[longest]]))} instead of {number(gain)}{far}."
+        f"{number(float(k[after[longest]]))} instead of {number(gain)}{apart_by if noise else ''}."
     )
 
 
@@ -423,16 +387,16 @@ def compare_alternatives(
     steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
     result = kalman_filter(piece, params, steps)
     steady = steady_state(params)
-    lag, moves = float(steady.lag_samples), scalar(params.momentum) > 0.0
-    refused = refusal(piece, lag, float(steady.gain))
+    lag, moves = steady.lag_samples, params.momentum > 0.0
+    refused = refusal(piece, lag, steady.gain)
     if refused is not None:
-        present = present_row(result, steady, Errors(piece, true, _begun(piece, [])), moves)
+        present = present_row(result, steady, Errors(piece, true, _start_of(piece, [])), moves)
         return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
     chosen = _candidates(piece, result, steady, match, moves)
-    errors = Errors(piece, true, _begun(piece, [one for one in chosen if one.causal]))
+    errors = Errors(piece, true, _start_of(piece, [one for one in chosen if one.causal]))
     present = present_row(result, steady, errors, moves)
     # With momentum, errors stay correlated for longer than the lag: for as long as the filter takes to settle.
-    memory = max(lag, float(steady.settle_samples) / math.log(100.0)) if moves else lag
+    memory = max(lag, steady.settle_samples / math.log(100.0)) if moves else lag
     stretch = Stretch(params, steps, errors, present, memory)
     others = candidate_rows(chosen, stretch, match)
     medians = helpful_medians(others, stretch)
@@ -442,8 +406,8 @@ def compare_alternatives(
         last=last,
         judged=errors.judged,
         present=present,
-        others=(*others, *(one.row for one in medians), smoother_row(stretch)),
-        verdict=_verdict(others, stretch, match) + "".join(one.words for one in medians),
+        others=(*others, *(row for row, _ in medians), smoother_row(stretch)),
+        verdict=_verdict(others, stretch, match) + "".join(words for _, words in medians),
         identity=identity_words(piece, result, params, settled(piece, params)),
         note=_note(first, last, len(samples), errors.judged, true, errors.spikes),
     )
@@ -453,8 +417,8 @@ def _candidates(
     z: Array, result: FilterResult, steady: SteadyState, match: Match, moves: bool
 ) -> tuple[Candidate, ...]:
     """The candidates, as tuned to the lag or the noise of the present filter."""
-    lag, gain = float(steady.lag_samples), float(steady.gain)
-    share = 10.0 ** (-0.1 * float(steady.noise_reduction_db)) if moves else gain / (2.0 - gain)
+    lag, gain = steady.lag_samples, steady.gain
+    share = 10.0 ** (-0.1 * steady.noise_reduction_db) if moves else gain / (2.0 - gain)
     # A filter without momentum lags more than one with momentum at the same noise.
     bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
     return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
@@ -470,32 +434,25 @@ def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
 
 
 def _verdict(others: tuple[Alternative, ...], stretch: Stretch, match: Match) -> str:
-    """The verdict on those that came near enough to what was asked; the rest are named."""
+    """The verdict on those that came near enough to the lag or the noise; the rest are named."""
+    errors, words = stretch.errors, "lag" if match == "lag" else "noise reduction"
     runnable = [one for one in others if one.against is not None]
-    equal = [one for one in runnable if one.matched]
-    words = "lag" if match == "lag" else "noise reduction"
-    said = verdict(
-        [one.name for one in equal],
-        [one.against for one in equal if one.against],
-        stretch.errors.words,
-        words,
-        stretch.memory,
-        stretch.errors.judged,
-    )
+    equal = [(one.name, one.against) for one in runnable if one.matched and one.against]
+    text = verdict(equal, errors.words, words, stretch.memory, errors.judged)
+    if not text.startswith("At equal"):
+        return text
     far = [
-        f"{one.name[:1].lower()}{one.name[1:]} ("
-        + (f"{plural(one.lag_samples, 'sample')})" if match == "lag" else f"{decibels(one.noise_reduction_db)})")
+        f"{lower(one.name)} "
+        f"({plural(one.lag_samples, 'sample') if match == 'lag' else decibels(one.noise_reduction_db)})"
         for one in runnable
         if not one.matched
     ]
-    if not said.startswith("At equal"):
-        return said
-    if far:
-        said = f"{said} Not available at this {words}: {', '.join(far)}."
-    return said + overshoot_words(stretch.present.overshoot, [(one.name, one.overshoot) for one in equal])
+    missing = f" Not available at this {words}: {', '.join(far)}." if far else ""
+    beyond = [(one.name, one.overshoot) for one in runnable if one.matched]
+    return f"{text}{missing}{overshoot_words(stretch.present.overshoot, beyond)}"
 
 
-def _begun(z: Array, causal: list[Candidate]) -> int:
+def _start_of(z: Array, causal: list[Candidate]) -> int:
     """Sample from which on every causal filter has started; at most half of the stretch."""
     before = int(np.argmax(np.isfinite(z))) if len(z) else 0
     return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
@@ -503,11 +460,9 @@ def _begun(z: Array, causal: list[Candidate]) -> int:
 
 def _note(first: int, last: int, n: int, judged: int, truth: Array | None, spikes: int) -> str:
     stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
-    by = (
-        "how well each predicts the next sample, which none has used"
-        if truth is None
-        else "the difference from the known truth"
-    )
+    by = "the difference from the known truth"
+    if truth is None:
+        by = "how well each predicts the next sample, which none has used"
     without = f", without {plural(spikes, 'spike')} that none could predict" if spikes else ""
     later = f" Errors: {by}, over the last {judged} samples, once all have started{without}." if judged else ""
     return f"Compared on {stretch}.{later}"

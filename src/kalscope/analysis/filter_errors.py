@@ -10,6 +10,7 @@ import numpy as np
 
 from kalscope.common.array import Array, Mask
 from kalscope.common.text import count, number, percent
+from kalscope.estimation.fusion.words import listed
 
 SPIKE = 6.0
 """Distance from the median of five around it, in robust standard deviations, from which a sample is a spike."""
@@ -178,42 +179,39 @@ def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
     return low, high
 
 
-def verdict(
-    names: Sequence[str], found: Sequence[Difference], what: str, equal: str, lag: float, samples: int
-) -> str:
+def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag: float, samples: int) -> str:
     """Two or three sentences on the candidates that a device can run.
 
     Args:
-        names: of the candidates.
-        found: their differences to the present filter.
+        found: names of the candidates, and their differences to the present filter.
         what: what the error is, such as "RMS error against the truth".
         equal: what they were made equal in, such as "lag".
         lag: what `difference` was given, samples.
         samples: how many the errors are of.
     """
-    judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
+    judged = [(name, d) for name, d in found if not math.isnan(d.ratio)]
     if not judged:
         return "The filters cannot be compared on this stretch: all errors are 0."
-    if all(math.isinf(d.high) for d, _ in judged):
+    if all(math.isinf(d.high) for _, d in judged):
         return _no_verdict(lag, samples)
-    better = sorted((d.ratio, name, d) for d, name in judged if d.better)
-    worse = [name for d, name in judged if d.worse]
-    same = [name for d, name in judged if not d.real]
-    parts: list[str] = []
+    better = sorted(((name, d) for name, d in judged if d.better), key=lambda one: (one[1].ratio, one[0]))
+    worse = [(name, d) for name, d in judged if d.worse]
+    same = [name for name, d in judged if not d.real]
+    parts = [f"At equal {equal}, nothing simpler does better than your filter here."]
     if better:
-        ratio, name, d = better[0]
-        rest = [name for _, name, _ in better[1:]]
-        others = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
-        parts.append(
-            f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
-            f"{percent_of(ratio)} smaller ({interval_words(d)}){others}. The difference is significant."
-        )
-    else:
-        parts.append(f"At equal {equal}, nothing simpler does better than your filter here.")
+        (name, d), *others = better
+        rest = [other for other, _ in others]
+        also = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
+        parts = [
+            f"At equal {equal}, {lower(name)} does better than your filter here: its {what} is "
+            f"{percent_of(d.ratio)} smaller ({interval_words(d)}){also}. The difference is significant."
+        ]
     if same:
         parts.append(f"No significant difference: {_listed(same)}.")
     if worse:
-        parts.append(f"Significantly worse: {_listed(worse)}; worst {_worst(judged)}.")
+        name, d = max(worse, key=lambda one: one[1].ratio)
+        worst = f"{lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
+        parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}; worst {worst}.")
     return " ".join(parts)
 
 
@@ -243,11 +241,6 @@ def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
     return "; ".join([f" Your filter overshoots a step by {percent(own)}", *parts]) + "."
 
 
-def _worst(judged: Sequence[tuple[Difference, str]]) -> str:
-    d, name = max((pair for pair in judged if pair[0].worse), key=lambda pair: pair[0].ratio)
-    return f"{_lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
-
-
 def percent_of(ratio: float) -> str:
     """How far from 1: "12 %", "0.40 %"."""
     return percent(abs(ratio - 1.0))
@@ -260,11 +253,10 @@ def interval_words(d: Difference) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    small = [_lower(name) for name in names]
-    return small[0] if len(small) == 1 else f"{', '.join(small[:-1])} and {small[-1]}"
+    return listed([lower(name) for name in names])
 
 
-def _lower(name: str) -> str:
+def lower(name: str) -> str:
     """A name within a sentence."""
     return name[:1].lower() + name[1:]
 

@@ -12,32 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from kalscope.analysis.actions import (
-    Action,
-    AllowMomentum,
-    ChooseFilter,
-    EstimateAgain,
-    RecordLonger,
-    Scale,
-    SetGate,
-    SetRatio,
-    SetSpikesAside,
-    UnsetStart,
-)
-from kalscope.analysis.correction import (
-    MIN_FACTOR,
-    MIN_SAMPLES,
-    Correction,
-    Record,
-    Structure,
-    find_change,
-    find_correction,
-    find_scale,
-    find_shape,
-    find_structure,
-    lost_by_lag,
-    with_momentum,
-)
+from kalscope.analysis import actions, correction
+from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record, Structure
 from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes, burst_of
 from kalscope.common.array import Array, Indices
 from kalscope.common.text import DURATIONS, count, number, percent, plural, trimmed
@@ -120,7 +96,7 @@ class Finding:
     """One of STATUSES, or what is wrong with a sensor of a fusion."""
     text: str
     """One clause without capital and full stop, such as "too slow: raise q about 10 ×"; true without the action."""
-    action: Action | None = None
+    action: actions.Action | None = None
     """The action to take; None where there is nothing to do."""
 
 
@@ -202,14 +178,14 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     mostly_lone = spikes.lone > spikes.jumps
     spiky, steps = mostly_lone and spikes.too_many(n, lone=True), not mostly_lone and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
-    skewness, excess = find_shape(np.delete(e, spikes.off))
+    skewness, excess = correction.find_shape(np.delete(e, spikes.off))
     record = Record.of(run, seen, seen[outliers])
     if not record.moves and not len(outliers):  # only the approach from a given x0 remains
         return replace(evidence, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
         record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
-    correction = find_scale(e, outliers) if run.momentum else find_correction(record, e, outliers)
-    structure, change = _remains(correction, record, lags, steps=steps, momentum=run.momentum)
+    better = correction.find_scale(e, outliers) if run.momentum else correction.find_correction(record, e, outliers)
+    structure, change = _remains(better, record, lags, steps=steps, momentum=run.momentum)
     return replace(
         evidence,
         ratio=record.ratio,
@@ -222,25 +198,25 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
         unchanged=record.unchanged,
         skewness=skewness,
         excess=excess,
-        correction=correction,
+        correction=better,
         structure=structure,
-        lag_costs=run.momentum and lost_by_lag(record) > 1.0,
+        lag_costs=run.momentum and correction.lost_by_lag(record) > 1.0,
         change=change,
     )
 
 
 def _remains(
-    correction: Correction, record: Record, lags: int, *, steps: bool, momentum: bool
+    better: Correction, record: Record, lags: int, *, steps: bool, momentum: bool
 ) -> tuple[Structure | None, float]:
     """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
-    if correction.e is None:
+    if better.e is None:
         return None, 1.0
     # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-    structure = None if steps else find_structure(correction.e, lags)
+    structure = None if steps else correction.find_structure(better.e, lags)
     comparable = structure is None or 0.0 < structure.low_share < MAX_SHARE
-    change = find_change(correction.e) if comparable else 1.0
+    change = correction.find_change(better.e) if comparable else 1.0
     if structure is not None and not momentum:
-        structure = with_momentum(structure, record, lags)
+        structure = correction.with_momentum(structure, record, lags)
     return structure, change
 
 
@@ -286,14 +262,14 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     """All findings, the most urgent first; an earlier one may explain the later ones."""
     if evidence.n < MIN_SAMPLES:
         few = f"too few samples to judge ({evidence.n} scored, {MIN_SAMPLES} needed)"
-        return [Finding("too_few", few, RecordLonger(MIN_SAMPLES))]
+        return [Finding("too_few", few, actions.RecordLonger(MIN_SAMPLES))]
     if evidence.constant:
         constant = Finding("constant", "the signal is constant: there is nothing to judge the filter by")
         return [_start(evidence) or constant]
     if evidence.unchanged > MAX_UNCHANGED:
         return _rounded(evidence, known)
     spikes, change = _spikes(evidence, known), _change(evidence, known)
-    fitted_again = spikes is not None and isinstance(spikes.action, SetSpikesAside)
+    fitted_again = spikes is not None and isinstance(spikes.action, actions.SetSpikesAside)
     fitted_again = fitted_again or (known.robust and evidence.spikes > 0)  # it has seen them, and kept them
     lost = evidence.momentum and evidence.structure is not None  # one factor of such a filter corrects no curve
     factors = (evidence.correction.q_factor, evidence.correction.r_factor)
@@ -343,7 +319,7 @@ def _start(evidence: Evidence) -> Finding | None:
     if not evidence.start:
         return None
     far = f"the first sample lies {number(evidence.start, 2)} σ from x0"
-    return Finding("start", f"{far}: leave x0 and p0 unset, or raise p0", UnsetStart())
+    return Finding("start", f"{far}: leave x0 and p0 unset, or raise p0", actions.UnsetStart())
 
 
 def _refused_share(evidence: Evidence) -> Finding | None:
@@ -351,7 +327,7 @@ def _refused_share(evidence: Evidence) -> Finding | None:
     if share <= MAX_REFUSED:
         return None
     text = f"the outlier gate rejects {percent(share)} of the samples: too many for outliers, switch it off"
-    return Finding("gate", text, SetGate(None))
+    return Finding("gate", text, actions.SetGate(None))
 
 
 def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
@@ -363,7 +339,7 @@ def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
         f"the outlier gate rejected {evidence.refused_in_a_row} samples in a row, its maximum: either the signal "
         "moved on, which the gate delays, or outliers come in runs"
     )
-    return Finding("gate", text, SetGate(None))
+    return Finding("gate", text, actions.SetGate(None))
 
 
 def _burst(seen: str, burst: tuple[int, int]) -> Finding:
@@ -383,14 +359,16 @@ def _spikes(evidence: Evidence, known: Known) -> Finding | None:
         explained = evidence.correction.worth_it or evidence.refused_in_a_row >= GATE_LIMIT
         explained = explained or (evidence.scale > NARROW and evidence.largest < SPIKE / NARROW)
         text = f"{seen} pass the outlier gate: narrow it to {evidence.gate:g} σ"
-        return None if explained else Finding("spikes", text, SetGate(evidence.gate))
+        return None if explained else Finding("spikes", text, actions.SetGate(evidence.gate))
     if known.estimated:
-        return Finding("spikes", f"{seen}, and the fit took them for noise: set them aside", SetSpikesAside())
+        return Finding(
+            "spikes", f"{seen}, and the fit took them for noise: set them aside", actions.SetSpikesAside()
+        )
     wide = evidence.scale > 1.0 / NARROW  # a gate of 4 σ would reject what such a filter has not followed
     sigma, at = (evidence.gate, f" at {evidence.gate:g} σ") if wide else (SPIKE, "")
     text = f"{seen}: switch the outlier gate on{at}"
     # Where r is too large the gate would reject nothing.
-    return Finding("spikes", text, SetGate(sigma)) if evidence.largest > sigma else None
+    return Finding("spikes", text, actions.SetGate(sigma)) if evidence.largest > sigma else None
 
 
 def _jumps(evidence: Evidence, known: Known) -> Finding | None:
@@ -402,7 +380,7 @@ def _jumps(evidence: Evidence, known: Known) -> Finding | None:
         "between the steps"
     )
     mends = evidence.refused and not known.robust  # that fit has weighed what the gate delays
-    return Finding("steps", text, SetGate(None) if mends else None)
+    return Finding("steps", text, actions.SetGate(None) if mends else None)
 
 
 def _change(evidence: Evidence, known: Known) -> Finding | None:
@@ -419,7 +397,7 @@ def _edge(evidence: Evidence) -> Finding | None:
     best = evidence.correction.instead_of_edge
     if best is None or evidence.momentum:
         return None
-    action = SetRatio(best, evidence.correction.edge_factor)
+    action = actions.SetRatio(best, evidence.correction.edge_factor)
     if evidence.ratio < 1.0:
         text = f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best"
         return Finding("too_slow", text, action)
@@ -437,7 +415,7 @@ def _size(evidence: Evidence) -> Finding | None:
         edges = {0.0: "r is", math.inf: "q is"}
         names = edges.get(evidence.ratio, "q and r are both")
         text = f"{names} too {size} by about {times(r)}: this changes the band, not the curve"
-        return Finding("band", text, Scale(q, r))
+        return Finding("band", text, actions.Scale(q, r))
     pace = "too slow" if q > r else "too fast"
     change_q, change_r = (
         f"{'raise' if f > 1.0 else 'lower'} {x} about {times(f)}" for x, f in (("q", q), ("r", r))
@@ -449,7 +427,7 @@ def _size(evidence: Evidence) -> Finding | None:
     else:
         text = f"{pace}: {change_q} and {change_r}"
         text += f", so that q/r becomes {larger(q / r)}" if (q > 1.0) == (r > 1.0) else ""
-    return Finding(pace.replace(" ", "_"), text, Scale(q, r))
+    return Finding(pace.replace(" ", "_"), text, actions.Scale(q, r))
 
 
 def _structure(evidence: Evidence, known: Known) -> Finding | None:
@@ -471,16 +449,16 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
             f"trend, steps or coloured noise that {walk} cannot describe"
         )
     if by_hand:
-        return Finding("structure", f"{text}; estimate q, r and momentum together", EstimateAgain())
+        return Finding("structure", f"{text}; estimate q, r and momentum together", actions.EstimateAgain())
     if structure.momentum and not known.momentum_searched:
         size = f"a momentum of about {number(structure.momentum, 1)} samples"
         text += f"; try {size}" if structure.whole else f"; {size} explains part of it"
-        return Finding("structure", text, AllowMomentum(structure.momentum))
+        return Finding("structure", text, actions.AllowMomentum(structure.momentum))
     if not known.estimated:
         return Finding("structure", text)
     if evidence.lag_costs:
         return Finding("structure", f"{KEEP}; {text}")
-    return Finding("structure", f"{CHOOSE}: {text}", ChooseFilter())
+    return Finding("structure", f"{CHOOSE}: {text}", actions.ChooseFilter())
 
 
 def _shape(evidence: Evidence, known: Known) -> Finding | None:
@@ -516,10 +494,10 @@ def larger(ratio: float) -> str:
 
 # --- a filter that was chosen ---------------------------------------------------------------------------------
 
-UNDOING = (SetRatio, AllowMomentum, EstimateAgain)
+UNDOING = (actions.SetRatio, actions.AllowMomentum, actions.EstimateAgain)
 """Actions that end a choice, as does a `Scale` that is large enough."""
 
-KEEPING = (SetGate, UnsetStart)
+KEEPING = (actions.SetGate, actions.UnsetStart)
 """Actions that correct a filter and leave its q/r: they come before what the choice costs."""
 
 TRUSTED = {"from a still stretch": "that stretch", "from the data sheet": "the data sheet"}
@@ -582,10 +560,12 @@ def _as_chosen(found: list[Finding], known: Known) -> list[Finding]:
     slow = False
     for one in found:
         action = one.action
-        if isinstance(action, Scale) and _ends(action, known):
+        if isinstance(action, actions.Scale) and _ends(action, known):
             slow = bool(known.goal) and action.q_factor > action.r_factor
             costs.append(_cost(known, action))
-        elif known.goal and one.status == "structure" and isinstance(action, EstimateAgain):  # with momentum
+        elif (
+            known.goal and one.status == "structure" and isinstance(action, actions.EstimateAgain)
+        ):  # with momentum
             text = "its residuals stay correlated, so the best statistical fit is another filter"
             costs.append(Finding("as_chosen", f"you chose {known.goal}. {text}"))
         elif known.goal and one.status in ("too_slow", "too_fast"):  # a factor too small for a change
@@ -599,13 +579,13 @@ def _as_chosen(found: list[Finding], known: Known) -> list[Finding]:
     return [*keeping, *costs, *(one for one in rest if one not in keeping)]
 
 
-def _ends(scale: Scale, known: Known) -> bool:
+def _ends(scale: actions.Scale, known: Known) -> bool:
     """Whether a change of q and r ends the choice: another q/r than chosen, or another r than given."""
     moved = (scale.q_factor / scale.r_factor if known.goal else 1.0, scale.r_factor if known.noise else 1.0)
     return any(map(_matters, moved))
 
 
-def _cost(known: Known, best: Scale) -> Finding:
+def _cost(known: Known, best: actions.Scale) -> Finding:
     """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if known.goal and _matters(ratio):
