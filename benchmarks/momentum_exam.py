@@ -147,10 +147,10 @@ def judged(file: str, channel: str, z: Samples) -> Row:
 
 def one_step_error(z: Samples, found: Estimate) -> float:
     """RMS of the one-step errors; a record without any noise or movement is predicted by its last sample."""
-    q, r = float(found.q), float(found.r)
+    q, r = found.q, float(found.r)
     if q == 0.0 and r == 0.0:
         q = 1.0
-    result = kalman_filter(z, FilterParams(q=q, r=r, momentum=float(found.momentum)))
+    result = kalman_filter(z, FilterParams(q=q, r=r, momentum=found.momentum))
     return float(np.sqrt(np.nanmean(result.innovation**2)))
 
 

@@ -71,7 +71,7 @@ def spikes(runs: int) -> bool:
             found = estimate(record.z)
             away = np.zeros(N, bool) if found.outliers is None else found.outliers
             missed = float((record.spikes & ~away).sum() / max(record.spikes.sum(), 1))
-            rows.append([float(found.r), float(found.ratio) / LAMBDA, missed, *filter_errors(record, found)])
+            rows.append([float(found.r), found.ratio / LAMBDA, missed, *filter_errors(record, found)])
         table = np.array(rows)
         r, ratio, _, *errors = np.median(table, axis=0)
         low, high = np.quantile(table[:, 0], [0.05, 0.95])

@@ -8,13 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from each import each
+from effort import EXAMPLES
 
 from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source, synthesize
 from kalscope.analysis import actions
+from kalscope.analysis.correction import find_change
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.findings import STATUSES
-from kalscope.analysis.judge import advice_words, judge, needs_noise
+from kalscope.analysis.judge import advice_words, halves_differ, judge, needs_noise
 from kalscope.estimation.finding import Request, find_parameters
+from kalscope.estimation.momentum.profile import likelihood_profile
 
 N = 2000
 RIGHT = FilterParams(0.01, 1.0)
@@ -57,6 +60,7 @@ RECORDS = {
     "ramp": 0.2 * np.arange(N),
     "noisy ramp": 0.2 * np.arange(N) + walk(q=1e-9),
     "sine": 8.0 * np.sin(np.arange(N) / 20.0) + walk(q=1e-9),
+    "half a sine": np.where(np.arange(N) < N // 2, 20.0 * np.sin(np.arange(N) / 10.0), 0.0) + walk(q=1e-9),
     "hum": walk() + 2.0 * np.sin(1.3 * np.arange(N)),
     "steps": with_steps(),
     "spikes": with_runs(20.0, 1),
@@ -349,14 +353,35 @@ def test_a_sensor_that_rounds_more_coarsely_than_its_noise_is_named_with_its_ste
 
 
 @pytest.mark.slow
-@each("source", ["demo", "sample:nile", "walk"])
-def test_with_momentum_no_sentence_compares_what_was_not_compared(source):
-    """Random q, r and τ: what fits better at that momentum is not denied."""
+@each(
+    "name",
+    [
+        *("walk", "loud half", "spikes", "sine", "half a sine", "demo", "sample:nile", "sample:ultrasonic"),
+        *("sample:balancing_robot", "sample:ldr_pwm"),
+    ],
+)
+def test_no_sentence_denies_a_better_fit_at_any_momentum(name):
+    """Random q, r and τ: the profile at that τ, and the best fit of all."""
+    z = RECORDS[name] if name in RECORDS else open_source(name).values[:, 0]
+    best = estimate(z).params
+    steady = find_change(residuals(z, best).e) == 1.0 and not halves_differ(diagnose_held_out(z, best))
     g = np.random.default_rng(7)
-    z = walk() if source == "walk" else open_source(source).values[:, 0]
-    for _ in range(70):
-        q, r = np.var(np.diff(z)) * 10.0 ** g.uniform(-4.0, 2.0, 2)
-        params = FilterParams(float(q), float(r), momentum=10.0 ** g.uniform(-0.5, 2.0))
-        words = (judgement := judge(diagnose(kalman_filter(z, params)))).headline + advice_words(judgement)
-        assert "fits clearly better" not in words
-        assert "one pair cannot fit" not in words
+    for _ in range(EXAMPLES):
+        q, r = np.nanvar(np.diff(z)) * 10.0 ** g.uniform(-4.0, 2.0, 2)
+        tau = 0.0 if g.random() < 0.2 else 10.0 ** g.uniform(-0.5, 2.5)
+        judgement = judged(z, FilterParams(float(q), float(r), momentum=tau))
+        said = judgement.headline + advice_words(judgement)
+        if "fits clearly better" in said:
+            profile = likelihood_profile(z, momentum=tau)
+            own = np.interp(math.log(q / r), profile.log_ratios, profile.loglik)
+            assert profile.loglik.max() < own + 5.0
+        assert not (steady and "one pair cannot fit" in said)
+
+
+def test_at_a_wrong_momentum_the_best_pair_is_known_and_a_change_of_the_noise_too():
+    z = open_source("demo").values[:, 0]
+    best = estimate(z, momentum=100.0).params
+    said = judged(z, replace(best, q=5.0 * best.q, r=5.0 * best.r))
+    assert said.headline.endswith(" No other q/r fits clearly better with this momentum.")
+    best = estimate(RECORDS["loud half"], momentum=100.0).params
+    assert judged(RECORDS["loud half"], best).status == "changes"

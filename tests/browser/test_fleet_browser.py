@@ -69,7 +69,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     page = screen.page
     assert page.get_by_text("sort by").count() == 0
     open_folder(screen, folder)
-    page.get_by_text(re.compile(r"13 rows, 1 without q and r\.")).wait_for()
+    page.get_by_text(re.compile(r"13 rows: 12 with q and r, 1 failed\.")).wait_for()
     assert "dev03.csv" in page.locator("table", has_text="device").locator("tr").nth(1).inner_text()
     sheet = page.locator(".kalscope-map > div")
     sheet.wait_for()
@@ -116,7 +116,7 @@ def test_a_run_that_goes_on_is_watched_until_its_end(screen, tmp_path):
     screen.shot("fleet-running")
     run.do(6)
     run.finish()
-    screen.page.get_by_text(re.compile(r"^13 rows, 1 without q and r\. One filter")).wait_for()
+    screen.page.get_by_text(re.compile(r"^13 rows: 12 with q and r, 1 failed\. One filter")).wait_for()
     assert screen.page.get_by_text("Not finished").count() == 0
     screen.page.get_by_role("button", name="Close fleet").click()
 

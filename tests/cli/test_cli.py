@@ -24,10 +24,9 @@ from kalscope.cli.filter.line_filter import LineFilter
 from kalscope.cli.offers import OFFERS
 from kalscope.errors import describe
 from kalscope.estimation.sensor.starting import starting_params
-from kalscope.filtering.filter import kalman_filter
+from kalscope.filtering.filter import KalmanFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.protocol import StandardFilter
-from kalscope.filtering.filter import KalmanFilter
 from kalscope.sources.readers.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope.tuning.tuning_file import save_tuning

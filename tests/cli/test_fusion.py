@@ -87,7 +87,7 @@ def test_options_take_precedence_over_the_file_and_suffice_without_one(config: P
     assert run(["filter", SOURCE, "--config", str(config), *given]) == 0
     header, numbers = table(capsys.readouterr().out)
     assert header[-1] == "level_velocity_per_s"
-    params = FilterParams(0.01, np.array([1.0, 1.0, 9.0]), np.array(FUSION.offset), gate=16.0, momentum=5.0)
+    params = FilterParams(0.01, [1.0, 1.0, 9.0], offset=FUSION.offset, gate=16.0, momentum=5.0)
     result = fuse(readings(), params)
     assert result.velocity is not None
     np.testing.assert_array_equal(numbers[:, 4], result.x)
@@ -106,7 +106,7 @@ def test_q_follows_the_sample_period_of_the_recording(config: Path, capsys: Capt
     assert run(["filter", slow, "--config", str(config)]) == 0
     out, err = capsys.readouterr()
     assert "q was multiplied by 2" in err
-    expected = fuse(readings(slow), FilterParams(0.004, np.array(FUSION.r), np.array(FUSION.offset))).x
+    expected = fuse(readings(slow), FilterParams(0.004, FUSION.r, offset=FUSION.offset)).x
     np.testing.assert_array_equal(table(out)[1][:, 4], expected)
 
 
@@ -205,7 +205,7 @@ def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> 
     long = WALK.replace("n=1200", "n=12000")
     said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
     assert recording.truth is not None
-    params = FilterParams(said["q"], np.array(of_each(said, "r")), np.array(of_each(said, "offset")))
+    params = FilterParams(said["q"], of_each(said, "r"), offset=of_each(said, "offset"))
     error = fuse(recording.values, params).x - recording.truth[:, 0]
     assert error[100:].std() == pytest.approx(said["error"], rel=0.05)
 

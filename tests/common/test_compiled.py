@@ -9,6 +9,7 @@ import pkgutil
 import subprocess
 import sys
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -45,15 +46,9 @@ def bits(value):
 
 def test_only_loops_that_cannot_differ_run_as_plain_python():
     plain = {name: loop for name, loop in loops().items() if loop.may_be_plain}
-    assert {name.rpartition(".")[2] for name in plain} >= {"step", "filter_channel"}
-    assert all(set(loop.options) <= {"inline"} for loop in plain.values()), plain
+    assert {name.rpartition(".")[2] for name in plain} >= {"step", "filter_rows"}
+    assert all(set(loop.options) <= {"inline", "forceinline"} for loop in plain.values()), plain
     assert len(loops()) > 40
-
-
-@pytest.fixture
-def plain_steps(monkeypatch):
-    """`filter_channel` as plain Python calls the plain `step`."""
-    monkeypatch.setattr(kernels, "step", kernels.step.py_func)
 
 
 def records():
@@ -72,19 +67,27 @@ def records():
         yield z, dt, float(q), float(r if seed % 7 else 0.0 if q else r), float(gate), x, float(p)
 
 
-@pytest.mark.usefixtures("plain_steps")
+def filtered(loop):
+    """The bits of everything that a loop over rows gives."""
+    for i, (z, dt, q, r, gate, x, p) in enumerate(records()):
+        tau, sensors = (None, 7.0)[i % 2], 1 + i // 2 % 2
+        scales = None if sensors == 1 else (np.array([0.0, 1.0]), np.array([1.0, -2.0]))
+        rows, sizes = np.column_stack([z, 1.0 - 2.0 * z[::-1]])[:, :sensors].copy(), (len(z), (len(z), sensors))
+        state = x, 0.0, p, 0.0, 0.0 if tau is None else 0.5 * q / tau
+        tally = tuple(np.zeros(sensors, dtype=np.int64) for _ in range(3))
+        out, read = (tuple(np.full(sizes[j], -7.0) for _ in range(5 - 2 * j)) for j in range(2))
+        ells, noise = np.zeros(sensors), np.full(sensors, r if sensors == 1 else max(r, 1e-300))
+        found = loop(rows, dt, q, tau, scales, noise, gate, state, tally, out, read, ells, True)
+        yield (i, len(z), bits(found), *(array.tobytes() for array in (*tally, *out, *read)))
+
+
 @pytest.mark.filterwarnings("error")
-def test_the_filter_gives_the_same_bits_plain_and_compiled():
-    compared = 0
-    for z, dt, *numbers in records():
-        outs = [tuple(np.full(len(z), -7.0) for _ in range(5)) for _ in range(2)]
-        plain = plainly(kernels.filter_channel, z, dt, *numbers, 0, outs[0])
-        whole = kernels.filter_channel.dispatcher(z, dt, *numbers, 0, outs[1])
-        assert bits(plain) == bits(whole)
-        for one, other in zip(*outs, strict=True):
-            assert one.tobytes() == other.tobytes()
-        compared += len(z)
-    assert compared > 5000
+def test_the_filter_gives_the_same_bits_plain_and_compiled(monkeypatch):
+    whole = list(filtered(kernels.filter_rows.dispatcher))
+    for name in ("step", "predict", "transition"):  # as plain Python it calls the plain ones
+        monkeypatch.setattr(kernels, name, getattr(kernels, name).py_func)
+    assert list(filtered(partial(plainly, kernels.filter_rows))) == whole
+    assert sum(samples for _, samples, *_ in whole) > 5000
 
 
 @pytest.mark.slow
@@ -93,9 +96,14 @@ def test_one_step_gives_the_same_bits_plain_and_compiled():
     for seed in range(2000):
         random = np.random.default_rng(seed)
         z, x = random.choice(values[:6], 2)
-        dt, q, r = np.abs(random.choice(values[:5], 3)) if seed % 2 else random.random(3)
+        dt, q, r = map(float, np.abs(random.choice(values[:5], 3)) if seed % 2 else random.random(3))
         p, gate = random.choice([0.0, 1.0, 1e300, np.inf]), random.choice([1.0, 9.0, np.inf])
-        given = (*map(float, (z, dt, q, r, gate, x, p)), int(random.integers(0, 7)))
+        tau = (None, 3.0)[seed // 2 % 2]
+        over, state = (
+            kernels.transition.py_func(dt, q, tau),
+            (float(x), 0.0, float(p), 0.0, 0.0 if tau is None else q),
+        )
+        given = float(z), over, r, float(gate), state, int(random.integers(0, 7)), tau
         assert bits(kernels.step.py_func(*given)) == bits(step(*given)), given
 
 
@@ -125,7 +133,7 @@ WATCHING = """
 from kalscope.common import compiled
 from kalscope.filtering.kernels import step
 compiled.watch_compiling(print)
-step.dispatcher(1.0, 1.0, 0.1, 1.0, 9.0, 0.0, 1.0, 0)
+step.dispatcher(1.0, (1.0, 0.0, 0.1, 0.0, 0.0), 1.0, 9.0, (0.0, 0.0, 1.0, 0.0, 0.0), 0, None)
 """
 
 

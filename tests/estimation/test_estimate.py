@@ -176,31 +176,6 @@ def test_a_row_of_the_table_is_the_estimate_of_that_method(nile):
         assert (one.q, one.r, one.q_se, one.verdict) == (alone.q, alone.r, alone.q_se, alone.verdict)
 
 
-# --- channels -------------------------------------------------------------------------------------------
-
-
-def test_channels_are_estimated_one_by_one():
-    z = np.stack([walk(400, 0.1), np.full(400, 2.0), walk(400, 1.0, seed=1, missing=0.2)], axis=1)
-    found = estimate(z)
-    assert found.q.shape == found.verdict.shape == found.message.shape == found.ratio_interval[0].shape == (3,)
-    assert found.verdict.tolist() == ["ok", "constant", "ok"]
-    assert found.params is None  # not every channel has a usable pair
-    for c in range(3):
-        assert found.channel(c) == estimate(z[:, c])
-    both = estimate(z[:, [0, 2]])
-    assert both.params == FilterParams(q=both.q, r=both.r)
-
-
-def test_a_table_of_channels_has_arrays_for_every_method():
-    z = np.stack([walk(400, 0.1), np.full(400, 2.0)], axis=1)
-    table = compare_methods(z)
-    for one in table:
-        assert one.q.shape == (2,)
-        assert one.verdict[1] == "constant"
-        assert one.channel(1).method == one.method
-    assert table[2].channel(0).q == estimate(z[:, 0], "moments").q
-
-
 # --- manners --------------------------------------------------------------------------------------------
 
 
@@ -212,15 +187,6 @@ def test_progress_rises_to_one(method, nile):
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0] < fractions[-1] == 1
     assert all(text for _, text in seen)
-
-
-@pytest.mark.slow
-def test_progress_of_a_comparison_of_two_channels_rises_to_one():
-    seen = []
-    z = np.stack([walk(300, 0.1), walk(300, 1.0)], axis=1)
-    compare_methods(z, progress=lambda *told: seen.append(told[0]))
-    assert seen == sorted(seen)
-    assert seen[-1] == 1
 
 
 def test_importing_the_estimators_leaves_the_heavy_parts_of_scipy_alone():

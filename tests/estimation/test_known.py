@@ -90,11 +90,11 @@ def test_fixed_ratio_finds_the_best_r_for_it(nile):
     assert found.params is not None
 
 
-def test_several_channels_and_poor_records():
-    z = np.stack([walk(200, 0.1), np.zeros(200)], axis=1)
-    for found in (estimate_fixed_r(z, 1.0), estimate_fixed_ratio(z)):
-        assert found.verdict.tolist() == ["ok", "constant"]
-    assert estimate_fixed_r(z[:, 0], 1e200).verdict == "bad_unit"
+def test_poor_records_and_poor_numbers():
+    z = walk(200, 0.1)
+    for found in (estimate_fixed_r(np.zeros(200), 1.0), estimate_fixed_ratio(np.zeros(200))):
+        assert found.verdict == "constant"
+    assert estimate_fixed_r(z, 1e200).verdict == "bad_unit"
     with pytest.raises(BadSetting):
         estimate_fixed_r(z, 0.0)
     with pytest.raises(BadSetting):

@@ -19,8 +19,7 @@ from kalscope.export.filtered_csv import (
     filtered_csv_chunks,
     fused_csv_chunks,
 )
-from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.filter import fuse
+from kalscope.filtering.filter import fuse, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.readers.recording_file import read_recording

@@ -204,7 +204,7 @@ def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it
 
 
 def test_one_channel_only_and_one_dimension_only():
-    with pytest.raises(BadSetting, match="one channel"):
-        filter_float32([1.0], FilterParams([1.0, 2.0], 1.0))
+    with pytest.raises(BadSetting, match="one sensor"):
+        filter_float32([1.0], FilterParams(1.0, [1.0]))
     with pytest.raises(BadSetting, match="shape"):
         filter_float32([[1.0]], FilterParams(1.0, 1.0))

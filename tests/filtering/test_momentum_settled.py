@@ -156,14 +156,6 @@ def at_13_db(momentum):
     return found
 
 
-def test_channels_are_settled_one_by_one():
-    both = steady_state(FilterParams(0.1, 1.0, momentum=np.array([0.0, 20.0])), 0.01)
-    for c, momentum in enumerate((0.0, 20.0)):
-        alone = steady_state(FilterParams(0.1, 1.0, momentum=momentum), 0.01)
-        assert both.lag_s[c] == alone.lag_s
-        assert both.overshoot[c] == alone.overshoot
-
-
 def test_a_sensor_without_noise_is_reduced_by_0_and_not_by_minus_0():
     reduction = steady_state(FilterParams(1.0, 0.0, momentum=20.0)).noise_reduction_db
     assert str(reduction) == "0.0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 
@@ -31,14 +32,36 @@ from kalscope import (
         ({"q": 1.1e300, "r": 1}, "q must be a finite variance"),
         ({"q": "abc", "r": 1}, "q must be a finite variance from 0 to 1e300 (got 'abc')"),
         ({"q": 0, "r": 0}, "q and r must not both be 0"),
-        ({"q": [1, 0], "r": [1, 0]}, "q and r must not both be 0"),
+        ({"q": 0.0, "r": [0.0, 1.0]}, "q and r must not both be 0"),
         ({"q": 1, "r": 1, "p0": -1}, "p0 must be a finite variance"),
         ({"q": 1, "r": 1, "x0": 1}, "x0 needs p0"),
         ({"q": 1, "r": 1, "p0": 1, "x0": math.nan}, "x0 must be a finite number"),
         ({"q": 1, "r": 1, "gate": 0}, "gate must be a finite threshold"),
-        ({"q": [1, 2], "r": [1, 2, 3]}, "one value per channel (got [2, 3] values)"),
-        ({"q": [[1]], "r": 1}, "q must be a finite variance"),
-        ({"q": [], "r": 1}, "q must be a finite variance"),
+        *(({"q": q, "r": [1, 2]}, "q must be a finite variance") for q in ([1, 2], [[1]], [])),
+        ({"q": 1, "r": 1, "gate": [9, 9]}, "gate must be a finite threshold"),
+        *(
+            (
+                {"q": 1, "r": 1, "momentum": tau},
+                f"momentum must be a number of sample periods from 0 to 1e5 (got {tau!r})",
+            )
+            for tau in (-1.0, math.nan, math.inf, 1.1e5, "long")
+        ),
+        ({"q": 1, "r": []}, "r must have one value per sensor"),
+        ({"q": 1, "r": [[1.0]]}, "r must have one value per sensor"),
+        ({"q": 1, "r": [1.0, -1.0]}, "r must be a finite variance from 0 to 1e300 (got -1.0)"),
+        ({"q": 1, "r": [0.0, 0.0]}, "at most one r may be 0"),
+        ({"q": 1, "r": [1, 4], "offset": [1.0]}, "offset must have one value per sensor"),
+        ({"q": 1, "r": 1, "offset": [1.0, 2.0]}, "offset must have one value per sensor"),
+        ({"q": 1, "r": [1, 4], "offset": [1.0, math.nan]}, "offset must be a number of a size up to 1e200"),
+        ({"q": 1, "r": [1, 4], "offset": "ab"}, "offset must be a number of a size up to 1e200 (got 'ab')"),
+        (
+            {"q": 1, "r": [1, 4], "gain": [1.0, 0.0]},
+            "gain must be a number of a size from 1e-100 to 1e100 (got 0.0)",
+        ),
+        ({"q": 1, "r": [1, 4], "gain": [1.0, math.inf]}, "gain must be a number"),
+        ({"q": 1, "r": [1, 4], "gain": [1.0, 1e-101]}, "gain must be a number"),
+        ({"q": 1, "r": [1e200, 1.0], "gain": [1e-90, 1.0]}, "r/gain² must be"),
+        ({"q": 1, "r": [1e-200, 1.0], "gain": [1e90, 1.0]}, "r/gain² must be"),
     ],
 )
 def test_a_bad_value_is_refused_with_what_must_hold_and_what_came(given, message):
@@ -53,28 +76,44 @@ def test_edges_of_the_range_are_valid(given):
 
 
 def test_params_are_frozen_values_with_equality():
-    a, b = FilterParams([1, 2], 3, p0=0), FilterParams(np.array([1.0, 2.0]), 3.0, p0=0.0)
-    assert a == b
-    assert hash(a) == hash(b)
-    assert a != FilterParams([1, 2], 4, p0=0)
-    assert a != FilterParams(1, 3, p0=0)
+    given = np.array([1.0, 4.0])
+    a, b = FilterParams(1.0, given, p0=0, gate=9), FilterParams(1, [1, 4], 0.0, gate=9.0, offset=[0, 0], gain=1)
+    given[0] = 99.0
+    for one in (a, copy.deepcopy(a), eval(repr(a))):
+        assert one == b
+        assert hash(one) == hash(b)
+        for array in (one.r, one.offset, one.gain):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 7
+    assert repr(a) == "FilterParams(q=1.0, r=[1.0, 4.0], p0=0.0, gate=9.0)"
+    for other in ({"gain": [1, 2]}, {"offset": [1, 0]}, {"q": 2}, {"gate": None}, {"r": 1}, {"momentum": 1e-9}):
+        assert a != FilterParams(**{"q": 1, "r": [1, 4], "p0": 0, "gate": 9, **other})
+    assert FilterParams(1, 1) != FilterParams(1, [1])  # the second one takes a table of one column
     with pytest.raises(dataclasses.FrozenInstanceError):
         a.q = 2
-    with pytest.raises(ValueError, match="read-only"):
-        a.q[0] = 7
 
 
-def test_params_do_not_share_memory_with_what_they_were_made_from():
-    q = np.array([1.0, 2.0])
-    params = FilterParams(q, 1.0)
-    q[0] = 99.0
-    assert params.q[0] == 1.0
+@each("momentum", [0.0, -0.0, 5e-324, 1e-300, 9e-13])
+def test_a_momentum_too_short_to_change_a_digit_is_none(momentum):
+    assert FilterParams(1.0, 1.0, momentum=momentum) == FilterParams(1.0, 1.0)
+    assert FilterParams(1.0, 1.0, momentum=2e-12).momentum == 2e-12
 
 
-def test_ratio_is_q_over_r():
+def test_ratio_is_q_over_the_r_of_all_sensors():
     assert FilterParams(1, 4).ratio == 0.25
     assert FilterParams(1, 0).ratio == math.inf
-    assert FilterParams([1, 2], 4).ratio.tolist() == [0.25, 0.5]
+    assert FilterParams(1, [8, 8]).ratio == 0.25
+    assert FilterParams(1, 4, gain=2).ratio == 1.0
+
+
+def test_some_sensors_are_a_filter_too():
+    rest = {"p0": 3.0, "x0": 0.5, "gate": 9.0, "momentum": 7.0}
+    params = FilterParams(1.0, [1.0, 2.0, 4.0], **rest, offset=[0.0, 1.0, 2.0], gain=[1.0, -1.0, 2.0])
+    assert params.only([2, 0]) == FilterParams(1.0, [4.0, 1.0], **rest, offset=[2.0, 0.0], gain=[2.0, 1.0])
+    assert params.shares.tolist() == pytest.approx([0.4, 0.2, 0.4])
+    for indices in ([9], [-4], []):
+        with pytest.raises(BadSetting, match="indices must be those of sensors, 0 to 2"):
+            params.only(indices)
 
 
 def test_tuning_starts_at_half_the_variance_of_the_differences():

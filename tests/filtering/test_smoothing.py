@@ -11,9 +11,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.filtering.filter import smooth
-from kalscope.filtering.kernels import smooth_channel
+from kalscope import BadSetting, FilterParams, kalman_filter, smooth
 
 
 def whittaker(z, q, r, dt=None, p0=None, x0=None):
@@ -90,17 +88,6 @@ def test_smoother_is_the_whittaker_smoother_over_gaps_and_irregular_steps(
     x, p = whittaker(z, q, r, dt, p0, x0)
     assert_close(got.x, x, max(np.nanmax(np.abs(z)), abs(x0 or 0.0), 1e-300))
     assert np.max(np.abs(got.p / p - 1.0)) <= 1e-10
-
-
-def test_two_dimensional_record_is_smoothed_channel_by_channel():
-    z = np.column_stack([noisy_walk(seed=1, missing=0.1), noisy_walk(seed=2, missing=0.3)])
-    params = FilterParams(q=[0.05, 0.5], r=[1.0, 2.0], p0=[3.0, 4.0], x0=0.0, gate=9.0)
-    both = smooth(z, params)
-    for c in range(2):
-        one = smooth(z[:, c], FilterParams([0.05, 0.5][c], [1.0, 2.0][c], [3.0, 4.0][c], 0.0, 9.0))
-        assert np.array_equal(both.x[:, c], one.x)
-        assert np.array_equal(both.p[:, c], one.p)
-    assert both.x.shape == both.p.shape == z.shape
 
 
 # --- published tables -----------------------------------------------------------------------------------
@@ -279,8 +266,3 @@ def test_start_with_zero_variance_holds_x0_for_good_when_nothing_moves():
 def test_what_the_filter_refuses_the_smoother_refuses(z, dt, must):
     with pytest.raises(BadSetting, match=must):
         smooth(z, FilterParams(q=1.0, r=1.0), dt)
-
-
-def test_smoothing_leaves_other_threads_free():
-    assert smooth_channel.targetoptions["nogil"]
-    assert "parallel" not in smooth_channel.targetoptions

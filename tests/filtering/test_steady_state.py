@@ -100,13 +100,6 @@ def test_ratio_for_is_the_inverse_of_steady_state(ratio, wish):
     assert back == pytest.approx(ratio, rel=1e-9)
 
 
-def test_arrays_are_answered_channel_by_channel():
-    both = steady_state(FilterParams([1.0, 0.01], 1.0), T)
-    for c, q in enumerate((1.0, 0.01)):
-        one = steady_state(FilterParams(q, 1.0), T)
-        assert (both.gain[c], both.lag_s[c], both.cutoff_hz[c]) == (one.gain, one.lag_s, one.cutoff_hz)
-
-
 @each(
     ("given", "message"),
     [

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from required import not_here
 
-from kalscope.filtering.filter import denoise, kalman_filter
+from kalscope.filtering.filter import KalmanFilter, denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.filter import KalmanFilter
 from kalscope.papers.appendices import arduino_appendix, c_listing, matlab_appendix
 from kalscope.papers.interactive_matter_2009 import document as lis302dl
 from kalscope.papers.maarif_2019 import paper as noise_reducer

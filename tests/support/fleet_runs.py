@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
+from forked import fork_server
+from hostile_case import Seen, in_child
 
 from kalscope.cli.app import run as kalscope
+from kalscope.tuning.fleet.cluster import WorkerDied
+from kalscope.tuning.fleet.work import deadline, task
 
 RNG = np.random.default_rng(11)
 
@@ -55,6 +61,27 @@ class AtOnce:
     def ended(self, _timeout):
         batch, (function, units, *rest) = self.flight.pop(0)
         return batch, self.fault(units) or function(units, *rest)
+
+
+class InProcesses(AtOnce):
+    """Workers that do each batch in a process of its own, which the batch may end."""
+
+    def ended(self, _timeout):
+        batch, call = self.flight.pop(0)
+        done = in_child(fork_server(), done_by_hanging_worker, *call)
+        return batch, WorkerDied() if isinstance(done, Seen) else done
+
+
+def done_by_hanging_worker(function, units, *rest):
+    """A call in a worker that hangs at a unit named "hangs…", in C, and never lets Python run again.
+
+    The time limit of a unit is in proportion to its bytes.
+    """
+    plain, deadline.FULL_BYTES = task.read_file, 1
+    task.read_file = lambda unit, asked: (
+        ctypes.PyDLL(None).pause() if unit.id.startswith("hangs") else plain(unit, asked)
+    )
+    return function(units, *rest)
 
 
 def run_here(capsys, *argv, expect=0):

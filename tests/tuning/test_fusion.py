@@ -86,7 +86,7 @@ def test_arrays_become_numbers() -> None:
         ({"sensors": ("a",)}, r"one value per sensor \(got 2 for 1 sensors\)"),
         ({"sensors": ()}, "one value per sensor"),
         ({"r": (0.0, 0.0)}, "^at most one r may be 0"),
-        ({"r": (1.0, 2.0, 3.0)}, "number per sensor"),
+        ({"r": (1.0, 2.0, 3.0)}, "value per sensor"),
         ({"r": (1.0, -1.0)}, "^r must"),
         ({"r": ()}, "^r must"),
         ({"offset": (0.0, float("nan"))}, "^offset must"),

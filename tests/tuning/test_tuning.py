@@ -456,45 +456,19 @@ def test_a_rescaled_filter_with_momentum_sees_the_same_signal() -> None:
     fine = np.full(400, np.nan)
     fine[1::2] = z
     tuning = Tuning((ChannelTuning("a", "", 0.3, 2.0, 4.0, 0.5, momentum=6.0),), sample_period=0.01)
-    coarse = kalman_filter(z, tuning.params("a"))
-    halved = kalman_filter(fine, tuning.rescaled(0.005).params("a"))
+    coarse = kalman_filter(z, tuning.channel("a").params)
+    halved = kalman_filter(fine, tuning.rescaled(0.005).channel("a").params)
     np.testing.assert_allclose(halved.x[1::2], coarse.x, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(halved.p[1::2], coarse.p, rtol=1e-12)
-
-
-def test_params_of_all_channels_carry_the_momentum() -> None:
-    tuning = Tuning(tuple(replace(c, p0=None, x0=None) for c in MOVING.channels))
-    assert tuning.params() == FilterParams(
-        np.array([1e-3, 2.0]), np.array([1.0, 1.0]), momentum=np.array([0.0, 20.5])
-    )
-    assert tuning.params("b") == FilterParams(2.0, 1.0, momentum=20.5)
 
 
 # ---- the values
 
 
 def test_params_of_one_channel_are_its_scalars() -> None:
-    assert TWO.params("b") == FilterParams(2.0, 1.0, 4.0, -1.5)
+    assert TWO.channel("b").params == FilterParams(2.0, 1.0, 4.0, -1.5)
     with pytest.raises(BadSetting, match=r"one of a, b \(got 'z'\)"):
-        TWO.params("z")
-
-
-def test_params_of_all_channels_are_arrays() -> None:
-    tuning = Tuning(tuple(replace(c, p0=None, x0=None) for c in TWO.channels))
-    assert tuning.params() == FilterParams(np.array([1e-3, 2.0]), np.array([1.0, 1.0]))
-
-
-def test_a_gate_in_one_channel_refuses_nothing_in_the_others() -> None:
-    first, second = (replace(c, p0=None, x0=None) for c in TWO.channels)
-    gate = Tuning((replace(first, gate=16.0), replace(second, gate=None))).params().gate
-    assert isinstance(gate, np.ndarray)
-    assert gate[0] == 16.0
-    assert gate[1] >= 1e300
-
-
-def test_start_values_that_arrays_cannot_mix_are_refused() -> None:
-    with pytest.raises(BadSetting, match="p0 must be given for all channels or for none"):
-        TWO.params()
+        TWO.channel("z")
 
 
 @pytest.mark.parametrize(
@@ -551,7 +525,7 @@ def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters
     momentum, q = (float(text) for text in re.findall(r"= ([\d.e+]+)", str(caught.value)))
     shorter = replace(tuning, channels=(replace(tuning.channels[0], momentum=momentum, q=q),))
     assert shorter.rescaled(0.01).channels[0].momentum <= 1e5
-    before, after = (steady_state(each.params("a")) for each in (tuning, shorter))
+    before, after = (steady_state(each.channel("a").params) for each in (tuning, shorter))
     assert after.gain == pytest.approx(before.gain, rel=1e-3)
     assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)
 

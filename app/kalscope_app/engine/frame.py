@@ -119,7 +119,7 @@ def compute_frame(
     run = runs.drawn(state, drawn)
     result, at = run.at, drawn.indices
     steady = runs.settled(state, run.whole or result)
-    start_up = samples_to_settle(run.gain, len(recording), float(steady.gain)) if state.has_gain else 0
+    start_up = samples_to_settle(run.gain, len(recording), steady.gain) if state.has_gain else 0
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result)
@@ -134,7 +134,7 @@ def compute_frame(
         spread=2.0 * np.sqrt(result.p),
         smoothed=_smoothed(state, drawn) if state.view.smoother and state.filter.is_standard else None,
         sensors=() if state.fusion is None else _sensors(state, state.fusion, drawn, result.x),
-        rejected=int(result.rejected),
+        rejected=int(np.sum(result.rejected)),
         innovation=result.innovation,
         innovation_spread=2.0 * np.sqrt(result.s),
         start_up=start_up,

@@ -88,5 +88,5 @@ class OpenFleet:
         ends = [np.quantile(one, (0.01, 0.99) if wide else (0.0, 1.0)) for one in logs]
         pairs = [(10.0 ** float(q), 10.0 ** float(r)) for q, r in zip(*ends, strict=True)]
         if shared is not None:
-            pairs.append((float(shared.params.q), float(shared.params.r)))
+            pairs.append((shared.params.q, float(shared.params.r)))
         return tuple(pairs)

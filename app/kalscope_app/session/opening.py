@@ -173,7 +173,7 @@ def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
         return start
     params = chosen.params
     p0, x0 = (None if value is None else float(value) for value in (params.p0, params.x0))
-    return ChannelTuning(start.name, start.unit, float(params.q), float(params.r), p0, x0, "source document")
+    return ChannelTuning(start.name, start.unit, params.q, float(params.r), p0, x0, "source document")
 
 
 def with_sample_period(state: State, period: float | None) -> State:

@@ -93,7 +93,7 @@ def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
         return None
     start, end = (frame.pixel((q, q - shift)) for q in (first, last))
     params = FilterParams(q=ratio, r=1.0, momentum=frame.momentum)
-    return Diagonal(start, end, float(steady_state(params).lag_samples))
+    return Diagonal(start, end, steady_state(params).lag_samples)
 
 
 def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:

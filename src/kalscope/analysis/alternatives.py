@@ -28,7 +28,7 @@ from kalscope.analysis.filter_errors import (
 from kalscope.common.array import Array
 from kalscope.common.text import decibels, number, plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel, scalar
+from kalscope.filtering.arrays import one_channel
 from kalscope.filtering.classic.bench import bench_of
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
@@ -247,7 +247,7 @@ def _as_slow(lag: float, stretch: Stretch) -> Array:
     """The present filter with a smaller q, so that it lags as much: a median must do more than slow it down."""
     params = stretch.params
     ratio = ratio_for(lag_samples=lag, momentum=params.momentum)
-    return kalman_filter(stretch.errors.z, replace(params, q=ratio * params.r), stretch.steps).x
+    return kalman_filter(stretch.errors.z, replace(params, q=ratio * float(params.r)), stretch.steps).x
 
 
 def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:
@@ -259,7 +259,7 @@ def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothe
         params: its parameters.
         smoothed: fixed gains started at the first sample, shape (n,); without momentum exponential smoothing.
     """
-    steady, noise = steady_state(params), math.sqrt(scalar(params.r))
+    steady, noise = steady_state(params), math.sqrt(float(params.r))
     apart = np.abs(result.x - smoothed)
     seen = np.flatnonzero(np.isfinite(z))
     gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen

@@ -195,7 +195,8 @@ class _Rise:
 def _is_time_step(it: _Channel) -> bool:
     """Whether a column repeats the time between the stamps, in s, ms or µs."""
     forward = it.steps > 0.0
-    ratio = np.abs(it.column[1:][forward]) / it.steps[forward]
+    with np.errstate(over="ignore"):  # beside such a number no time fits
+        ratio = np.abs(it.column[1:][forward]) / it.steps[forward]
     scale = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else math.nan
     return bool(it.words & _STEP_WORDS) and any(0.5 * unit <= scale <= 2.0 * unit for unit in (1.0, 1e3, 1e6))
 

@@ -1,16 +1,17 @@
 """A better q, r or momentum for a filter that does not fit its record, and what no q and r can remove.
 
-The whole record is filtered again with λ changed by factors from 1/1000 to 1000; where the best λ is not among
-them, with all λ that the record can distinguish. Four corrections compete by their likelihood: q alone, r alone,
-both by one factor (which keeps the curve and corrects its variance), or each by its present. The simplest one that
-a likelihood-ratio test does not reject is advised. Structure that is then left in the residuals cannot be
-removed by q and r: the model does not describe the signal, or momentum does.
+λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with λ changed by
+factors from 1/1000 to 1000; where the best λ is not among them, with all λ that the record can distinguish. Four
+corrections compete by their likelihood: q alone, r alone, both by one factor (which keeps the curve and corrects
+its variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised.
+Structure that then remains in the residuals cannot be removed by q and r: the model, at this momentum, does not
+describe the signal.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share, normality
 from kalscope.common.array import Array, Indices
 from kalscope.estimation.likelihood.profile import Differences, differences
-from kalscope.estimation.momentum.likelihood import Samples, ratio_of
+from kalscope.estimation.momentum.likelihood import Samples, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -40,33 +41,31 @@ class Record:
     """All samples of one channel, without the filter's prior, its rejected samples and its spikes."""
 
     z: Array
-    """Samples in units of √r (√q where r is 0), shape (n,); NaN where missing."""
+    """Samples in units of √r (of a step's standard deviation where r is 0), shape (n,); NaN where missing."""
     dt: Array | None
     """Nominal sample periods before each, shape (n,); None = 1 each."""
     ratio: float
-    """λ of the filter that made it; 0 or inf at the edges."""
+    """Step variance over r of the filter that made it; 0 or inf at the edges."""
+    momentum: float
+    """Of that filter, sample periods."""
 
     @staticmethod
-    def of(run: Run, scored: Indices, spikes: Indices) -> Record:
-        """Invert the filter: z = x + (1 − k) v, r = (1 − k) s, q·dt = k s − p before.
+    def of(run: Run, spikes: Indices) -> Record:
+        """Invert the filter: z = x + (1 − k) v.
 
         Args:
             run: the filter over the channel.
-            scored: indices of the scored samples, at least one.
             spikes: indices of those to leave out.
         """
-        z, steps, k, s = _undo(run, int(scored[-1]))
-        r = s - k * s
-        r = r if r > 1e-13 * s else 0.0
+        z = _undo(run)
         z[spikes] = math.nan
-        there = steps[steps > 0.0]
-        q = float(np.median(there, overwrite_input=True)) if len(there) else 0.0
-        regular = not len(there) or bool(np.all(np.abs(np.subtract(there, q, out=there), out=there) <= 1e-3 * q))
-        unit = math.sqrt(r or q or s)
-        ratio = math.inf if r == 0.0 else q / r
-        z /= unit
+        step = run.q * variance_of_step(run.momentum)
+        ratio = step / run.r if run.r > 1e-13 * step else math.inf
+        ratio = ratio if ratio > 1e-24 else 0.0
+        z /= math.sqrt(run.r if ratio < math.inf else step or 1.0)
         z[np.isinf(z)] = math.nan  # undone, a sample near the end of float64 may lie beyond it
-        return Record(z, None if regular else steps / q, ratio)
+        regular = run.dt is None or bool(np.all(np.abs(run.dt[1:] - 1.0) <= 1e-3))
+        return Record(z, None if regular else run.dt, ratio, run.momentum)
 
     @property
     def moves(self) -> bool:
@@ -97,19 +96,36 @@ class Record:
         return tuple(one for one in stretches if one.m) or (self.data,)
 
     def sums(self, log_ratios: Array) -> tuple[Array, Array]:
-        """Σ v²/s and Σ ln s of the whole record at each ln λ with r = 1, shapes of `log_ratios`."""
-        chi2, logdet = self.data.sums(np.exp(log_ratios))
+        """Σ v²/s and Σ ln s of the whole record at each ln(step variance / r), r = 1, shapes of `log_ratios`."""
+        ratios = np.exp(log_ratios) / variance_of_step(self.momentum)
+        if self.momentum:
+            ones = np.ones(len(ratios))
+            chi2, logdet = Samples.of(self.data).sums(ratios, ones, self.momentum * ones)
+        else:
+            chi2, logdet = self.data.sums(ratios)
         return chi2 * min(self.data.scale, MAX_SCALE) ** 2, logdet
 
-    def residuals(self, ratio: float, momentum: float = 0.0) -> Array:
-        """Standardised innovations at λ, size 1, shape (n,); NaN where none was scored."""
+    def without_noise(self) -> float:
+        """Log-likelihood at r = 0 with the best q; −inf where that is impossible."""
+        if not self.momentum:
+            return self.data.random_walk()[0]
+        return float(Samples.of(self.data).concentrated(np.array([math.inf]), np.array([self.momentum]))[0][0])
+
+    def residuals(self, log_ratio: float, momentum: float) -> Array:
+        """Standardised innovations at ln(step variance / r), size 1, shape (n,); NaN where none was scored."""
         e = np.empty(len(self.z))
-        for first, piece in filter_pieces(self.z, FilterParams(ratio, 1.0, momentum=momentum), self.dt):
+        params = FilterParams(math.exp(log_ratio) / variance_of_step(momentum), 1.0, momentum=momentum)
+        for first, piece in filter_pieces(self.z, params, self.dt):
             e[first : first + len(piece.x)] = piece.innovation / np.sqrt(piece.s)
         e[~np.isfinite(e)] = math.nan
         seen = finite(e)
         size = math.sqrt(float(np.einsum("i,i", seen, seen)) / max(len(seen), 1))
         return np.divide(e, size, out=e) if size > 0.0 else e
+
+
+def variance_of_step(momentum: float) -> float:
+    """Variance of one step of the signal for q = 1."""
+    return step_variance(momentum) if momentum else 1.0
 
 
 def lost_by_lag(record: Record) -> float:
@@ -123,7 +139,8 @@ def lost_by_lag(record: Record) -> float:
     errors = np.empty(len(record.z))
     for first, piece in filter_pieces(record.z, FilterParams(gain * gain / (1.0 - gain), 1.0), record.dt):
         errors[first : first + len(piece.x)] = piece.innovation
-    return float(np.nanmean(errors[1:] * errors[:-1]))
+    products = finite(errors[1:] * errors[:-1])
+    return float(products.mean()) if len(products) else 0.0  # none where every second reading is missing
 
 
 def finite(values: Array) -> Array:
@@ -132,23 +149,15 @@ def finite(values: Array) -> Array:
     return values if there.all() else values[there]
 
 
-def _undo(run: Run, last: int) -> tuple[Array, Array, float, float]:
-    """Samples and q·dt from x, p, k, innovation and s; then k and s of the sample `last`."""
-    z, steps = np.empty(run.n), np.empty(run.n)
-    before = last_k = last_s = math.nan
-    for first, (x, p, k, v, s) in run.pieces():
-        piece = slice(first, first + len(x))
+def _undo(run: Run) -> Array:
+    """The samples, from x, p, k and the innovation; NaN where missing or rejected."""
+    z = np.empty(run.n)
+    for first, (x, p, k, v, _) in run.pieces():
         with np.errstate(invalid="ignore"):
             samples = np.where(np.isnan(v), np.where(k > 0.0, x, math.nan), x + (1.0 - k) * v)
-            samples[(k == 0.0) & (p > 0.0)] = math.nan
-            predicted = np.where(k > 0.0, k * s, p)
-            step = predicted - np.concatenate(([before], p[:-1]))
-            known = np.isfinite(step) & (step > 1e-12 * predicted)
-        z[piece], steps[piece] = samples, np.where(known, step, 0.0)
-        before = p[-1]
-        if first <= last < first + len(x):
-            last_k, last_s = float(k[last - first]), float(s[last - first])
-    return z, steps, last_k, last_s
+        samples[(k == 0.0) & (p > 0.0)] = math.nan
+        z[first : first + len(x)] = samples
+    return z
 
 
 LR_LIMIT = (6.635 / 2.0, 9.210 / 2.0)
@@ -195,7 +204,7 @@ class Correction:
     r_factor: float = 1.0
     """Multiply r by it, 1e-12 … 1e12; 1 = keep."""
     instead_of_edge: float | None = None
-    """λ that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
+    """q/r that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
     edge_factor: float = 1.0
     """Multiply by it the variance that is not 0, together with `instead_of_edge`."""
     e: Array | None = None
@@ -290,11 +299,8 @@ class Profile:
         return q_factor, r_factor
 
 
-def find_scale(e: Array, spikes: Indices) -> Correction:
-    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best.
-
-    For a filter with momentum: other corrections would need its momentum, which its output does not hold.
-    """
+def _find_scale(e: Array, spikes: Indices) -> Correction:
+    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best."""
     calm = np.delete(e, spikes)
     m = len(calm)
     scale = dot(calm, calm) / max(m, 1)
@@ -304,7 +310,7 @@ def find_scale(e: Array, spikes: Indices) -> Correction:
 
 
 def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
-    """The simplest change of q and r that the record does not reject.
+    """The simplest change of q and r that the record does not reject, at the filter's momentum.
 
     Args:
         record: what the filter was given.
@@ -314,12 +320,12 @@ def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
     if record.data.m < MIN_SAMPLES:
         return Correction()
     if record.ratio == 0.0 or math.isinf(record.ratio):
-        return _from_edge(record, find_scale(e, spikes))
+        return _from_edge(record, _find_scale(e, spikes))
     profile = _profile(record)
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, scale = _best(record, profile)
-    rest = record.residuals(math.exp(log_best))
+    rest = record.residuals(log_best, record.momentum)
     if free <= profile.loglik() + LR_LIMIT[1]:
         return Correction(e=rest)
     likelihood, q_factor, r_factor = profile.one_factor()
@@ -341,8 +347,12 @@ def _profile(record: Record) -> Profile:
 
 
 def _lowest(record: Record) -> float:
-    """The least ln λ that differs from q = 0 in the record: its movement is then a tenth of the noise of a mean."""
-    return min(LOWEST, -math.log(100.0) - 2.0 * math.log(record.data.m))
+    """The least ln λ that differs from q = 0 in the record: its movement is then a tenth of the noise of a mean.
+
+    Steps that keep their direction for τ samples move as far as those of a τ times larger variance.
+    """
+    m = record.data.m
+    return min(LOWEST, -math.log(100.0) - 2.0 * math.log(m) - math.log(min(max(record.momentum, 1.0), m)))
 
 
 def _best(record: Record, profile: Profile) -> tuple[float, float, float]:
@@ -360,10 +370,11 @@ def _from_edge(record: Record, scale: Correction) -> Correction:
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, size = _best(record, profile)
-    rest = record.residuals(math.exp(log_best))
+    rest = record.residuals(log_best, record.momentum)
     if free > _at_edge(record, profile.m) + LR_LIMIT[0]:
-        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # the record is in units of √r or of √q
-        return Correction(instead_of_edge=math.exp(log_best), edge_factor=_bounded(factor)[0], e=rest)
+        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # in the unit of the record
+        ratio = math.exp(log_best) / variance_of_step(record.momentum)
+        return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=rest)
     return Correction(scale.q_factor, scale.r_factor, e=rest)
 
 
@@ -372,8 +383,7 @@ def _at_edge(record: Record, m: float) -> float:
     if record.ratio < 1.0:
         chi2, logdet = (float(part[0]) for part in record.sums(np.array([-math.inf])))
         return -0.5 * (logdet + m * math.log(chi2 / m) + m) if chi2 > 0.0 else -math.inf
-    loglik, _ = record.data.random_walk()
-    return loglik + 0.5 * m * math.log(2.0 * math.pi)
+    return record.without_noise() + 0.5 * m * math.log(2.0 * math.pi)
 
 
 def _bounded(*factors: float) -> tuple[float, ...]:
@@ -430,6 +440,29 @@ MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
 
 
 @dataclass(frozen=True)
+class Free:
+    """The best fits to a record with momentum and without, as near as advice needs them."""
+
+    log_moves: float
+    """ln(step variance / r) with momentum."""
+    momentum: float
+    """Sample periods."""
+    log_ratio: float
+    """ln(q/r) without."""
+    gain: float
+    """What momentum adds to the log-likelihood; below 0 where it fits worse."""
+
+    @property
+    def best(self) -> tuple[float, float]:
+        """ln(step variance / r) and momentum of the likelier of the two."""
+        return (self.log_moves, self.momentum) if self.gain > 0.0 else (self.log_ratio, 0.0)
+
+    def predicts_better(self, m: int) -> bool:
+        """Whether momentum is worth advice in a record of m innovations."""
+        return self.gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * m)
+
+
+@dataclass(frozen=True)
 class Structure:
     """Residuals that are not white."""
 
@@ -452,17 +485,14 @@ def find_structure(e: Array, lags: int) -> Structure | None:
     return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
 
 
-def with_momentum(found: Structure, record: Record, lags: int) -> Structure:
-    """The structure with the momentum that describes it, where one does."""
+def find_free(record: Record) -> Free:
+    """The best fits to a record, whatever the momentum of its filter."""
     searched = [Samples.of(one) for one in record.searched()]
     tau, moves = _best_momentum(searched, MOMENTA, LOG_MOVES)
     tau, moves = _best_momentum(searched, [tau * factor for factor in NEARER], moves + QUARTERS)
     best, _ = Samples.of(record.data).concentrated(np.array([moves]), np.array([tau]))
-    gain = float(best[0]) - _best_walk(record.data)
-    if not gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * record.data.m):
-        return found
-    rest = find_structure(record.residuals(ratio_of(moves, tau), tau), lags)
-    return replace(found, momentum=tau, whole=rest is None)
+    walk, log_ratio = _best_walk(record.data)
+    return Free(moves, tau, log_ratio, float(best[0]) - walk)
 
 
 def find_change(e: Array) -> float:
@@ -520,8 +550,9 @@ def _best_momentum(
     return float(tau[at]), float(grid[at])
 
 
-def _best_walk(data: Differences) -> float:
-    """The highest log-likelihood without momentum."""
-    coarse = LOG_MOVES
-    at = float(coarse[int(np.argmax(data.concentrated(coarse)))])
-    return max(float(data.concentrated(at + QUARTERS).max()), data.random_walk()[0])
+def _best_walk(data: Differences) -> tuple[float, float]:
+    """The highest log-likelihood without momentum, and its ln(q/r)."""
+    near = float(LOG_MOVES[int(np.argmax(data.concentrated(LOG_MOVES)))]) + QUARTERS
+    heights = data.concentrated(near)
+    at = int(np.argmax(heights))
+    return max((float(heights[at]), float(near[at])), (data.random_walk()[0], float(LOG_MOVES[-1])))

@@ -92,7 +92,7 @@ class Diagnostics:
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
-    """Advised factor for q, by likelihood; 1 = keep. With momentum it is that for r, which keeps the curve."""
+    """Advised factor for q, by likelihood; 1 = keep."""
     r_factor: float = 1.0
     """Advised factor for r; 1 = keep."""
     nis_before: float = 1.0
@@ -181,7 +181,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
-        few = Evidence(n, momentum=run.momentum)
+        few = Evidence(n, momentum=run.momentum > 0.0)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)
     spikes = Spikes.among(scored, *scores.rows(), scores.prior and not first)
     refusals = scores.refusals()

@@ -18,7 +18,6 @@ from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE,
 from kalscope.common.array import Array, Indices
 from kalscope.common.text import DURATIONS, count, number, percent, plural, trimmed
 from kalscope.estimation.finding import Noise, Request
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
@@ -62,6 +61,9 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
 """Each status of a channel: one or two plain words, its tone, and the headline; "" where that holds a number."""
 
 NO_FAULT = "no misfit worth correcting"
+
+WITH_MOMENTUM = "with this momentum"
+"""Where pairs were compared at the momentum of the filter only."""
 
 CHOOSE = "choose the lag that you can accept"
 """What to do where no q and r describe the signal; the reason follows."""
@@ -118,7 +120,7 @@ class Evidence:
     constant: bool = False
     """Whether the signal does not move: all residuals are 0, or they only show a given start."""
     ratio: float = 1.0
-    """λ of the filter."""
+    """Variance of a step over r of the filter; without momentum λ."""
     momentum: bool = False
     """Whether the filter has momentum."""
     start: float = 0.0
@@ -172,20 +174,20 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     """
     n, ends = len(seen), np.flatnonzero(np.diff(refusals, append=np.inf) > 1)
     in_a_row = int(np.diff(ends, prepend=-1).max(initial=0))
-    evidence = Evidence(n, momentum=run.momentum, refused=len(refusals), refused_in_a_row=in_a_row)
+    evidence = Evidence(n, momentum=run.momentum > 0.0, refused=len(refusals), refused_in_a_row=in_a_row)
     if not e.any():
         return replace(evidence, constant=True)
     mostly_lone = spikes.lone > spikes.jumps
     spiky, steps = mostly_lone and spikes.too_many(n, lone=True), not mostly_lone and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
     skewness, excess = correction.find_shape(np.delete(e, spikes.off))
-    record = Record.of(run, seen, seen[outliers])
+    record = Record.of(run, seen[outliers])
     if not record.moves and not len(outliers):  # only the approach from a given x0 remains
         return replace(evidence, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
-        record, outliers = Record.of(run, seen, seen[:0]), outliers[:0]
-    better = correction.find_scale(e, outliers) if run.momentum else correction.find_correction(record, e, outliers)
-    structure, change = _remains(better, record, lags, steps=steps, momentum=run.momentum)
+        record, outliers = Record.of(run, seen[:0]), outliers[:0]
+    better = correction.find_correction(record, e, outliers)
+    structure, change = _remains(better, record, lags, steps=steps)
     return replace(
         evidence,
         ratio=record.ratio,
@@ -200,24 +202,33 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
         excess=excess,
         correction=better,
         structure=structure,
-        lag_costs=run.momentum and correction.lost_by_lag(record) > 1.0,
+        lag_costs=run.momentum > 0.0 and correction.lost_by_lag(record) > 1.0,
         change=change,
     )
 
 
-def _remains(
-    better: Correction, record: Record, lags: int, *, steps: bool, momentum: bool
-) -> tuple[Structure | None, float]:
+def _remains(better: Correction, record: Record, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
     """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
     if better.e is None:
         return None, 1.0
-    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-    structure = None if steps else correction.find_structure(better.e, lags)
-    comparable = structure is None or 0.0 < structure.low_share < MAX_SHARE
-    change = correction.find_change(better.e) if comparable else 1.0
-    if structure is not None and not momentum:
-        structure = correction.with_momentum(structure, record, lags)
+    structure, change = _tested(better.e, lags, steps=steps)
+    if change == 1.0 and (structure is None or record.momentum):
+        return structure, change
+    free = correction.find_free(record)
+    if structure is not None and not record.momentum and free.predicts_better(record.data.m):
+        rest = correction.find_structure(record.residuals(free.log_moves, free.momentum), lags)
+        structure = replace(structure, momentum=free.momentum, whole=rest is None)
+    if change > 1.0:  # that of a wrong momentum says nothing
+        change = min(change, _tested(record.residuals(*free.best), lags, steps=steps)[1])
     return structure, change
+
+
+def _tested(e: Array, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
+    """Structure and change of variance in residuals."""
+    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+    structure = None if steps else correction.find_structure(e, lags)
+    comparable = structure is None or 0.0 < structure.low_share < MAX_SHARE
+    return structure, correction.find_change(e) if comparable else 1.0
 
 
 # --- the findings ---------------------------------------------------------------------------------------------
@@ -268,14 +279,13 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
         return [_start(evidence) or constant]
     if evidence.unchanged > MAX_UNCHANGED:
         return _rounded(evidence, known)
-    spikes, change = _spikes(evidence, known), _change(evidence, known)
+    spikes, change = _spikes(evidence, known), _change(evidence)
     fitted_again = spikes is not None and isinstance(spikes.action, actions.SetSpikesAside)
     fitted_again = fitted_again or (known.robust and evidence.spikes > 0)  # it has seen them, and kept them
-    lost = evidence.momentum and evidence.structure is not None  # one factor of such a filter corrects no curve
     factors = (evidence.correction.q_factor, evidence.correction.r_factor)
     off = max(max(factor, 1.0 / factor) for factor in factors)
     mixed = known.estimated and evidence.change > off  # its parts need different pairs
-    size = None if fitted_again or lost or mixed else _size(evidence)
+    size = None if fitted_again or mixed else _size(evidence)
     much_too_wide = evidence.scale < MUCH_TOO_WIDE  # a gate would reject nothing
     great = evidence.change > max(off, GREAT_CHANGE)
     ordered = (
@@ -293,7 +303,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     )
     found = [one for one in ordered if one is not None]
     if known.goal or known.noise:
-        found = _as_chosen(found, known)
+        found = _as_chosen(found, known, evidence.momentum)
     shape = None if found else _shape(evidence, known)
     return found if shape is None else [shape]
 
@@ -383,19 +393,17 @@ def _jumps(evidence: Evidence, known: Known) -> Finding | None:
     return Finding("steps", text, actions.SetGate(None) if mends else None)
 
 
-def _change(evidence: Evidence, known: Known) -> Finding | None:
+def _change(evidence: Evidence) -> Finding | None:
     if evidence.change <= 1.0:
         return None
     size = "over 1000" if evidence.change > 1000.0 else number(evidence.change, 2)
-    text = f"the variance of the residuals differs {size} × between parts of the record"
-    if evidence.momentum and not known.estimated:  # another q and r may fit all of it: they were not compared
-        return Finding("changes", text)
-    return Finding("changes", f"the noise or the movement changes: {text}, which one pair cannot fit")
+    text = f"the noise or the movement changes: the variance of the residuals differs {size} × between parts "
+    return Finding("changes", f"{text}of the record, which one pair cannot fit")
 
 
 def _edge(evidence: Evidence) -> Finding | None:
     best = evidence.correction.instead_of_edge
-    if best is None or evidence.momentum:
+    if best is None:
         return None
     action = actions.SetRatio(best, evidence.correction.edge_factor)
     if evidence.ratio < 1.0:
@@ -431,25 +439,22 @@ def _size(evidence: Evidence) -> Finding | None:
 
 
 def _structure(evidence: Evidence, known: Known) -> Finding | None:
-    structure, by_hand = evidence.structure, evidence.momentum and not known.estimated
+    structure = evidence.structure
     if structure is None:
         return None
-    walk = "a random walk with momentum" if evidence.momentum else "a random walk"
-    if structure.low_share:
-        slow = "the filter is too slow, or " if by_hand else ""
-        text = (
-            f"low frequencies hold {percent(structure.low_share)} of the residual power: {slow}the signal has a "
-            "trend or waves that the model lacks"
-        )
-    elif by_hand:
-        text = "residuals are correlated: the filter is too slow or too fast, or the signal has hum"
-    else:
-        text = (
-            f"residuals stay correlated{'' if evidence.momentum else ' for any q and r'}: the signal has hum, "
-            f"trend, steps or coloured noise that {walk} cannot describe"
-        )
-    if by_hand:
+    share = structure.low_share
+    low = f"low frequencies hold {percent(share)} of the residual power" if share else ""
+    if evidence.momentum and not known.estimated:
+        text = f"{low or 'residuals stay correlated'} for any q and r {WITH_MOMENTUM}"
         return Finding("structure", f"{text}; estimate q, r and momentum together", actions.EstimateAgain())
+    if low:
+        text = f"{low}: the signal has a trend or waves that the model lacks"
+    else:
+        pair, walk = ("", " with momentum") if evidence.momentum else (" for any q and r", "")
+        text = (
+            f"residuals stay correlated{pair}: the signal has hum, trend, steps or coloured noise that a random "
+            f"walk{walk} cannot describe"
+        )
     if structure.momentum and not known.momentum_searched:
         size = f"a momentum of about {number(structure.momentum, 1)} samples"
         text += f"; try {size}" if structure.whole else f"; {size} explains part of it"
@@ -543,13 +548,13 @@ def still_met(request: Request | None, params: FilterParams, sample_period: floa
     if request is None or not request.target:
         return request
     name, value = next(iter(request.target.items()))
-    now = scalar(getattr(steady_state(params, sample_period), name))
+    now = float(getattr(steady_state(params, sample_period), name))
     if math.isclose(now, value, rel_tol=ROUNDING):
         return request
     return None if request.noise == Noise() else Request(noise=request.noise)
 
 
-def _as_chosen(found: list[Finding], known: Known) -> list[Finding]:
+def _as_chosen(found: list[Finding], known: Known, momentum: bool) -> list[Finding]:
     """The findings on a chosen filter: what can be corrected, what the choice costs in numbers, the rest as notes.
 
     No advice undoes the choice. A filter that is slower than the best leaves waves in its residuals, which say
@@ -558,16 +563,12 @@ def _as_chosen(found: list[Finding], known: Known) -> list[Finding]:
     costs: list[Finding] = []
     rest: list[Finding] = []
     slow = False
+    fit = f"the best statistical fit {WITH_MOMENTUM}" if momentum else "the best statistical fit"
     for one in found:
         action = one.action
         if isinstance(action, actions.Scale) and _ends(action, known):
             slow = bool(known.goal) and action.q_factor > action.r_factor
-            costs.append(_cost(known, action))
-        elif (
-            known.goal and one.status == "structure" and isinstance(action, actions.EstimateAgain)
-        ):  # with momentum
-            text = "its residuals stay correlated, so the best statistical fit is another filter"
-            costs.append(Finding("as_chosen", f"you chose {known.goal}. {text}"))
+            costs.append(_cost(known, action, fit))
         elif known.goal and one.status in ("too_slow", "too_fast"):  # a factor too small for a change
             continue
         elif isinstance(action, UNDOING):
@@ -585,7 +586,7 @@ def _ends(scale: actions.Scale, known: Known) -> bool:
     return any(map(_matters, moved))
 
 
-def _cost(known: Known, best: actions.Scale) -> Finding:
+def _cost(known: Known, best: actions.Scale, fit: str) -> Finding:
     """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if known.goal and _matters(ratio):
@@ -594,10 +595,10 @@ def _cost(known: Known, best: actions.Scale) -> Finding:
             best_fit = f"follow faster {change}, so {known.faster} is smoothed away"
         else:
             best_fit = f"smooth more {change}, so noise that it would remove stays"
-        return Finding("as_chosen", f"you chose {known.goal}. the best statistical fit would {best_fit}")
+        return Finding("as_chosen", f"you chose {known.goal}. {fit} would {best_fit}")
     origin = f" {known.noise}" if known.noise in TRUSTED else ""
     return Finding(
         "as_chosen",
-        f"you gave r{origin}. the best statistical fit has an r "
+        f"you gave r{origin}. {fit} has an r "
         f"{larger(best.r_factor)}: keep yours if you trust {TRUSTED.get(known.noise, 'it')}",
     )

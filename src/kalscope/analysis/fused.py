@@ -664,7 +664,7 @@ def _difference(record: _Record, sensor: int, others: Sequence[int]) -> _Differe
     error = np.where(answered & np.isfinite(smoothed.p), smoothed.p, math.inf)
     known = np.isfinite(error) & (error <= MAX_FAINTER * error.min(initial=math.inf))
     per_row = known.sum() / max(len(y), 1)
-    lasting = 1.0 + 2.0 * float(steady_state(remaining.as_single).lag_samples) * per_row
+    lasting = 1.0 + 2.0 * steady_state(remaining.as_single).lag_samples * per_row
     others_p = float(smoothed.p[known].mean()) if known.any() else 0.0
     return _Difference((one - smoothed.x)[known], np.full(int(known.sum()), r), others_p, lasting)
 

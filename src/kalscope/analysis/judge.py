@@ -15,6 +15,7 @@ from kalscope.analysis.findings import (
     KEEP,
     NO_FAULT,
     STATUSES,
+    WITH_MOMENTUM,
     Evidence,
     Finding,
     Known,
@@ -185,15 +186,15 @@ def _judgement(
 
 
 def _headline(status: str, evidence: Evidence, known: Known) -> str:
-    compared = known.estimated or not evidence.momentum  # with momentum only an estimate compares other pairs
     if status == "too_few":
         return f"Too few samples to judge the filter: {count(evidence.n)} were scored, {MIN_SAMPLES} are needed."
     if status == "band":
-        size = "smaller" if evidence.correction.r_factor > 1.0 else "larger"
-        best = " No other q/r fits clearly better." if compared else ""
-        return f"The ± {_band(evidence).replace('band', 'band is')}: it predicts {size} errors.{best}"
-    if status == "changes" and not compared:
-        return "The size of the residuals changes along the record."
+        best, at = evidence.correction, f" {WITH_MOMENTUM}" if evidence.momentum else ""
+        size = "smaller" if best.r_factor > 1.0 else "larger"
+        text = f"The ± {_band(evidence).replace('band', 'band is')}: it predicts {size} errors."
+        # Two factors too alike to be worth a change may still fit clearly better, as may others with the spikes.
+        compared = best.q_factor == best.r_factor and not evidence.spikes
+        return f"{text} No other q/r fits clearly better{at}." if compared else text
     _, tone, headline = STATUSES[status]
     return f"{known.chosen if tone == 'note' else ''}{headline}"
 
@@ -212,7 +213,7 @@ def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -
     """The evidence against a filter whose residuals on the whole record are white and of the right size."""
     if estimate is not None and estimate.verdict == "flat":
         return [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
-    if held_out is None or not _halves_differ(held_out):
+    if held_out is None or not halves_differ(held_out):
         return []
     size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
     text = f"the squared errors of the second half are {size}: the noise or the movement changes"
@@ -265,7 +266,7 @@ def _second_half(held_out: Diagnostics) -> str:
     if held_out.nis_low <= held_out.nis <= held_out.nis_high:
         return "squared errors are as large as q and r predict"
     size = f"squared errors are {number(held_out.nis)} × what q and r predict"
-    if _halves_differ(held_out):
+    if halves_differ(held_out):
         return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
     if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
         return f"{size}, too little to matter"
@@ -277,7 +278,7 @@ def _is_alike(held_out: Diagnostics) -> bool:
     return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
 
 
-def _halves_differ(held_out: Diagnostics) -> bool:
+def halves_differ(held_out: Diagnostics) -> bool:
     """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
 
     The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first

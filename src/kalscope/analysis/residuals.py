@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis.residual_kernels import LONE, STAYS, find_spikes
 from kalscope.common.array import Array, Indices, Mask
+from kalscope.errors import BadSetting
+from kalscope.filtering.arrays import one_channel, steps_of
 from kalscope.filtering.filter import PIECE, FilterResult, filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -29,26 +31,31 @@ class Run:
 
     n: int
     """Samples."""
-    momentum: bool
-    """Whether the filter has momentum."""
+    q: float
+    """Of the filter, as r and momentum."""
+    r: float
+    momentum: float
+    dt: Array | None
+    """Nominal sample periods before each sample, shape (n,); None = 1 each."""
     pieces: Callable[[], Iterator[tuple[int, Columns]]]
     """From the first to the last: the first sample of a piece, and its rows, which the next one may overwrite."""
 
     @staticmethod
     def of_result(result: FilterResult, channel: int | None = None) -> Run:
-        """A run that was kept whole; of several channels one."""
+        """A run of `kalman_filter`; of several channels one."""
+        params = result.params
+        if params is None:
+            raise BadSetting("result must be what kalman_filter gave (got that of another filter)")
         rows = (result.x, result.p, result.k, result.innovation, result.s)
-        velocity = result.velocity
         if channel is not None:
             rows = tuple(row[:, channel] for row in rows)
-            velocity = None if velocity is None else velocity[:, channel]
-        n, momentum = len(rows[0]), velocity is not None and bool(np.isfinite(velocity).any())
+        n = len(rows[0])
 
         def pieces() -> Iterator[tuple[int, Columns]]:
             for first in range(0, n, PIECE):
                 yield first, tuple(row[first : first + PIECE] for row in rows)
 
-        return Run(n, momentum, pieces)
+        return Run(n, params.q, float(params.r), params.momentum, result.dt, pieces)
 
     @staticmethod
     def of_samples(z: Array, params: FilterParams, dt: ArrayLike | None = None) -> Run:
@@ -58,7 +65,9 @@ class Run:
             for first, one in filter_pieces(z, params, dt):
                 yield first, (one.x, one.p, one.k, one.innovation, one.s)
 
-        return Run(len(z), bool(params.momentum), pieces)
+        samples = one_channel(z, params)
+        steps = None if dt is None else steps_of(dt, len(samples))
+        return Run(len(samples), params.q, float(params.r), params.momentum, steps, pieces)
 
     def part(self, first: int, last: int) -> Run:
         """The samples from `first` to before `last`, counted from 0 again."""
@@ -71,7 +80,7 @@ class Run:
                 if low < high:
                     yield begin + low - first, tuple(row[low:high] for row in rows)
 
-        return Run(last - first, self.momentum, pieces)
+        return replace(self, n=last - first, dt=None if self.dt is None else self.dt[first:last], pieces=pieces)
 
 
 SPIKE = 4.0

@@ -207,7 +207,7 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     level = float(samples[there].mean()) if there.any() else 0.0
     row = np.where(there, samples - level, 0.0)
     size, variance, degrees = allan_variances(row, there, log_sizes(len(row) // 4))
-    q, r, momentum = float(params.q), float(params.r), float(params.momentum)
+    q, r, momentum = params.q, float(params.r), params.momentum
     deviation = np.sqrt(variance)
     spread = deviation / np.sqrt(2.0 * degrees)
     best = best_average(q, r, momentum)

@@ -135,6 +135,10 @@ def read_options(
     part: Annotated[
         str | None, text_option("NAME", "Sheet, topic, group or variable of a file that holds several.")
     ] = None,
+    unpack_gb: Annotated[
+        str | None,
+        text_option("GB", "What a packed file may unpack to; default: 0.134 GB, or 32 times its size."),
+    ] = None,
 ) -> ReadOptions:
     """The options about reading a file, as every command that reads one takes them; see `reads_source`."""
     return options_from_text(
@@ -150,6 +154,7 @@ def read_options(
         day_first=day_first,
         rate=rate,
         part=part,
+        unpack_gb=unpack_gb,
     )
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from kalscope.errors import NoMemory
 
+MEMORY_FACTOR = 2.2
+"""Memory that a reading takes, in bytes of its numbers, until the Recording is made and passed on."""
 _MEMORY = Path("/proc/meminfo")
 _GROUPS = Path("/sys/fs/cgroup")
 _OWN_GROUP = Path("/proc/self/cgroup")
@@ -30,6 +32,31 @@ def free_memory() -> int | None:
 def does_not_fit(name: str) -> NoMemory:
     """The error for something that filled the memory while it was read."""
     return NoMemory(f"{name} must fit into the memory that is free, and it does not: open a part of it")
+
+
+def require_memory(need: float, name: str, what: str, instead: str = "open a part of it") -> None:
+    """Refuse what will not fit into the memory.
+
+    Args:
+        need: What it takes, bytes.
+        name: The file.
+        what: What is in it.
+        instead: What the user can do.
+
+    Raises:
+        NoMemory: it does not fit.
+    """
+    free = free_memory()
+    if free is not None and need > free:
+        raise NoMemory(
+            f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB (got {what}, which take"
+            f" {need / 1e9:.1f} GB): {instead}"
+        )
+
+
+def require_memory_for_numbers(count: int, name: str) -> None:
+    """Refuse a recording of so many numbers that it will not fit into the memory, see `require_memory`."""
+    require_memory(8 * MEMORY_FACTOR * count, name, f"{count} numbers")
 
 
 def _left_in_groups() -> Iterator[int]:

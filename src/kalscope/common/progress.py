@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from kalscope.common.unpacking import Unpacking
 from kalscope.errors import Cancelled
 
 OnProgress = Callable[[float, str], None]
@@ -23,6 +24,8 @@ class Progress:
     """Fraction of the whole at which this part starts."""
     stop: float = 1.0
     """Fraction of the whole at which this part ends."""
+    unpacking: Unpacking | None = None
+    """Counts what is unpacked; None = not limited."""
 
     def __call__(self, fraction: float, text: str) -> None:
         """Report the fraction of this part that is done; raises Cancelled if the task is to stop."""
@@ -35,7 +38,12 @@ class Progress:
         """Report that `count` steps are done, of a number that is not known."""
         self(1.0 - 0.8**count, text)
 
+    def unpack(self, size: int) -> None:
+        """Count `size` bytes that are unpacked; raises BadFile where they are too many."""
+        if self.unpacking is not None:
+            self.unpacking.add(size)
+
     def part(self, start: float, stop: float) -> Progress:
         """The part of this one from `start` to `stop`."""
         width = self.stop - self.start
-        return Progress(self.report, self.cancelled, self.start + width * start, self.start + width * stop)
+        return replace(self, start=self.start + width * start, stop=self.start + width * stop)

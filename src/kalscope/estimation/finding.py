@@ -28,7 +28,6 @@ from kalscope.estimation.methods.still_stretch import MIN_SAMPLES, find_still_st
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
 from kalscope.estimation.sensor.starting import is_even_ramp, starting_params
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady_state import steady_state
 
@@ -233,7 +232,7 @@ def _with_useful_lag(found: Found, samples: int, sample_period: float | None) ->
     """The same; BadSetting where the filter is slower than the record, or too fast to change a sample."""
     if found.params is None:
         return found
-    lag, slowest = scalar(steady_state(found.params).lag_samples), max(samples, MIN_SLOWEST)
+    lag, slowest = steady_state(found.params).lag_samples, max(samples, MIN_SLOWEST)
     if lag > slowest:
         raise BadSetting(
             f"the goal must be a filter that is not slower than the record, with a lag up to "
@@ -307,7 +306,7 @@ def shows_no_noise(z: Array) -> bool:
 
 
 def _ratio_text(params: FilterParams) -> str:
-    ratio, tau = f"q/r = {number(scalar(params.ratio), 4)}", scalar(params.momentum)
+    ratio, tau = f"q/r = {number(params.ratio, 4)}", params.momentum
     return f"{ratio} with a momentum of {plural(tau, 'sample')}" if tau else ratio
 
 

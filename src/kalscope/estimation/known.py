@@ -203,12 +203,12 @@ def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:
     floor = float(one.resolution) ** 2 / 12.0
     found = _with_noise(one, data, floor, progress)
     found = one if found.q == 0.0 else found
-    params = FilterParams(q=float(found.q), r=floor, momentum=float(one.momentum))
+    params = FilterParams(q=found.q, r=floor, momentum=float(one.momentum))
     return replace(
         found,
         r=floor,
         r_se=0.0,
-        ratio=float(found.q) / floor,
+        ratio=found.q / floor,
         verdict="below_resolution",
         message=words.below_resolution(float(one.resolution), params),
         params=params,

@@ -32,7 +32,8 @@ class Estimate:
     is, −inf where r = 0 contradicts two samples at one instant. Of "below_resolution" and "only_spikes" it is the
     highest, at a smaller r."""
     ratio_interval: tuple[float, float]
-    """The λ that the record allows: profile-likelihood 95 %, whatever the method; ends may be 0 and inf."""
+    """The λ that the record allows: profile-likelihood 95 %, whatever the method; ends may be 0 and inf. Where
+    momentum is likelier but not by enough to be chosen, the intervals hold with it and without."""
     gain_interval: tuple[float, float]
     """The same as steady gain, 0 … 1."""
     lag_interval: tuple[float, float]

@@ -15,7 +15,6 @@ from kalscope.errors import BadSetting
 from kalscope.export.board.chain import float32_tuning, runs_kalman
 from kalscope.export.board.fusion import fusion_on_board
 from kalscope.export.float32 import STALLING_GAIN, float32_params
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.classic.stages import (
     Butterworth,
     Exponential,
@@ -259,7 +258,7 @@ def _estimate(params: FilterParams, level: float) -> DeviceLimit | None:
 def _settled(params: FilterParams) -> tuple[float, float]:
     """Settled gain, and the standard deviation of the innovation, unit: √s with s = r / (1 - K)."""
     gain = float(np.asarray(steady_state(params).gain))
-    q, r = params.q, scalar(params.r)
+    q, r = params.q, float(params.r)
     return gain, math.sqrt(q if gain == 1.0 else r / (1.0 - gain))
 
 

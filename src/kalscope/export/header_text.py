@@ -97,7 +97,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         lines[3:3] = [_momentum_words(job, channel)]
         lines.append(
             f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
-            f" overshoot on a step {100.0 * float(steady.overshoot):.3g} %"
+            f" overshoot on a step {100.0 * steady.overshoot:.3g} %"
         )
     return tuple(lines)
 

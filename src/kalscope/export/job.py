@@ -8,7 +8,6 @@ from typing import Any
 from kalscope.errors import BadSetting
 from kalscope.export.board.chain import runs_kalman
 from kalscope.export.names import identifiers
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.constants import step_constants
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.tuning.fusion import FusionTuning
@@ -171,7 +170,7 @@ class FusionJob(Origin):
     def as_single(self) -> ExportJob:
         """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
         fusion, one = self.fusion, self.fusion.params.as_single
-        name, unit, r = fusion.name, fusion.unit, scalar(one.r)
+        name, unit, r = fusion.name, fusion.unit, float(one.r)
         channel = ChannelTuning(name, unit, fusion.q, r, fusion.p0, fusion.x0, momentum=fusion.momentum)
         return ExportJob((channel,), sample_period=self.sample_period)
 

@@ -13,9 +13,9 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.params import MAX_OFFSET, FilterParams, require_one_sensor
 
 
-def scalar(value: float | Array | None) -> float:
-    """A parameter of one channel as a float; NaN for None."""
-    return math.nan if value is None else float(value)
+def scalar(value: float | None) -> float:
+    """The value; NaN for None."""
+    return math.nan if value is None else value
 
 
 def samples_of(z: ArrayLike) -> Array:

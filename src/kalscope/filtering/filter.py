@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
@@ -61,6 +61,10 @@ class FilterResult:
     """Filtered velocity, unit per nominal sample period; None without momentum."""
     velocity_p: Array | None = None
     """Its posterior variance."""
+    params: FilterParams | None = field(default=None, kw_only=True)
+    """The parameters of `kalman_filter`; None for another filter, or where not all samples were kept."""
+    dt: Array | None = field(default=None, kw_only=True)
+    """The periods before each sample that it was given; None = 1 each."""
 
     @property
     def rows(self) -> dict[str, Array]:
@@ -70,7 +74,8 @@ class FilterResult:
 
     def at(self, indices: Indices) -> FilterResult:
         """The rows of these indices; loglik, m and rejected stay those of all."""
-        return replace(self, **{name: row[indices] for name, row in self.rows.items()})
+        kept: dict[str, Any] = {name: row[indices] for name, row in self.rows.items()}
+        return replace(self, **kept, params=None, dt=None)
 
     def shares(self, params: FilterParams) -> Array:
         """Shares of the sensors in each row, by the information of the readings used; they sum to 1, or are 0."""
@@ -169,8 +174,7 @@ class KalmanFilter:
             BadSetting: a reading is infinite, or there is another number of them; dt is negative. The state stays.
         """
         elapsed = 1.0 if dt is None else step_of(dt)
-        usual = self._scales is None and isinstance(z, float) and not math.isinf(z)
-        readings = (z,) if usual else self._row(z)
+        readings = (z,) if self._scales is None and isinstance(z, float) and not math.isinf(z) else self._row(z)
         if elapsed != self._dt:
             self._dt, self._over = elapsed, _TRANSITION(elapsed, self.params.q, self._tau)
         over, counts = self._over, self._in_a_row
@@ -291,11 +295,12 @@ def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = Non
     Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
     """
     columns = _columns(z, params)
+    given: dict[str, Any] = {"params": params, "dt": None if dt is None else steps_of(dt, len(samples_of(z)))}
     if columns is None:
-        return KalmanFilter(params).run(z, dt)
+        return replace(KalmanFilter(params).run(z, dt), **given)
     each = [KalmanFilter(params).run(column, dt) for column in columns]
-    loglik, m, rejected = (np.array([getattr(one, name) for one in each]) for name in ("loglik", "m", "rejected"))
-    return _side_by_side(each, _ROWS, loglik=loglik, m=m, rejected=rejected)
+    sums = {name: np.array([getattr(one, name) for one in each]) for name in ("loglik", "m", "rejected")}
+    return _side_by_side(each, _ROWS, **sums, **given)
 
 
 def fuse(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
@@ -486,8 +491,8 @@ Result = TypeVar("Result", FilterResult, SmootherResult)
 
 def _columns(z: ArrayLike, params: FilterParams) -> list[Array] | None:
     """The channels of a 2-D z that one sensor's parameters filter each; None for anything else."""
-    samples = samples_of(z)
-    if samples.ndim != 2 or require_params(params).fuses:
+    fuses, samples = require_params(params).fuses, samples_of(z)
+    if samples.ndim != 2 or fuses:
         return None
     if samples.shape[1] == 0:
         raise BadSetting(f"z must have shape (n,) or (n, channels) (got {samples.shape})")

@@ -17,18 +17,18 @@ from kalscope.filtering.steady_state import SteadyState, steady_state
 
 
 class StreamingFilter(Protocol):
-    """One `update` per sample; `x`, `p` and `k` are the state after it, floats or arrays of shape (channels,)."""
+    """One `update` per sample; `x`, `p` and `k` are the state after it."""
 
     @property
-    def x(self) -> float | Array: ...  # noqa: D102
+    def x(self) -> float: ...  # noqa: D102
 
     @property
-    def p(self) -> float | Array: ...  # noqa: D102
+    def p(self) -> float: ...  # noqa: D102
 
     @property
     def k(self) -> float | Array: ...  # noqa: D102
 
-    def update(self, z: ArrayLike, dt: float | None = None) -> float | Array:
+    def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one sample and return the filtered value."""
         ...
 

@@ -14,7 +14,6 @@ from functools import lru_cache
 
 from kalscope.common.checks import above_zero
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.momentum.settled import Settled, settle
 from kalscope.filtering.momentum.specification import Target, ratio_with_momentum
 from kalscope.filtering.params import FilterParams, require_params
@@ -83,11 +82,11 @@ def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
         params: the filter, scalars.
     """
     steady = steady_state(params)
-    gain, tau = scalar(steady.gain), scalar(params.momentum)
+    gain, tau = steady.gain, params.momentum
     if not tau:
         return gain, gain, 0.0
     forgotten = -math.expm1(-1.0 / tau)
-    return gain, forgotten * (gain + tau * scalar(steady.velocity_gain)), math.exp(-1.0 / tau) * (1.0 - gain)
+    return gain, forgotten * (gain + tau * steady.velocity_gain), math.exp(-1.0 / tau) * (1.0 - gain)
 
 
 def ratio_for(

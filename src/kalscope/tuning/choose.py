@@ -9,7 +9,6 @@ from typing import Any
 from kalscope.errors import BadSetting
 from kalscope.estimation.known import params_for_specification
 from kalscope.estimation.sensor.starting import starting_params
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.protocol import Filter
 from kalscope.filtering.steady_state import steady_state
@@ -153,10 +152,10 @@ def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float
         return replace(entry, momentum=momentum, how=f"{entry.how}, momentum given")
     if overshoot is None:
         return entry
-    lag = scalar(steady_state(entry.params).lag_samples)
+    lag = steady_state(entry.params).lag_samples
     found = params_for_specification(entry.r, lag_samples=lag, overshoot=overshoot)
     how = f"{entry.how}, {100.0 * overshoot:.4g} % overshoot"
-    return replace(entry, q=scalar(found.q), momentum=scalar(found.momentum), how=how)
+    return replace(entry, q=found.q, momentum=found.momentum, how=how)
 
 
 def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:

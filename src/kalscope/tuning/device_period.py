@@ -7,7 +7,6 @@ from dataclasses import replace
 from kalscope.errors import BadSetting
 from kalscope.estimation.finding import Request
 from kalscope.estimation.known import params_for_specification
-from kalscope.filtering.arrays import scalar
 from kalscope.tuning.tuning import ChannelTuning, Tuned, Tuning, same_period
 
 
@@ -47,7 +46,7 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
         overshoot=request.overshoot,
     )
     how = f"at {sample_period:.4g} s: {request.goal}"
-    met = replace(own, q=scalar(params.q), momentum=scalar(params.momentum), how=how)
+    met = replace(own, q=params.q, momentum=params.momentum, how=how)
     others = rescaled_to_period(tuning, sample_period)
     return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 

@@ -10,8 +10,7 @@ import pytest
 from feed import Board
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
-from kalscope.filtering.filter import fuse
-from kalscope.filtering.filter import GrowingRun
+from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.fusion import FusionTuning
 from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
@@ -48,7 +47,7 @@ def recording(names=(*SENSORS, "t"), units=("mm", "mm", "mm", "degC"), n=600, pe
 
 
 def params():
-    return FilterParams(0.01, [1.0, 0.25, 4.0], [0.0, 0.5, -0.5], gate=16.0)
+    return FilterParams(0.01, [1.0, 0.25, 4.0], gate=16.0, offset=[0.0, 0.5, -0.5])
 
 
 def fused_state(rec=None):

@@ -34,7 +34,7 @@ def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 
     unlike[list(odd)] = True
     devices = Devices(
         ids, ["light"] * n, ["lx"] * n, np.full(n, 100.0), np.asarray(q, float), np.asarray(r, float),
-        (nothing, nothing), (nothing, nothing), np.zeros(n), Counter(),
+        (nothing, nothing), (nothing, nothing), np.zeros(n), Counter("empty" for value in q if not value > 0.0),
     )  # fmt: skip
     one = None if shared is None else SharedFilter(FilterParams(*shared), (0.009, 0.011), "pooled")
     return Fleet(
@@ -155,7 +155,7 @@ def test_the_words_say_how_many_one_filter_and_how_far_a_run_is():
     fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan], done=7)
     said = about_fleet(fleet)
     for part in (
-        "10 rows, 1 without q and r",
+        "10 rows: 9 with q and r, 1 without",
         "7 of 20 files",
         "q = 0.01, r = 1 lx²",
         "89 % of 9",

@@ -61,7 +61,7 @@ def test_no_other_offsets_are_more_likely():
     scale = data.scale
     for side in ([0.0, 0.01, 0.0], [0.0, -0.01, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, -0.01]):
         offset = (one.offset + side) * scale + data.centre
-        other = fuse(z, FilterParams(one.q * scale**2, one.r * scale**2, offset, one.c), dt)
+        other = fuse(z, FilterParams(one.q * scale**2, one.r * scale**2, offset=offset, gain=one.c), dt)
         assert other.loglik < one.loglik
         # and by as much as their covariance says: a parabola
         assert one.loglik - other.loglik == pytest.approx(

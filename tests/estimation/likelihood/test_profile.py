@@ -208,7 +208,7 @@ def test_in_the_unit_times_s_the_log_likelihood_falls_by_m_ln_s():
 
 def test_log_likelihood_is_the_one_that_the_filter_reports():
     z = np.stack([walk(200, 0.1), walk(200, 1.0, seed=1, missing=0.3)], axis=1)
-    params = FilterParams(q=[0.1, 1.0], r=[1.0, 2.0], p0=3.0, x0=0.5, gate=9.0)
+    params = FilterParams(q=0.1, r=2.0, p0=3.0, x0=0.5, gate=9.0)
     assert log_likelihood(z, params).shape == (2,)
     np.testing.assert_array_equal(log_likelihood(z, params), kalman_filter(z, params).loglik)
     assert isinstance(log_likelihood(z[:, 0], FilterParams(1, 1)), float)

@@ -39,6 +39,13 @@ def test_the_intervals_cover_the_truth(benchmark, n):
         assert binom().sf(covered - 1, count, 0.98) > UNLIKELY, (name, covered, count)
 
 
+def test_the_intervals_cover_the_truth_where_the_choice_is_uncertain(benchmark):
+    chosen, *shares = benchmark["uncertain_choice"](RUNS)
+    assert 0.0 < chosen < 1.0
+    for share in shares:
+        assert binom().cdf(round(RUNS * share), RUNS, 0.92) > UNLIKELY
+
+
 def test_random_walks_get_no_momentum(benchmark):
     found = round(RUNS * benchmark["false_momentum"](RUNS))
     assert binom().sf(found - 1, RUNS, 0.02) > UNLIKELY

@@ -151,16 +151,6 @@ def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():
     assert found.message.endswith("No momentum: it would not fit better.")
 
 
-@pytest.mark.slow
-def test_channels_are_independent(record):
-    z = np.stack([record, walk(1500)], axis=1)
-    both = estimate(z)
-    assert both.momentum[0] > 0.0 == both.momentum[1]
-    for c in range(2):
-        assert both.channel(c) == estimate(z[:, c])
-    assert both.params.momentum.tolist() == both.momentum.tolist()
-
-
 # --- the choice ------------------------------------------------------------------------------------------
 
 

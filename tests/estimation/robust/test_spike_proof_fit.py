@@ -202,22 +202,6 @@ def test_missing_samples_and_long_steps_say_the_same():
     assert one.outlier_share == other.outlier_share == (where & present).sum() / present.sum()
 
 
-def test_each_channel_has_its_own_spikes():
-    _, z, where = spiky()
-    _, still = walk(5)
-    both = estimate(np.stack([z, still], axis=1))
-    assert np.array_equal(both.outliers[:, 0], where)
-    assert not both.outliers[:, 1].any()
-    np.testing.assert_array_equal(both.gate, [SIGMAS, np.inf])
-    assert both.params.gate[0] == SIGMAS**2
-    assert both.params.gate[1] >= 1e300
-    for c, z_one in enumerate((z, still)):
-        one, alone = both.channel(c), estimate(z_one)
-        assert fields_of(one) == fields_of(alone)
-    assert both.channel(0).params.gate == SIGMAS**2
-    assert both.channel(1).params.gate is None
-
-
 @pytest.mark.slow
 def test_momentum_is_found_without_the_spikes():
     g = np.random.default_rng(3)

@@ -82,16 +82,3 @@ def test_a_record_that_grows_has_the_run_of_the_whole():
                 grown.extend(z[at], None if steps is None else steps[at])
             for name in ("x", "p", "k", "innovation", "s", "velocity", "velocity_p", "rejected"):
                 np.testing.assert_array_equal(getattr(grown.result, name), getattr(whole, name), f"{chain} {name}")
-
-
-def test_channels_are_filtered_apart():
-    z, dt = record()
-    both = np.stack([z, z[::-1]], axis=1)
-    for chain in (Chain(3), Chain(5, OneEuro(0.01, 0.3, 0.1))):
-        used = ChainFilter(chain, PARAMS)
-        whole, stream = used.run(both, dt), used.stream()
-        assert np.array([stream.update(row, step) for row, step in zip(both, dt, strict=True)]).tobytes() == (
-            whole.x.tobytes()
-        )
-        assert whole.x[:, 1].tobytes() == used.run(z[::-1].copy(), dt).x.tobytes()
-        np.testing.assert_array_equal(whole.m, [0, 0])

@@ -6,7 +6,6 @@ import scipy.io
 from each import each
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.arrays import mat as mat_file
 from kalscope.sources.containers.arrays.groups import period_from
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -137,16 +136,6 @@ def test_matlab_version_4_goes_by_its_name(tmp_path):
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, {"t": T, "x": X}, format="4")
     np.testing.assert_array_equal(read_recording(path).values[:, 0], X)
-
-
-def test_a_matlab_struct_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
-    path = tmp_path / "log.mat"
-    scipy.io.savemat(path, {"log": {"x": np.zeros(100_000), "t": np.arange(9.0)}}, do_compression=True)
-    assert len(read_recording(path)) == 100_000
-    monkeypatch.setattr(mat_file, "_PIECE", 1000)
-    monkeypatch.setattr(mat_file, "_MAX_UNPACKED", 700_000)
-    with pytest.raises(BadFile, match="unpack to at most 700000 bytes"):
-        read_recording(path)
 
 
 def test_matlab_version_73_is_hdf5(tmp_path):

@@ -146,15 +146,6 @@ def test_a_chunk_of_mcap_that_unpacks_to_more_than_it_says_is_refused(tmp_path, 
         read_recording(path)
 
 
-@pytest.mark.parametrize("write", [write_ros1, lambda path, _: write_json_mcap(path, chunk_size=300)])
-def test_chunks_that_together_unpack_to_too_much_are_refused(tmp_path, monkeypatch, write):
-    path = write(tmp_path / "log.bag", Compression.LZ4)
-    monkeypatch.setattr(chunks, "MAX_RATIO", 0)
-    monkeypatch.setattr(chunks, "MAX_UNPACKED", 1000)
-    with pytest.raises(BadFile, match=r"^log.bag must unpack to at most 1000 bytes \(got more\)$"):
-        read_recording(path)
-
-
 def test_a_definition_that_would_smuggle_in_a_program_is_not_run(tmp_path):
     """rosbags writes Python from definitions; a name that is none must stop it."""
     path = write_ros2(tmp_path / "log", StoragePlugin.SQLITE3)

@@ -84,12 +84,6 @@ def test_two_cells_at_the_ends_of_a_sheet_are_refused_before_they_fill_the_memor
         read_recording(tmp_path / "log.xlsx")
 
 
-def test_an_archive_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
-    monkeypatch.setattr("kalscope.sources.containers.spreadsheets.excel._MAX_UNPACKED", 10_000)
-    with pytest.raises(BadFile, match="unpack to at most"):
-        read_recording(book(log=rows(200)))
-
-
 def test_a_zip_archive_of_other_files_is_no_spreadsheet(tmp_path):
     with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
         archive.writestr("log.csv", "a,b\n1,2\n")

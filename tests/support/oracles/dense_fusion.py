@@ -1,4 +1,4 @@
-"""Several sensors of one quantity as one Gaussian vector of all states: the oracle of the fused filter."""
+"""One sensor or several of one quantity as one Gaussian vector of all states: the oracle of the filter."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def seen_readings(z, params, upto):
     row, sensor = np.nonzero(np.isfinite(z[:upto]))
     h = np.zeros((len(row), 2 * len(z)))
     h[np.arange(len(row)), 2 * row] = params.gain[sensor]
-    return h, np.diag(params.r[sensor]), z[row, sensor] - params.offset[sensor]
+    return h, np.diag(params.sensor_r[sensor]), z[row, sensor] - params.offset[sensor]
 
 
-def dense_posterior(z, params, dt, upto):
-    """Mean and covariance of all states given the readings before row `upto`."""
-    mean, cov = states_of(params, dt)
+def dense_posterior(z, params, states, upto):
+    """Mean and covariance of all states, `states` before any reading, given the readings before row `upto`."""
+    mean, cov = states
     h, noise, rest = seen_readings(z, params, upto)
     s = h @ cov @ h.T + noise
     gain = np.linalg.solve(s, h @ cov).T
@@ -45,9 +45,9 @@ def dense_posterior(z, params, dt, upto):
     return moved + variance * (weight @ rest) * unseen, posterior + variance * np.outer(unseen, unseen)
 
 
-def dense_loglik(z, params, dt):
+def dense_loglik(z, params, states):
     """Log-density of the readings; with a diffuse start given the first, whose own density is not known."""
-    mean, cov = states_of(params, dt)
+    mean, cov = states
     h, noise, rest = seen_readings(z, params, len(z))
     s = h @ cov @ h.T + noise
     rest = rest - h @ mean

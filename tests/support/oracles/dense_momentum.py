@@ -50,31 +50,3 @@ def dense_model(q, r, tau, dt, x0=None, p0=None):
     """All states of the model with momentum; without x0 and p0, around the unknown first value."""
     start = np.array([0.0 if x0 is None else x0, 0.0]), np.diag([0.0 if p0 is None else p0, q / (2 * tau)])
     return all_states([van_loan(step, q, tau) for step in dt], start)
-
-
-def dense_posterior(z, mean, cov, r, upto, diffuse):
-    """Mean and covariance of all states given the finite samples before `upto`; x0 by least squares if diffuse."""
-    seen = 2 * np.flatnonzero(np.isfinite(z[:upto]))
-    s = cov[np.ix_(seen, seen)] + r * np.eye(len(seen))
-    gain = np.linalg.solve(s, cov[seen]).T
-    posterior = cov - gain @ cov[seen]
-    level = np.tile([1.0, 0.0], len(z))
-    rest = z[seen // 2] - mean[seen]
-    if not diffuse:
-        return mean + gain @ rest, posterior
-    weight = np.linalg.solve(s, level[seen])
-    variance = 1.0 / (weight @ level[seen])
-    x0 = variance * (weight @ rest)
-    unseen = level - gain @ level[seen]
-    return mean + gain @ rest + x0 * unseen, posterior + variance * np.outer(unseen, unseen)
-
-
-def dense_loglik(z, mean, cov, r, diffuse):
-    """Log-density of the finite samples; if diffuse, of their differences from the first, which is not scored."""
-    seen = np.flatnonzero(np.isfinite(z))
-    s = cov[np.ix_(2 * seen, 2 * seen)] + r * np.eye(len(seen))
-    rest = z[seen] - mean[2 * seen]
-    if diffuse:
-        contrast = np.eye(len(seen))[1:] - np.eye(len(seen))[0]
-        s, rest = contrast @ s @ contrast.T, contrast @ rest
-    return -0.5 * (len(rest) * math.log(2 * math.pi) + np.linalg.slogdet(s)[1] + rest @ np.linalg.solve(s, rest))

@@ -49,5 +49,5 @@ def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_
         assert "No space left" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
         subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
         said = run_here(capsys, logs, "-o", out, *PLAIN).out
-        assert f": {30 - kept} of 30 files or row groups done" in said
+        assert f"; {30 - kept} of 30 files or row groups done" in said
         assert [row["id"] for row in table(out)] == sorted(path.name for path in logs.iterdir())

@@ -77,12 +77,13 @@ def test_a_cause_outside_of_the_recording_is_tried_again_and_one_in_it_is_not(
         said = run_here(capsys, logs, "-o", out, *PLAIN).err
         rows = {row["id"]: row["reason"] for row in table(out)}
         assert rows["dev0003.csv"].startswith("cannot read")
-        assert ": 1 of 7 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
+        assert "; 1 of 7 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
     assert said == (
-        "kalscope: 1 of 7 could not be read for a reason outside of the recording: run the same command to retry\n"
+        "kalscope: 1 of 7 files or row groups failed for a reason that may pass, such as access, memory or time:"
+        " run the same command to retry\n"
     )
     again = run_here(capsys, logs, "-o", out, *PLAIN)
-    assert (": 1 of 7 files" in again.out, again.err) == (True, "")
+    assert ("; 1 of 7 files" in again.out, again.err) == (True, "")
     assert {row["id"] for row in table(out) if row["reason"]} == {"empty.csv"}
     assert "nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
     assert len(parts(out)) == 2  # no trace of the failure
@@ -97,7 +98,7 @@ def test_what_killed_its_workers_is_tried_again(tmp_path, at_once, capsys):
     run_here(capsys, logs, "-o", out, *PLAIN)
     assert [row["reason"] for row in table(out) if row["reason"]] == [LOST]
     faults.clear()
-    assert ": 1 of 4 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert "; 1 of 4 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
     assert [row["id"] for row in table(out) if not row["reason"]] == sorted(path.name for path in logs.iterdir())
 
 

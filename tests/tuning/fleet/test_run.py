@@ -56,7 +56,8 @@ def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
     for name, reason in said.items():
         assert rows[name]["verdict"] == "failed"
         assert reason in rows[name]["reason"]
-    assert done.out.startswith(f"{len(rows)} rows: {len(rows)} of {len(rows)} files or row groups done in ")
+    assert done.out.startswith("17 rows: 12 with q and r, ")
+    assert "failed; 17 of 17 files or row groups done in " in done.out
     assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
     assert "One filter for all: q = " in done.out
     assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
@@ -88,13 +89,14 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys)
     (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
     (logs / "dev0008.csv").unlink()
     write_devices(logs / "new", 1)
-    assert ": 2 of 12 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert "; 2 of 12 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out
     rows = {row["id"]: row for row in fits(out)}
     assert rows.pop("dev0007.csv")["samples"] == 3
     assert rows.pop("new/dev0000.csv")["samples"] == 200
     assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}
-    assert "12 rows: nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
-    assert ": 12 of 12 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
+    again = run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert again.startswith("12 rows: 11 with q and r, 1 without; nothing was missing\n")
+    assert "; 12 of 12 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
     assert {row["verdict"] for row in table(out)} == {"chosen"}
 
 
@@ -219,14 +221,13 @@ import dask.system
 from kalscope.tuning.fleet import run
 os.setsid()  # signals to all of its processes reach no other
 dask.system.CPU_COUNT = 2
-show = run._Run._give_up
-def give_up(self, jobs):
-    show(self, jobs)
-    if self.tally.deaths:
-        open("a worker died", "w").close()
-        while not os.path.exists("go on"):
-            time.sleep(0.01)
-run._Run._give_up = give_up
+died = run._Run._died
+def waits(self, jobs, batch):
+    died(self, jobs, batch)
+    open("a worker died", "w").close()
+    while not os.path.exists("go on"):
+        time.sleep(0.01)
+run._Run._died = waits
 """
 """A run with two workers that waits for a file once one of them has died."""
 

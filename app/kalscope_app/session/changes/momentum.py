@@ -74,7 +74,7 @@ def with_momentum(state: State, momentum: float) -> State:
 
 def add_momentum(state: State) -> State:
     """Begin with a momentum as long as the lag, to two digits; a slider can then find a better one."""
-    lag = float(steady_state(state.tuning.params).lag_samples)
+    lag = steady_state(state.tuning.params).lag_samples
     return with_momentum(state, float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
 
 

@@ -120,7 +120,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
                 outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
             )
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-        gate = before.gate if found.params.gate is None else float(found.params.gate)
+        gate = before.gate if found.params.gate is None else found.params.gate
         after = replace(with_kalman_filter(before), q=q, r=r, momentum=momentum, gate=gate, how=found.how)
         answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
         outcome = answer if channel == state.channel else None

@@ -140,7 +140,7 @@ def table_of(overview: Overview) -> str:
             steady = steady_state(tuning.params)
             cells += [number(tuning.q), number(tuning.r)]
             times = [momentum_words(tuning.momentum, period)] if with_momentum else []
-            times += [lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))]
+            times += [lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)]
             cells += [text.replace(" ", "\u00a0") for text in times]
         reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
         cells += [reach, *([count(lane.missing) if lane.missing else "–"] if with_missing else [])]

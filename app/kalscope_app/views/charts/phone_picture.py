@@ -123,13 +123,13 @@ def _write_numbers(pen: Pen, frame: Frame, ink: str, corner: tuple[int, int]) ->
     """The numbers that matter, in the strip that viser's sheet leaves free at the left."""
     steady, period = frame.steady, frame.state.recording.sample_period
     rows = [
-        ("lag", lag_text(float(steady.lag_samples), period)),
-        ("noise", decibels(-float(steady.noise_reduction_db))),
+        ("lag", lag_text(steady.lag_samples, period)),
+        ("noise", decibels(-steady.noise_reduction_db)),
     ]
     if frame.state.has_gain:
-        rows.append(("gain K", number(float(steady.gain))))
+        rows.append(("gain K", number(steady.gain)))
     if frame.state.uses_parameters and frame.state.tuning.momentum:
-        rows.append(("overshoot", percent(float(steady.overshoot))))
+        rows.append(("overshoot", percent(steady.overshoot)))
     for i, (name, value) in enumerate(rows):
         x, y = corner[0], corner[1] + 130 * i
         pen.text((x, y), name, ink, 24, "la")

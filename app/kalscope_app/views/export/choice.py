@@ -118,7 +118,7 @@ def _measured(tuning: Tuning, channel: str, name: str) -> tuple[float, str]:
     """The value that a filter has for a goal, as a number and in words."""
     steady = steady_state(tuning.channel(channel).params, tuning.sample_period)
     if name == "lag_s":
-        samples = float(steady.lag_samples)
+        samples = steady.lag_samples
         return samples * (tuning.sample_period or 1.0), lag_text(samples, tuning.sample_period)
     value = float(getattr(steady, name))
     return value, _in_words(name, value)

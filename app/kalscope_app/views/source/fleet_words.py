@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope_app.session.fleet import OpenFleet, loss_text
 from kalscope_app.views.markdown import escape_markdown
@@ -22,15 +21,14 @@ MAX_NAME = 16
 
 def about_fleet(fleet: Fleet) -> str:
     """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
-    failed = f", {count(fleet.failed)} without q and r" if fleet.failed else ""
-    said = [f"{count(len(fleet))} {'row' if len(fleet) == 1 else 'rows'}{failed}."]
+    said = [f"{fleet.devices.counted}."]
     if fleet.done is not None:
         known = "" if fleet.begun.units is None else f" of {count(fleet.begun.units)}"
         said.append(f"**Not finished: {count(fleet.done)}{known} files or row groups done.**")
     if fleet.shared is not None:
         params, devices = fleet.shared.params, fleet.devices
-        lag = lag_in_full(scalar(steady_state(params, devices.sample_period).lag_samples), devices.sample_period)
-        q, r = trimmed(scalar(params.q), 4), trimmed(scalar(params.r), 4)
+        lag = lag_in_full(steady_state(params, devices.sample_period).lag_samples, devices.sample_period)
+        q, r = trimmed(params.q, 4), trimmed(float(params.r), 4)
         unit = escape_markdown(squared(devices.unit), 20)
         said.append(f"One filter for all: q = {q}, r = {r} {unit}, lag {lag}.")
         judged = int(np.isfinite(fleet.growth).sum())

@@ -38,6 +38,7 @@ class ReadingForm:
             self._add_choice("day_first", ORDERS, "What 03/04/2025 is: 3 April, or March 4.")
             self._add_text("rate", "The sample rate, instead of that of the stamps.")
             self._add_text("part", "The sheet, topic, group or variable of a file that holds several.")
+            self._add_text("unpack_gb", "What a packed file may unpack to; empty: 0.134 GB, or 32 times its size.")
         button = gui.add_button("Re-import", hint="Also reads what was added to the file.")
         on_user(button.on_click, lambda _client: self._submit())
 
@@ -89,6 +90,7 @@ LABELS = {
     "decimal": "decimal mark",
     "day_first": "date order",
     "rate": "rate (Hz)",
+    "unpack_gb": "unpack at most (GB)",
 }
 """Labels of the boxes whose label is not the name of the option."""
 _MENTIONED = re.compile(

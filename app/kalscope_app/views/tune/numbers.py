@@ -32,23 +32,23 @@ class NumbersView:
 def table(frame: Frame) -> str:
     """One markdown row for each number, with its unit."""
     steady, params = frame.steady, frame.state.params
-    lag, settle = float(steady.lag_samples), float(steady.settle_samples)
+    lag, settle = steady.lag_samples, steady.settle_samples
     period = frame.state.recording.sample_period
     rows = [
         ("lag (delay)", _time_in_bold(lag_in_full(lag, period))),
-        ("noise reduction", f"**{decibels(float(steady.noise_reduction_db))}**"),
+        ("noise reduction", f"**{decibels(steady.noise_reduction_db)}**"),
     ]
     if frame.state.tuning.momentum > 0.0 and frame.state.uses_parameters:
         rows += [
-            ("overshoot (step)", f"**{percent(float(steady.overshoot))}**"),
+            ("overshoot (step)", f"**{percent(steady.overshoot)}**"),
             ("keeps direction", _time_in_bold(lag_in_full(frame.state.tuning.momentum, period))),
         ]
     if steady.cutoff_hz is not None and (frame.state.filter.is_standard or math.isfinite(steady.cutoff_hz)):
         rows.append(("cut-off (−3 dB)", f"**{frequency(float(steady.cutoff_hz))}**"))
     if frame.state.has_gain:
-        rows.append(("gain K", f"**{number(float(steady.gain))}**"))
+        rows.append(("gain K", f"**{number(steady.gain)}**"))
     if frame.state.uses_parameters:
-        rows.append(("q / r", f"**{number(float(params.ratio))}**"))
+        rows.append(("q / r", f"**{number(params.ratio)}**"))
     chain = frame.state.tuning.chain
     if chain is None or not isinstance(chain.then, OneEuro):  # it settles faster, the larger a step is
         rows.append(("settling (to 1\u00a0%)", _time_in_bold(lag_in_full(settle, period))))

@@ -42,9 +42,9 @@ def preset_text(state: State, title: str, now: SteadyState) -> str:
     preset = PRESETS[title]
     params, period = preset.params(state), state.recording.sample_period
     rows = [
-        ("q", number(state.tuning.q), number(float(params.q))),
+        ("q", number(state.tuning.q), number(params.q)),
         ("r", number(state.tuning.r), number(float(params.r))),
-        *rows_of((state.tuning.momentum, float(params.momentum)), (now, steady_state(params)), period),
+        *rows_of((state.tuning.momentum, params.momentum), (now, steady_state(params)), period),
     ]
     table = "| | current | preset |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
     return f"{preset.why}\n\n{table}"

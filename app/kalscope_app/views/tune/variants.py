@@ -123,9 +123,9 @@ def _cells(
         "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         *(("Kalman" if chain is None else capitalised(chain.words),) if table.with_chain else ()),
         *(used if chain is None or chain.then is None else "–" * len(used)),
-        lag_text(float(steady.lag_samples), period),
-        decibels(-float(steady.noise_reduction_db)),
-        *((percent(float(steady.overshoot)),) if table.with_momentum else ()),
+        lag_text(steady.lag_samples, period),
+        decibels(-steady.noise_reduction_db),
+        *((percent(steady.overshoot),) if table.with_momentum else ()),
     ]
     if with_truth:
         cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))

@@ -56,10 +56,10 @@ def numbers_line(frame: Frame, jitter: float) -> str:
 
     First the filter, where it is not the Kalman filter alone.
     """
-    lag, record, chain = float(frame.steady.lag_samples), frame.state.recording, frame.state.tuning.chain
+    lag, record, chain = frame.steady.lag_samples, frame.state.recording, frame.state.tuning.chain
     said = f"lag **{lag_text(lag, record.sample_period)}**"
     ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
     if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
         said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
     name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
-    return f"{name}{said} · noise **{decibels(-float(frame.steady.noise_reduction_db))}**"
+    return f"{name}{said} · noise **{decibels(-frame.steady.noise_reduction_db)}**"

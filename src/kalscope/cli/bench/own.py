@@ -72,7 +72,7 @@ def denoise_contests(work: Work) -> Iterator[Contest]:
     yield Contest("denoise(out=)", "np.copyto", n, existing, copy, work.difference, SAME_MEMORY)
     yield Contest("denoise", "z.copy()", n, new, z.copy, work.difference, "both make their output")
 
-    gain, lfilter = float(steady_state(PARAMS).gain), importlib.import_module("scipy.signal").lfilter
+    gain, lfilter = steady_state(PARAMS).gain, importlib.import_module("scipy.signal").lfilter
     note = f"constant gain; compared from sample {SETTLED:,} on; "
 
     def steady() -> Array:

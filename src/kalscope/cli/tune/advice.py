@@ -7,7 +7,6 @@ import math
 from kalscope.analysis import actions
 from kalscope.cli.tune.answer import Answer
 from kalscope.cli.tune.options import SPECIFICATIONS
-from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 
 TARGET_OPTIONS = {name: option for option, (name, _) in SPECIFICATIONS.items()}
@@ -60,7 +59,7 @@ def _scaled(answer: Answer, q_factor: float, r_factor: float) -> list[str]:
     params = answer.found.params
     if params is None:
         return []
-    q, r = scalar(params.q) * q_factor, scalar(params.r) * r_factor
+    q, r = params.q * q_factor, float(params.r) * r_factor
     return [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
 
 

@@ -18,7 +18,6 @@ from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 
@@ -65,8 +64,8 @@ class Answer:
     def momentum(self) -> float:
         """Momentum of the answer in sample periods, with or without a pair; 0 without."""
         if self.found.params is not None:
-            return scalar(self.found.params.momentum)
-        return 0.0 if self.found.estimate is None else scalar(self.found.estimate.momentum)
+            return self.found.params.momentum
+        return 0.0 if self.found.estimate is None else self.found.estimate.momentum
 
 
 def answer_for(

@@ -144,7 +144,6 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
     """Save the tuning of the channels that have a pair; returns notes about it for the user."""
     from kalscope.cli.tune.saved import kept_channels, replaced_chains, saved_before
     from kalscope.cli.tune.words import VERDICT_WORDS
-    from kalscope.filtering.arrays import scalar
     from kalscope.sources.readers import account
     from kalscope.tuning.tuning import ChannelTuning, Tuning
     from kalscope.tuning.tuning_file import save_tuning
@@ -153,11 +152,11 @@ def _save(recording: Recording, answers: list[Answer], output: Path) -> list[str
         ChannelTuning(
             one.channel,
             one.unit,
-            scalar(one.found.params.q),
-            scalar(one.found.params.r),
+            one.found.params.q,
+            float(one.found.params.r),
             how=one.found.how,
-            gate=None if one.found.params.gate is None else scalar(one.found.params.gate),
-            momentum=scalar(one.found.params.momentum),
+            gate=one.found.params.gate,
+            momentum=one.found.params.momentum,
         )
         for one in answers
         if one.found.params is not None

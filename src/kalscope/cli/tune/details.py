@@ -43,15 +43,15 @@ def _pair(answer: Answer) -> Iterator[str]:
     missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
     yield f"samples            {count(answer.samples)}{missing}"
     if params is not None:
-        q, r, ratio = scalar(params.q), scalar(params.r), scalar(params.ratio)
+        q, r, ratio = params.q, float(params.r), params.ratio
         yield f"process noise      q = {trimmed(q, 4)} {unit}"
         sigma = f"σ = {number(math.sqrt(r))} {answer.unit or 'unit'}"
         yield f"measurement noise  r = {trimmed(r, 4)} {unit}   ({sigma})"
         yield f"ratio            q/r = {number(ratio)}"
-        if tau := scalar(params.momentum):
+        if tau := params.momentum:
             yield f"momentum           τ = {trimmed(tau, 4)} samples{_seconds(tau, answer.sample_period)}"
         if params.gate is not None:
-            yield f"outlier gate         = {gate_text(scalar(params.gate))}"
+            yield f"outlier gate         = {gate_text(params.gate)}"
         yield f"how: {answer.found.how}"
     yield ""
     yield from wrapped(answer.found.message)
@@ -71,13 +71,13 @@ def _meaning(answer: Answer) -> Iterator[str]:
 
 
 def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
-    yield f"  gain             {number(scalar(steady.gain))}"
-    yield f"  lag (delay)      {lag_in_full(scalar(steady.lag_samples), period)}"
-    if overshoot := scalar(steady.overshoot):
+    yield f"  gain             {number(steady.gain)}"
+    yield f"  lag (delay)      {lag_in_full(steady.lag_samples, period)}"
+    if overshoot := steady.overshoot:
         yield f"  overshoot (step) {percent(overshoot)}"
-    yield f"  noise reduction  {decibels(scalar(steady.noise_reduction_db))}"
+    yield f"  noise reduction  {decibels(steady.noise_reduction_db)}"
     yield f"  cut-off (−3 dB)  {_cutoff(params, period)}"
-    yield f"  settling to 1 %  {lag_in_full(scalar(steady.settle_samples), period)}"
+    yield f"  settling to 1 %  {lag_in_full(steady.settle_samples, period)}"
 
 
 def _cutoff(params: FilterParams, period: float | None) -> str:
@@ -89,11 +89,11 @@ def _cutoff(params: FilterParams, period: float | None) -> str:
 
 def _interval(answer: Answer) -> str:
     limits = answer.range
-    low, high = (scalar(end) for end in limits.ratio_interval)
+    low, high = limits.ratio_interval
     if (low, high) == (0.0, math.inf):
         return "any q/r; it sets no limits"
-    least, most = (scalar(end) for end in limits.gain_interval)
-    short, long = (scalar(end) for end in limits.lag_interval)
+    least, most = limits.gain_interval
+    short, long = limits.lag_interval
     gain, lag = between(least, most, largest=1.0), between(short, long)
     period = answer.sample_period
     seconds = "" if period is None else f" ({between(short * period, long * period, words=duration)})"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
+from kalscope.cli.options import SamplePeriod, number_option, read_options, text_option, with_options
 from kalscope.cli.tune.options import NOTHING, TuneOptions, tune_options
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -41,6 +41,10 @@ def fleet_command(
     row_groups: Annotated[
         bool, typer.Option("--row-groups", help="Each row group of a Parquet file is a recording of its own.")
     ] = False,
+    device_limit: Annotated[
+        float | None,
+        number_option("Longest time for one device in s, more for a file above 16 MiB; default: 120."),
+    ] = None,
     asked: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -56,7 +60,7 @@ def fleet_command(
     from kalscope.tuning.fleet.answer.save import save_answer
     from kalscope.tuning.fleet.answer.words import summary
     from kalscope.tuning.fleet.libraries import check_libraries
-    from kalscope.tuning.fleet.work.asked import Asked, any_recording
+    from kalscope.tuning.fleet.work.asked import DEVICE_LIMIT_S, Asked, any_recording
 
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
@@ -70,7 +74,7 @@ def fleet_command(
         answers.append(answer_for(read_devices(output), pool, asked))
         save_answer(answers[0], output)
 
-    options = Asked(asked, reading, sample_period, channel, every, row_groups)
+    options = Asked(asked, reading, sample_period, channel, every, row_groups, device_limit or DEVICE_LIMIT_S)
     tally = _run_on_screen(sources, options, output, cluster, finish)
     write_output(iter([summary(answers[0], tally, output)]), None)
     say_what_is_tried_again(tally)
@@ -117,8 +121,8 @@ def say_what_is_tried_again(tally: Tally) -> None:
 
     if tally.again:
         say(
-            f"{tally.again} of {tally.units} could not be read for a reason outside of the recording:"
-            " run the same command to retry"
+            f"{tally.again} of {tally.units} files or row groups failed for a reason that may pass, such as access,"
+            " memory or time: run the same command to retry"
         )
 
 

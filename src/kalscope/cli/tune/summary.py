@@ -12,7 +12,6 @@ from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, wrapped
 from kalscope.common.text import decibels, duration, gate_text, lag_in_full, percent, plural, squared, trimmed
-from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 from kalscope.sources.readers import account
 
@@ -41,19 +40,19 @@ def _filter(answer: Answer) -> str:
     params, name = answer.found.params, answer.channel
     if params is None:
         return f"{name}: no q and r to recommend ({VERDICT_WORDS[answer.verdict]})"
-    q, r, unit = trimmed(scalar(params.q), 4), trimmed(scalar(params.r), 4), squared(answer.unit)
+    q, r, unit = trimmed(params.q, 4), trimmed(float(params.r), 4), squared(answer.unit)
     return f"{name}: q = {q}, r = {r} {unit}, {_momentum(answer)}, {_gate(answer)}"
 
 
 def _momentum(answer: Answer) -> str:
-    tau = 0.0 if answer.found.params is None else scalar(answer.found.params.momentum)
+    tau = 0.0 if answer.found.params is None else answer.found.params.momentum
     return f"momentum {lag_in_full(tau, answer.sample_period)}" if tau else "no momentum"
 
 
 def _gate(answer: Answer) -> str:
     """The outlier gate, and how many samples the fit set aside as spikes."""
     gate = None if answer.found.params is None else answer.found.params.gate
-    words = "no gate" if gate is None else f"gate {gate_text(scalar(gate))}"
+    words = "no gate" if gate is None else f"gate {gate_text(gate)}"
     aside = _aside(answer)
     return f"{words}, {plural(aside, 'spike')} set aside" if aside else words
 
@@ -68,18 +67,18 @@ def _effect(answer: Answer) -> Iterator[str]:
     steady, period = answer.steady, answer.sample_period
     if steady is None:
         return
-    samples, over = scalar(steady.lag_samples), scalar(steady.overshoot)
+    samples, over = steady.lag_samples, steady.overshoot
     lag = lag_in_full(samples, period).removesuffix(")")
     bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
-    noise = decibels(-scalar(steady.noise_reduction_db))
+    noise = decibels(-steady.noise_reduction_db)
     yield f"lag {lag}{bracket}, noise {noise}, {f'overshoot {percent(over)}' if over else 'no overshoot'}"
 
 
 def _allowed(answer: Answer) -> str:
     """The lags that the record allows, or favours where the lag was chosen."""
-    if tuple(map(scalar, answer.range.ratio_interval)) == (0.0, math.inf):
+    if answer.range.ratio_interval == (0.0, math.inf):
         return "the record allows any"
-    short, long = (scalar(end) for end in answer.range.lag_interval)
+    short, long = answer.range.lag_interval
     period = answer.sample_period
     words = between(short, long) if period is None else between(short * period, long * period, words=duration)
     return f"the record favours {words}" if answer.verdict == CHOSEN else f"95 %: {words}"

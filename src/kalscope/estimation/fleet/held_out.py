@@ -66,7 +66,7 @@ def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
     """The error on the second half of the filter fitted to the first half, which may have momentum."""
     half, dt = len(z) // 2, steps if len(steps) else None
     found = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
-    if found.params is None or not float(found.momentum) > 0.0:
+    if found.params is None or not found.momentum > 0.0:
         return otherwise
     seen = kalman_filter(z, found.params, dt).innovation[half:]
     return math.sqrt(float(np.nanmean(seen**2)))

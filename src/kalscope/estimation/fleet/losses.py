@@ -14,7 +14,6 @@ import numpy as np
 from kalscope.common.array import Array
 from kalscope.estimation.fleet.held_out import LOG_RATIOS, held_out_at
 from kalscope.estimation.fleet.many.table import lags_of, reductions_of
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
@@ -55,11 +54,11 @@ def losses_of(left: Array, params: FilterParams) -> Losses:
         left: of `left_by`, shape (k, WIDTH); NaN where not known.
         params: the filter that all share, q and r above 0. With momentum the errors are not known.
     """
-    ratio, tau = scalar(params.q) / scalar(params.r), scalar(params.momentum)
+    ratio, tau = params.q / float(params.r), params.momentum
     shared = steady_state(params)
     own_lag, own_reduction = _settled(left)
     error = np.full(len(left), math.nan) if tau > 0.0 else held_out_at(left[:, GROWTH:], ratio) - 1.0
-    return Losses(scalar(shared.lag_samples) - own_lag, own_reduction - scalar(shared.noise_reduction_db), error)
+    return Losses(shared.lag_samples - own_lag, own_reduction - shared.noise_reduction_db, error)
 
 
 def _settled(left: Array) -> tuple[Array, Array]:
@@ -69,5 +68,5 @@ def _settled(left: Array) -> tuple[Array, Array]:
     lag[np.isnan(ratio)] = math.nan
     for i in np.flatnonzero((tau > 0.0) & np.isfinite(ratio)).tolist():
         own = steady_state(FilterParams(float(ratio[i]), 1.0, momentum=float(tau[i])))
-        lag[i], reduction[i] = scalar(own.lag_samples), scalar(own.noise_reduction_db)
+        lag[i], reduction[i] = own.lag_samples, own.noise_reduction_db
     return lag, reduction

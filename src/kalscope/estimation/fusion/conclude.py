@@ -158,7 +158,7 @@ def _errors(turned: Array, spread: Array) -> Array:
 
 def _verdict(asked: Question, params: FilterParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
     settled = steady_state(params.as_single)
-    said = words.found(asked.names, params.shares.tolist(), float(settled.gain), float(settled.lag_samples))
+    said = words.found(asked.names, params.shares.tolist(), settled.gain, settled.lag_samples)
     if shared is not None:
         who, known = [asked.names[i] for i in shared.sensors], not bool(np.isnan(asked.known).all())
         passes = len(who) == len(asked.names)

@@ -76,7 +76,7 @@ def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress:
     dt = asked.steps if len(asked.steps) else None
     signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()) if r.any() else np.ones(data.sensors))
     found = _estimate(signal, dt, tau, progress.part(0.0, 0.5))
-    if data.sensors > 1 and not float(found.momentum):
+    if data.sensors > 1 and not found.momentum:
         signal = fused_signal(asked.z, place, data, np.ones(data.sensors))
         found = _estimate(signal, dt, tau, progress.part(0.5, 1.0))
     return found, int(np.isfinite(signal).sum())

@@ -40,12 +40,28 @@ def fit_around(data: Samples, top: Top, progress: Progress) -> MomentumFit:
             q_se=widened(there.q, there.q_se, [unit * q for q in qs]),
             r_se=widened(there.r, there.r_se, [unit * r for r in rs]),
         )
-    border = tuple((ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high))
+    border = [(ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high)]
+    border += [_farthest(there, end) for end in border]
     return replace(
         there,
         tau_interval=(low.tau if low.crossed else 0.0, high.tau if high.crossed else math.inf),
         region=(*there.region, *border),
     )
+
+
+def _farthest(there: MomentumFit, end: tuple[float, float]) -> tuple[float, float]:
+    """The pair (q/r, τ) of the largest change of q/r towards one end of the interval of τ.
+
+    The border is an ellipse in the logarithms: it goes beyond q/r at the end of τ, and beyond that of the known τ.
+    """
+    edges = (there.region[0][0], there.r and there.q / there.r, there.region[1][0], end[0])
+    if not (min(edges) > 0.0 and max(edges) < math.inf):
+        return end
+    low, middle, high, moved = map(math.log, edges)
+    shift, known = moved - middle, (high if moved > middle else low) - middle
+    size = math.hypot(shift, known) or 1.0
+    share = abs(shift) / size
+    return math.exp(middle + math.copysign(size, shift)), there.tau * (end[1] / there.tau) ** share
 
 
 def params_at(data: Samples, top: Top | End) -> tuple[float, float, float]:

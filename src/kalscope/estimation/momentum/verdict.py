@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from kalscope.common.progress import Progress
 from kalscope.common.text import decibels, number, percent
 from kalscope.estimation.likelihood.profile import Differences
-from kalscope.estimation.momentum.choice import MIN_GAIN, Choice, choose
+from kalscope.estimation.likelihood.search import DROP
+from kalscope.estimation.momentum.choice import Choice, choose
 from kalscope.estimation.momentum.fit import MomentumFit
 from kalscope.estimation.momentum.free import fit_around
 from kalscope.estimation.momentum.given import fit_at
@@ -39,10 +41,28 @@ def with_momentum(data: Differences, plain: Estimate, momentum: float | None, pr
     top = search(samples, progress.part(0.0, 0.4))
     choice = choose(samples, float(plain.loglik), top, progress.part(0.4, 0.8))
     if not choice.chosen:
-        kept = _kept(choice)
-        return replace(plain, message=f"{plain.message} {kept}", prediction_gain=_prediction_gain(choice))
+        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
+        if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
+            return kept
+        return _either(kept, conclude(fit_around(samples, top, progress.part(0.8, 1.0)), ""))
     found = fit_around(samples, top, progress.part(0.8, 1.0))
     return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
+
+
+def _either(plain: Estimate, moving: Estimate) -> Estimate:
+    """`plain` with intervals that hold whether or not the signal has momentum.
+
+    Where the likelihood excludes τ = 0 and the choice keeps it, either model may be the true one, and the 95 %
+    interval of each holds the truth if it is: their union does in both cases.
+    """
+    names = ("ratio_interval", "gain_interval", "lag_interval", "momentum_interval")
+    ends = {name: [float(end) for one in (plain, moving) for end in getattr(one, name)] for name in names}
+    spans: dict[str, Any] = {name: (min(four), max(four)) for name, four in ends.items()}
+    short, long = (number(float(end)) for end in moving.lag_interval)
+    high = float(moving.momentum_interval[1])
+    upto = f"up to {number(high)} samples" if high < math.inf else "of any length"
+    also = f"The 95 % intervals also hold for a momentum {upto}, which allows lags from {short} to {long} samples."
+    return replace(plain, message=f"{plain.message} {also}", **spans)
 
 
 def _prediction_gain(choice: Choice) -> float:
@@ -53,7 +73,7 @@ def _kept(choice: Choice) -> str:
     """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
-    if choice.gain <= MIN_GAIN:
+    if choice.gain <= 2.0 * DROP:
         return "No momentum: it would not fit better."
     if math.isnan(choice.error):
         return "No momentum: it raises the likelihood, but not by enough to be sure."
@@ -123,12 +143,12 @@ def _words(verdict: str, found: MomentumFit) -> str:
     if verdict == "no_movement":
         return verdict_words.no_movement(0.0)
     steady = _settled(found.q / found.r, found.tau)
-    overshoot = float(steady.overshoot)
+    overshoot = steady.overshoot
     beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
     return (
-        f"Noise and movement can be separated. The filter settles at gain {number(float(steady.gain))}: it lags a "
-        f"ramp by {number(float(steady.lag_samples))} samples{beyond} reduces white noise by "
-        f"{decibels(float(steady.noise_reduction_db))}."
+        f"Noise and movement can be separated. The filter settles at gain {number(steady.gain)}: it lags a "
+        f"ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
+        f"{decibels(steady.noise_reduction_db)}."
     )
 
 

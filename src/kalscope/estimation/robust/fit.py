@@ -184,7 +184,7 @@ def _untruncated(one: Estimate) -> Estimate:
     """With the noise of the good samples that the rule set aside too; q/r, and all that follows from it, stays."""
     if one.params is None:
         return one
-    shown = kept_variance(float(steady_state(one.params).gain), SIGMAS)
+    shown = kept_variance(steady_state(one.params).gain, SIGMAS)
     q, r = float(one.q) / shown, float(one.r) / shown
     return replace(
         one,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from kalscope.common.text import count as whole
 from kalscope.common.text import number, percent, plural, trimmed
 from kalscope.estimation.result import USABLE, Estimate
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
 
@@ -35,8 +34,8 @@ def only_spikes(params: FilterParams) -> str:
     """The record shows no noise apart from its spikes; `params` have the largest r that it allows."""
     return (
         "Apart from the spikes, no noise can be identified: every other change looks like movement. "
-        f"r = {number(scalar(params.r))} is the largest that the record allows (95 %), so the gate removes the "
-        f"spikes and nearly everything else passes: it settles at gain {number(float(steady_state(params).gain))}."
+        f"r = {number(float(params.r))} is the largest that the record allows (95 %), so the gate removes the "
+        f"spikes and nearly everything else passes: it settles at gain {number(steady_state(params).gain)}."
     )
 
 

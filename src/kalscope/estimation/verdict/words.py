@@ -109,13 +109,13 @@ def below_step(step: float, unit: str = "") -> str:
 def below_resolution(step: float, params: FilterParams) -> str:
     """The fit found less noise than rounding adds; `params` have that of rounding."""
     steady = steady_state(params)
-    overshoot = float(steady.overshoot)
+    overshoot = steady.overshoot
     beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
     return (
         f"{below_step(step)} r = {number(float(params.r))} is the variance of rounding, Δ²/12: the readings carry "
-        f"that much at least. With it the most likely filter settles at gain {number(float(steady.gain))}: it lags "
-        f"a ramp by {number(float(steady.lag_samples))} samples{beyond} reduces white noise by "
-        f"{decibels(float(steady.noise_reduction_db))}. A finer range of the sensor, or one digit more, shows more."
+        f"that much at least. With it the most likely filter settles at gain {number(steady.gain)}: it lags "
+        f"a ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
+        f"{decibels(steady.noise_reduction_db)}. A finer range of the sensor, or one digit more, shows more."
     )
 
 

@@ -22,7 +22,6 @@ from kalscope.export.report.content import (
     y_range,
 )
 from kalscope.export.report.tables import ReportTable, Rows, meaning, parameters, rmse
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.filter import FilterResult, fuse
 from kalscope.filtering.steady_state import steady_state
 from kalscope.recording import Recording
@@ -72,7 +71,7 @@ def make_fusion_report(
         fusion.name,
         fusion.unit,
         fusion.q,
-        scalar(single.r),
+        float(single.r),
         fusion.p0,
         fusion.x0,
         fusion.how,

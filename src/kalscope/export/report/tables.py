@@ -64,11 +64,11 @@ def parameters(own: ChannelTuning, period: float | None) -> Rows:
 
 def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: float | None, error: str) -> Rows:
     """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
-    lag, settle = float(steady.lag_samples), float(steady.settle_samples)
+    lag, settle = steady.lag_samples, steady.settle_samples
     rows = [
         ("lag", lag_in_full(lag, period)),
-        ("noise reduction", decibels(float(steady.noise_reduction_db))),
-        *([] if math.isnan(float(steady.p)) else [("gain K", number(float(steady.gain)))]),
+        ("noise reduction", decibels(steady.noise_reduction_db)),
+        *([] if math.isnan(steady.p) else [("gain K", number(steady.gain))]),
         ("settling time (to 1 %)", lag_in_full(settle, period)),
     ]
     if result.m:
@@ -76,7 +76,7 @@ def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: fl
     if error:
         rows.append(("RMSE to the truth", error))
     if steady.velocity_gain:
-        rows.insert(2, ("overshoot on a step", percent(float(steady.overshoot))))
+        rows.insert(2, ("overshoot on a step", percent(steady.overshoot)))
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
         rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
     return tuple(rows)
@@ -130,7 +130,7 @@ def pinned_settings(
         used = (number(one.q), number(one.r)) if chain is None or chain.then is None else ("–", "–")
         likely = "–" if chain else number(float(result.loglik), 6)
         last = likely if truth is None else number(rmse(result.x, truth))
-        lag, reduction = lag_text(float(steady.lag_samples), period), decibels(-float(steady.noise_reduction_db))
+        lag, reduction = lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)
         rows.append((label, *used, lag, reduction, last))
     last = "log-likelihood" if truth is None else "RMSE"
     return ReportTable("Pinned settings", tuple(rows) if pins else (), ("", "q", "r", "lag", "noise", last))

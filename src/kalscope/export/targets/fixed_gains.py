@@ -48,7 +48,7 @@ def fixed_gains(job: ExportJob, channel: ChannelTuning) -> FixedGains:
         BadSetting: The filter does not settle to gains, or has an outlier gate.
     """
     steady, step = job.steady(channel), step_constants(channel.q, channel.momentum)
-    gain = float(steady.gain)
+    gain = steady.gain
     if gain < MIN_NORMAL:
         raise BadSetting(
             f"q of {comment_text(channel.name)} must be above 0 for fixed gains (got {channel.q:.6g}, whose gain"
@@ -59,7 +59,7 @@ def fixed_gains(job: ExportJob, channel: ChannelTuning) -> FixedGains:
             f"the outlier gate of {comment_text(channel.name)} must be off for fixed gains (got"
             f" {channel.gate:.6g}): switch it off, or leave that option out"
         )
-    return FixedGains(gain, step.f * float(steady.velocity_gain), step.e)
+    return FixedGains(gain, step.f * steady.velocity_gain, step.e)
 
 
 def arduino_files(job: ExportJob) -> dict[str, str]:

@@ -83,7 +83,7 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
     last = last_response(then, params)
     if chain.median == 1 and not isinstance(then, Median | OneEuro):
         return last
-    settle, turn = scalar(last.settle_samples) + late, scalar(last.time_constant_s) + late
+    settle, turn = last.settle_samples + late, scalar(last.time_constant_s) + late
     lag, noise = _measured(chain, params, record, last, turn)
     found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
     return replace(found, settle_samples=settle, time_constant_s=turn)
@@ -94,11 +94,11 @@ def _measured(
 ) -> tuple[float, float]:
     """Lag in samples and noise reduction in dB of a chain that no formula describes."""
     z, x = (values[-MAX_SAMPLES:] for values in record)
-    lag, slow = scalar(last.lag_samples), max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
+    lag, slow = last.lag_samples, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
     if lag > slow:  # no ramp would be long enough
         probe = Exponential(1.0 / (1.0 + slow))
         gain = bench_of(z, x, slow).noise_gain(_run(Chain(chain.median, probe), params))
-        noise = scalar(last.noise_reduction_db) - 10.0 * math.log10(gain / probe.noise_gain)
+        noise = last.noise_reduction_db - 10.0 * math.log10(gain / probe.noise_gain)
         return lag + 0.5 * (chain.median - 1), noise
     guess = turn + 0.5 * chain.then.window if isinstance(chain.then, Median) else turn
     bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
@@ -123,7 +123,7 @@ def at_period(found: SteadyState, sample_period: float | None) -> SteadyState:
         return replace(found, lag_s=None, cutoff_hz=None, time_constant_s=None)
     return replace(
         found,
-        lag_s=scalar(found.lag_samples) * sample_period,
+        lag_s=found.lag_samples * sample_period,
         cutoff_hz=scalar(found.cutoff_hz) / sample_period,
         time_constant_s=scalar(found.time_constant_s) * sample_period,
     )

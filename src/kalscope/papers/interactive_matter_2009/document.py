@@ -96,7 +96,7 @@ def try_walk(r_of_q_pictures: float = ASSUMED_R) -> tuple[WalkRow, ...]:
         used = r_of_q_pictures if name.startswith("q_") else r
         params = walk_params(q, used)
         settled = steady_state(params)
-        gain = float(settled.gain)
+        gain = settled.gain
         error = (denoise(board.values, params) - truth_of(board))[20:]
         rows.append(
             WalkRow(
@@ -104,7 +104,7 @@ def try_walk(r_of_q_pictures: float = ASSUMED_R) -> tuple[WalkRow, ...]:
                 q=q,
                 r=used,
                 gain=gain,
-                lag_samples=float(settled.lag_samples),
+                lag_samples=settled.lag_samples,
                 noise_left=(gain / (2.0 - gain)) ** 0.5,
                 rmse=float(np.sqrt(np.mean(error * error))),
             )

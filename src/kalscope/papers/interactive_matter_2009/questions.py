@@ -99,7 +99,7 @@ def answer_estimation(draws: int) -> EstimateAnswer:
         found = estimate(z, momentum=0.0)
         if found.params is None:
             continue
-        pairs.append((float(found.q), float(found.r)))
+        pairs.append((found.q, float(found.r)))
         losses.append(_rmse(denoise(z, found.params), truth) / _rmse(denoise(z, true), truth))
     q, r = np.array(pairs).T
     low, middle, high = np.quantile(q, (0.05, 0.5, 0.95)).tolist()
@@ -138,7 +138,7 @@ def answer_fusion() -> FusionAnswer:
         first=alone[0],
         second=alone[1],
         fused=_rmse(fused, truth),
-        fused_theory=math.sqrt(float(steady_state(one).p)),
+        fused_theory=math.sqrt(steady_state(one).p),
         difference=float(np.abs(fused - denoise(mean, one)).max()),
     )
 
@@ -156,7 +156,7 @@ def answer_exponential(q: float, r: float) -> ExponentialAnswer:
     """The filter against its own settled gain, both from the document's start x = 0."""
     z = moved_board().values[:, 2]
     params = walk_params(q, r)
-    gain = float(steady_state(params).gain)
+    gain = steady_state(params).gain
     difference = np.abs(denoise(z, FilterParams(q=q, r=r, p0=P0, x0=X0)) - exponential(z, gain, X0))
     far = np.flatnonzero(difference > 0.01)
     return ExponentialAnswer(

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-from kalscope.common.memory import free_memory
+from kalscope.common.memory import require_memory
 from kalscope.common.progress import Progress
-from kalscope.errors import BadFile, NoMemory
+from kalscope.errors import BadFile
 from kalscope.sources.containers.parts import Part, choose_text_part
 from kalscope.sources.containers.table import Text
 from kalscope.sources.grammar.json_line import load_json
@@ -57,12 +57,7 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
 def _require_room(data: bytes, name: str) -> None:
     """Raise NoMemory if the values of a document will not fit: they take up to 25 times its size."""
     need = _TEXTS * len(data) + sum(cost * data.count(mark) for mark, cost in _COSTS.items())
-    free = free_memory()
-    if free is not None and need > free:
-        raise NoMemory(
-            f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB (got a JSON document whose"
-            f" values take about {need / 1e9:.1f} GB): write one object per line"
-        )
+    require_memory(need, name, "values of a JSON document", "write one object per line")
 
 
 def _line(row: dict[str, Any]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kalscope.common.memory import require_memory_for_numbers
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
@@ -35,12 +36,12 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
     duckdb = load_library("duckdb", "duckdb", name, "a Parquet file")
     connection = duckdb.connect(config={"autoinstall_known_extensions": False, "autoload_known_extensions": False})
     try:
-        return _read(connection, path, name)
+        return _read(connection, path, name, progress)
     finally:
         connection.close()
 
 
-def _read(connection: Any, path: Path, name: str) -> Table:
+def _read(connection: Any, path: Path, name: str, progress: Progress) -> Table:
     # DuckDB takes a path for a pattern, and a folder "a=1" for a column.
     source = "FROM read_parquet(?, hive_partitioning=false)"
     given = [re.sub(r"([*?\[])", r"[\1]", str(path))]
@@ -55,6 +56,8 @@ def _read(connection: Any, path: Path, name: str) -> Table:
             f"{name} must hold at most {MAX_NUMBERS} numbers in {MAX_COLUMNS} columns (got {rows} rows of"
             f" {len(names)} columns)"
         )
+    progress.unpack(8 * rows * len(names))
+    require_memory_for_numbers(rows * len(names), name)
     expressions = [_as_double(column, kinds[column], i) for i, column in enumerate(names)]
     answer = connection.execute(f"SELECT {', '.join(expressions)} {source}", given).fetchnumpy()
     return Table(

@@ -18,8 +18,6 @@ from kalscope.sources.grammar.wide_text import wide_encoding
 
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log")
 _MAX_FILES = 1000
-_MAX_UNPACKED = 1 << 30
-"""Largest sum of the sizes of the tables in bytes: a small archive can hold terabytes of zeros."""
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Other methods unpack a whole piece at once: gigabytes from one kilobyte of bzip2."""
 _HEAD_BYTES = 8192
@@ -39,12 +37,9 @@ def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Tex
     with zipfile.ZipFile(path) as archive:
         files = [info for info in archive.infolist() if not info.is_dir()]
         tables = [info for info in files if _may_be_table(info.filename)]
-        size = sum(info.file_size for info in tables)  # more than that is never unpacked
-        if size > _MAX_UNPACKED or len(tables) > _MAX_FILES:
-            raise BadFile(
-                f"{name} must hold at most {_MAX_FILES} tables of {_MAX_UNPACKED} bytes in all (got {len(tables)}"
-                f" of {size} bytes)"
-            )
+        if len(tables) > _MAX_FILES:
+            raise BadFile(f"{name} must hold at most {_MAX_FILES} tables (got {len(tables)})")
+        progress.unpack(sum(info.file_size for info in tables))  # more than that is never unpacked
         _require_unpackable(tables, name)
         measured = [(info, _measured(archive, info, progress)) for info in tables]
     measured = [(info, part) for info, part in measured if part.channels and part.rows]

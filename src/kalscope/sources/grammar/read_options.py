@@ -61,6 +61,8 @@ class ReadOptions:
     """Sample rate in Hz, in place of that of the stamps; the samples keep the times of their stamps."""
     part: str | None = None
     """Which sheet, topic, group or variable of a file that holds several."""
+    unpack_gb: float | None = None
+    """What the file may unpack to, GB; by default 0.134, or 32 times its size where that is more."""
 
     def __post_init__(self) -> None:
         if self.delimiter is not None and self.delimiter not in DELIMITERS:
@@ -76,8 +78,9 @@ class ReadOptions:
         for name, row in (("header_row", self.header_row), ("unit_row", self.unit_row)):
             if row is not None and row < 0:
                 raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {row!r})")
-        if self.rate is not None and not 0.0 < self.rate < math.inf:
-            raise BadSetting(f"rate must be a number of Hz above 0 (got {self.rate!r})")
+        for name, unit, value in (("rate", "Hz", self.rate), ("unpack_gb", "GB", self.unpack_gb)):
+            if value is not None and not 0.0 < value < math.inf:
+                raise BadSetting(f"{name} must be a number of {unit} above 0 (got {value!r})")
         for value in self.missing:
             if not isinstance(value, str) and not math.isfinite(value):
                 raise BadSetting(f"missing must be finite numbers or texts (got {value!r})")
@@ -104,7 +107,7 @@ DEFAULTS = ReadOptions()
 
 OPTIONS = (
     *("--delimiter", "--decimal", "--header-row", "--unit-row", "--time-column", "--time-unit", "--time-format"),
-    *("--day-first", "--month-first", "--rate", "--missing", "--gaps", "--part"),
+    *("--day-first", "--month-first", "--rate", "--missing", "--gaps", "--part", "--unpack-gb"),
 )
 """The options of the command line that override what was detected."""
 
@@ -123,6 +126,7 @@ def options_from_text(
     day_first: bool | None = None,
     rate: str | None = None,
     part: str | None = None,
+    unpack_gb: str | None = None,
 ) -> ReadOptions:
     r"""Options as the user types them, on the command line or into a form.
 
@@ -139,6 +143,7 @@ def options_from_text(
         day_first: See ReadOptions.
         rate: A number of Hz, with or without the unit.
         part: A name.
+        unpack_gb: A number of GB, with or without the unit.
 
     Raises:
         BadSetting: a choice that is none of these.
@@ -158,8 +163,9 @@ def options_from_text(
         unit_row=_line_number("unit_row", unit_row),
         time_format=time_format,
         day_first=day_first,
-        rate=_hertz(rate),
+        rate=_number("rate", "Hz", rate),
         part=part,
+        unpack_gb=_number("unpack_gb", "GB", unpack_gb),
     )
 
 
@@ -181,6 +187,7 @@ def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
         "rate": None if options.rate is None else repr(options.rate),
         "gaps": None if options.gaps == "rows" else options.gaps,
         "part": options.part,
+        "unpack_gb": None if options.unpack_gb is None else repr(options.unpack_gb),
     }
     texts: dict[str, tuple[str, ...]] = {name: (str(value),) for name, value in single.items() if value is not None}
     if options.missing:
@@ -243,10 +250,10 @@ def _line_number(name: str, text: str | None) -> int | None:
     return int(digits)
 
 
-def _hertz(text: str | None) -> float | None:
+def _number(name: str, unit: str, text: str | None) -> float | None:
     if text is None:
         return None
-    digits = text.strip().lower().removesuffix("hz").strip()
+    digits = text.strip().lower().removesuffix(unit.lower()).strip()
     if not is_number(digits):
-        raise BadSetting(f"rate must be a number of Hz above 0 (got {text!r})")
+        raise BadSetting(f"{name} must be a number of {unit} above 0 (got {text!r})")
     return float(digits)

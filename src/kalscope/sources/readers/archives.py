@@ -11,9 +11,6 @@ from typing import Any, BinaryIO
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 
-MAX_UNPACKED = 1 << 31
-"""Largest size of an unpacked file in bytes: a small archive can hold terabytes of zeros."""
-
 GZIP = b"\x1f\x8b"
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 
@@ -30,17 +27,15 @@ def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
     """The content of an archive in pieces.
 
     Raises:
-        BadFile: it is cut short or damaged, holds more than MAX_UNPACKED, or zstandard is not installed.
+        BadFile: it is cut short or damaged, unpacks to too much, or zstandard is not installed.
     """
-    size, total = path.stat().st_size, 0
+    size = path.stat().st_size
     with path.open("rb") as file:
         kind = "gzip" if file.read(2) == GZIP else "Zstandard"
         file.seek(0)
         for piece in _unpacked(file, name, kind):
             progress(0.5 * file.tell() / max(size, 1), "unpacking")
-            total += len(piece)
-            if total > MAX_UNPACKED:
-                raise BadFile(f"{name} must unpack to at most {MAX_UNPACKED} bytes (got more)")
+            progress.unpack(len(piece))
             yield piece
 
 

@@ -14,9 +14,8 @@ from typing import TextIO
 import numpy as np
 
 from kalscope.common.array import Array
-from kalscope.common.memory import free_memory
+from kalscope.common.memory import MEMORY_FACTOR, require_memory
 from kalscope.common.progress import Progress
-from kalscope.errors import NoMemory
 from kalscope.recording import MAX_ISSUES, LineIssue
 from kalscope.sources.grammar.cells import is_blank
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -39,9 +38,6 @@ BLOCK_NUMBERS = 1 << 16
 
 ROOM_EVERY = 1 << 26
 """Bytes of a file between two checks of the free memory."""
-
-MEMORY_FACTOR = 2.2
-"""Memory that a reading takes, beside the bytes of its numbers, until the Recording is made and passed on."""
 
 MAX_SLOW = 64
 """Most lines read one by one before plain rows are looked for again, where there are none."""
@@ -154,13 +150,8 @@ class _TableReader:
         if done < self._room_at:
             return
         self._room_at = done + ROOM_EVERY
-        taken, free = self._rows.nbytes, free_memory()
-        more = int(MEMORY_FACTOR * taken * size / done) - taken
-        if free is not None and more > free:
-            raise NoMemory(
-                f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB"
-                f" (got {size / 1e9:.1f} GB of text, which take {more / 1e9:.1f} GB): open a part of it"
-            )
+        taken = self._rows.nbytes
+        require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
 
     def finish(self) -> list[Array]:
         """The columns, each of shape (rows,)."""

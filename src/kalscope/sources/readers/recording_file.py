@@ -20,6 +20,7 @@ from pathlib import Path
 
 from kalscope.common.memory import does_not_fit
 from kalscope.common.progress import OnProgress, Progress
+from kalscope.common.unpacking import Unpacking
 from kalscope.errors import NoMemory
 from kalscope.recording import Recording
 from kalscope.sources.containers.parts import refuse_part
@@ -86,8 +87,8 @@ def read_recording(
     """
     check_chosen_period(options, sample_period)
     name = Path(path).name or str(path)
-    progress = Progress(progress, cancelled)
     path = storage_of(Path(path))
+    progress = Progress(progress, cancelled, unpacking=Unpacking(path, options.unpack_gb))
     try:
         with open_raw(path, progress) as raw:
             container = find_container(raw.head, name)

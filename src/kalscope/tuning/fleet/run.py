@@ -7,23 +7,31 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting, KalscopeError
 from kalscope.estimation.fleet.pool import Pool
-from kalscope.tuning.fleet.batches import Dispatcher, lay_out, window
+from kalscope.tuning.fleet.batches import Batch, Dispatcher, lay_out, window
 from kalscope.tuning.fleet.cluster import TaskLost, WorkerDied, Workers, open_workers
 from kalscope.tuning.fleet.recordings.find import find_units
 from kalscope.tuning.fleet.recordings.unit import Unit
 from kalscope.tuning.fleet.store.begun import check_own, note_begun
 from kalscope.tuning.fleet.store.lock import locked
 from kalscope.tuning.fleet.store.merge import merge
-from kalscope.tuning.fleet.store.parts import find_parts, sweep, write_part
+from kalscope.tuning.fleet.store.parts import find_parts, note_path, sweep, write_part
+from kalscope.tuning.fleet.store.row import FAILED, TIMED_OUT
 from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.tuning.fleet.work.deadline import TimedOut, time_limit, unit_in_note
 from kalscope.tuning.fleet.work.task import Done, lost_row, run_batch
 
 LOOK_S = 0.2
 """How often the driver shows its progress, s."""
 LOST = "its worker died each time that it was read, perhaps out of memory"
 """Reason of a recording that kills every worker."""
+
+
+def too_slow(limit: float) -> str:
+    """Reason of a recording that took longer than its limit, s."""
+    return f"it must be read and fitted within {trimmed(limit)} s (got no result): --device-limit allows more"
 
 
 @dataclass
@@ -165,27 +173,39 @@ class _Run:
                 if isinstance(result, Done):
                     tally.add(result, sum(self.units[i].size for i in batch.units[: result.units]))
                     jobs.finished(batch, batch.units[result.units :])
-                elif isinstance(result, WorkerDied):
+                elif isinstance(result, WorkerDied | TimedOut):
                     tally.deaths += 1
-                    jobs.died(batch)
+                    self._died(jobs, batch)
                 elif isinstance(result, TaskLost):
                     jobs.returned(batch)
                 else:
                     raise _not_of_one_recording(result)
-                self._give_up(jobs)
+                while jobs.lost:
+                    self._give_up(jobs.lost.pop(), LOST)
             if show is not None:
                 show(tally)
 
-    def _give_up(self, jobs: Dispatcher) -> None:
-        """A row for each unit that kills its worker."""
-        while jobs.lost:
-            i = jobs.lost.pop()
-            key, row = self.keys[i], lost_row(self.units[i], LOST)
-            write_part(self.folder, {key: ([row], Pool.empty())}, [key])
-            self.tally.done += 1
-            self.tally.again += 1
-            self.tally.done_bytes += self.units[i].size
-            self.tally.rows += 1
+    def _died(self, jobs: Dispatcher, batch: Batch) -> None:
+        """A batch whose worker has died: if a unit took too long, it has its row, and the others go on."""
+        keys = [self.keys[i] for i in batch.units]
+        slow = unit_in_note(self.folder, keys)
+        if slow not in keys:
+            jobs.died(batch)
+            return
+        i = batch.units[keys.index(slow)]
+        limit = time_limit(self.units[i].size, self.asked.device_limit)
+        self._give_up(i, too_slow(limit), TIMED_OUT)
+        note_path(self.folder, keys).unlink(missing_ok=True)
+        jobs.finished(batch, [other for other in batch.units if other != i])
+
+    def _give_up(self, i: int, reason: str, verdict: str = FAILED) -> None:
+        """A row for a unit that has none of its worker."""
+        key, row = self.keys[i], lost_row(self.units[i], reason, verdict)
+        write_part(self.folder, {key: ([row], Pool.empty())}, [key])
+        self.tally.done += 1
+        self.tally.again += 1
+        self.tally.done_bytes += self.units[i].size
+        self.tally.rows += 1
 
 
 def _not_of_one_recording(error: object) -> Exception:

@@ -51,12 +51,12 @@ def _lead(outcome: Outcome) -> str:
 
 
 def _lag(steady: SteadyState, period: float | None) -> str:
-    return lag_text(float(steady.lag_samples), period).replace(" ", NBSP)
+    return lag_text(steady.lag_samples, period).replace(" ", NBSP)
 
 
 def _noise_left(steady: SteadyState) -> str:
     """The size of the noise that is left, as a share of its standard deviation."""
-    return percent(10.0 ** (-float(steady.noise_reduction_db) / 20.0)).replace(" ", NBSP)
+    return percent(10.0 ** (-steady.noise_reduction_db / 20.0)).replace(" ", NBSP)
 
 
 def changed(before: ChannelTuning, after: ChannelTuning, period: float | None) -> str:

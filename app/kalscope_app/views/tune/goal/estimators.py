@@ -78,7 +78,7 @@ def comparison_text(state: State) -> str:
     best = state.answers.method_comparison[0]
     for one in state.answers.method_comparison:
         steady = steady_state(one.params) if one.params is not None else None
-        lag = "–" if steady is None else lag_text(float(steady.lag_samples), period)
+        lag = "–" if steady is None else lag_text(steady.lag_samples, period)
         inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")

@@ -17,7 +17,6 @@ from kalscope.estimation.finding import Request
 from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
 from kalscope.estimation.fusion.result import FusionEstimate
 from kalscope.estimation.known import params_for_specification
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -134,16 +133,16 @@ def _at_goal(found: FusionEstimate, request: Request, period: float | None) -> F
         params = FilterParams(1.0, found.r, offset=found.offset, gain=found.gain)
     if params is None:
         return None
-    r = scalar(params.as_single.r)
+    r = float(params.as_single.r)
     if request.ratio is not None:
         return replace(params, q=request.ratio * r, momentum=0.0)
     momentum = 0.0 if request.momentum == "auto" else request.momentum
     met = params_for_specification(
         r, **request.target, sample_period=period, momentum=momentum, overshoot=request.overshoot
     )
-    if not scalar(met.q):
+    if not met.q:
         raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
-    return replace(params, q=scalar(met.q), momentum=scalar(met.momentum))
+    return replace(params, q=met.q, momentum=met.momentum)
 
 
 def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams | None:

@@ -22,7 +22,6 @@ from kalscope.common.text import (
     trimmed,
 )
 from kalscope.estimation.fusion.words import listed
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 
 NOTHING_FOUND = (
@@ -129,9 +128,9 @@ def _filter(answer: FusionAnswer, params: FilterParams) -> str:
     steady = answer.steady
     if steady is None:
         return text
-    noise = decibels(-scalar(steady.noise_reduction_db))
-    over = f", overshoot {percent(scalar(steady.overshoot))}" if scalar(steady.overshoot) else ""
-    lag = lag_in_full(scalar(steady.lag_samples), period)
+    noise = decibels(-steady.noise_reduction_db)
+    over = f", overshoot {percent(steady.overshoot)}" if steady.overshoot else ""
+    lag = lag_in_full(steady.lag_samples, period)
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 

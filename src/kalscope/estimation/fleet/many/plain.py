@@ -11,7 +11,6 @@ from kalscope.common.array import Array, Mask
 from kalscope.estimation.fleet.many import fit_kernels as kernels
 from kalscope.estimation.fleet.many.series import Series
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.arrays import scalar
 
 KINDS = {"ml": kernels.FREE, "fixed_r": kernels.KNOWN_R, "fixed_ratio": kernels.KNOWN_RATIO}
 """What each method of `Estimate` knows, as the kernels name it."""
@@ -77,7 +76,7 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
 
 def _around(value: float, error: float) -> tuple[float, float]:
     """The 95 % interval of a variance from its standard error, on the scale of the logarithm."""
-    size, spread = scalar(value), scalar(error)
+    size, spread = value, error
     if not (size > 0.0 and math.isfinite(spread)):
         return 0.0, math.inf
     factor = math.exp(min(kernels.NORMAL * spread / size, 700.0))

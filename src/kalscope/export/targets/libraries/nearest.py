@@ -33,7 +33,7 @@ def nearest_without_momentum(channel: ChannelTuning) -> ChannelTuning:
     """
     if channel.momentum == 0.0 or channel.r == 0.0 or channel.q == 0.0:
         return replace(channel, momentum=0.0)
-    decibel = float(steady_state(channel.params).noise_reduction_db)
+    decibel = steady_state(channel.params).noise_reduction_db
     ratio = min(ratio_for(noise_reduction_db=decibel), LARGEST_RATIO) if decibel > 0.0 else LARGEST_RATIO
     return replace(channel, q=min(ratio * channel.r, MAX_VARIANCE), momentum=0.0)
 
@@ -122,5 +122,5 @@ def refusal_of_momentum(job: ExportJob, target: str, able: Iterable[str]) -> Bad
         f"target must be a filter with momentum (got {target}, which has none, and a momentum of"
         f" {number(channel.momentum)} samples for {comment_text(channel.name)}). Export {', '.join(able)};"
         f" or set the momentum to 0 and q to {number_text(float(f'{nearest.q:.4g}'))}:"
-        f" that reduces white noise as much, {decibels(-float(settled.noise_reduction_db))}{slower}"
+        f" that reduces white noise as much, {decibels(-settled.noise_reduction_db)}{slower}"
     )

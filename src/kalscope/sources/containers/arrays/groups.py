@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.array import Array
+from kalscope.common.memory import require_memory_for_numbers
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.parts import Part, choose_part
@@ -107,6 +108,7 @@ def read_arrays(
         raise BadFile(
             f"{name} must hold at most {MAX_COLUMNS} columns and {MAX_NUMBERS} numbers a part (got {n} × {width})"
         )
+    require_memory_for_numbers(n * width, name)
     names: list[str] = []
     units: list[str] = []
     columns: list[Array] = []

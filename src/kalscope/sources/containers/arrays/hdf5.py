@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         for group, key, node in _nodes(h5py, file):
             progress(0.1, "reading")
             if key:
-                _take(group, key, node, items, scalars)
+                _take(group, key, node, items, scalars, progress)
             else:
                 scalars += [(group, name, value) for name, value in _numbers(node)]
         return read_arrays(items, scalars, part, name, "an HDF5 file", progress.part(0.2, 1.0))
@@ -57,31 +58,45 @@ def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
                 yield group, key, child
 
 
-def _take(group: str, key: str, dataset: Any, items: list[Item], scalars: list[tuple[str, str, float]]) -> None:
+def _take(
+    group: str,
+    key: str,
+    dataset: Any,
+    items: list[Item],
+    scalars: list[tuple[str, str, float]],
+    progress: Progress,
+) -> None:
     if _text(dataset.attrs.get("MATLAB_class")) in ("char", "cell", "function_handle"):
         return
     dtype, shape = dataset.dtype, tuple(int(n) for n in dataset.shape or ())
     unit = next((text for word in _UNITS if (text := _text(dataset.attrs.get(word)))), "")
     period = next((period for name, value in _numbers(dataset) if (period := period_from(name, value))), None)
     if dtype.names:
-        _take_fields(f"{group}/{key}" if group else key, dataset, shape, items)
+        _take_fields(f"{group}/{key}" if group else key, dataset, shape, items, progress)
     elif is_numeric(dtype):
         if int(np.prod(shape, dtype=np.float64)) == 1:
             scalars.append((group, key, float(np.asarray(dataset[()]).reshape(-1)[0])))
         elif 1 <= len(shape) <= 2:
-            items.append(Item(key, group, shape, lambda: dataset[()], unit, period))
+            items.append(Item(key, group, shape, _loader(dataset, (), shape, progress), unit, period))
 
 
-def _take_fields(group: str, dataset: Any, shape: tuple[int, ...], items: list[Item]) -> None:
+def _loader(dataset: Any, what: Any, shape: tuple[int, ...], progress: Progress) -> Callable[[], Any]:
+    """Reads a dataset, or one of its fields, and counts its numbers before: any part of them may be packed."""
+
+    def load() -> Any:
+        progress.unpack(8 * math.prod(shape))
+        return dataset[what]
+
+    return load
+
+
+def _take_fields(group: str, dataset: Any, shape: tuple[int, ...], items: list[Item], progress: Progress) -> None:
     """The fields of a table, as pandas and PyTables write it; a field may itself hold several columns."""
     for field in dataset.dtype.names if len(shape) == 1 else ():
         base, inner = dataset.dtype[field].base, dataset.dtype[field].shape
         if is_numeric(base) and len(inner) <= 1:
-
-            def load(field: str = field) -> Any:
-                return dataset[field]
-
             stamps = field == "index" and _text(dataset.attrs.get("index_kind")).startswith("datetime")
+            load = _loader(dataset, field, (*shape, *inner), progress)
             items.append(Item("time" if stamps else str(field), group, (*shape, *inner), load))
 
 

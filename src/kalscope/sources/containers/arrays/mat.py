@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from kalscope.common.memory import require_memory_for_numbers
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.arrays.groups import Item, is_numeric, read_arrays
@@ -21,10 +22,6 @@ _MAX_STRUCTS = 256
 """Structs of one array that are read."""
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
-_MAX_UNPACKED = 1 << 29
-"""Bytes of all compressed variables of a file, unless its variables have more numbers than that."""
-_MAX_NUMBER_BYTES = 16
-"""Bytes of one number at most: a complex one."""
 _PIECE = 1 << 22
 """Bytes that are read and unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
@@ -50,7 +47,8 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     if size > MAX_NUMBERS:
         raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {size})")
     # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
-    _check_unpacked(path, name, max(_MAX_UNPACKED, int(_MAX_NUMBER_BYTES * size)), progress)
+    _count_unpacked(path, progress)
+    require_memory_for_numbers(size, name)
     progress(0.1, "reading")
     held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
     items: list[Item] = []
@@ -61,9 +59,8 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     return read_arrays(items, scalars, part, name, "a MATLAB file", progress.part(0.6, 1.0))
 
 
-def _check_unpacked(path: Path, name: str, most: int, progress: Progress) -> None:
-    """Refuse a file of version 5 whose compressed variables unpack to more than `most` bytes."""
-    left = most
+def _count_unpacked(path: Path, progress: Progress) -> None:
+    """Count what the compressed variables of a file of version 5 unpack to."""
     with path.open("rb") as file:
         head = file.read(128)
         if 0 in head[:4]:  # version 4 compresses nothing
@@ -75,14 +72,12 @@ def _check_unpacked(path: Path, name: str, most: int, progress: Progress) -> Non
                 file.seek(size, 1)
                 continue
             unpacker = zlib.decompressobj()
-            while left >= 0 and (packed := file.read(min(size, _PIECE))):
+            while packed := file.read(min(size, _PIECE)):
                 size -= len(packed)
-                while packed and left >= 0:
+                while packed:
                     progress(0.0, "reading")
-                    left -= len(unpacker.decompress(packed, _PIECE))
+                    progress.unpack(len(unpacker.decompress(packed, _PIECE)))
                     packed = unpacker.unconsumed_tail
-            if left < 0:
-                raise BadFile(f"{name} must unpack to at most {most} bytes (got more)")
 
 
 def _collect(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from kalscope.errors import BadFile
@@ -13,30 +12,7 @@ from kalscope.sources.containers.library import load_library
 MAX_CHUNK = 1 << 28
 """Bytes of one unpacked chunk; rosbag writes chunks below 1 MB."""
 
-MAX_UNPACKED = 1 << 31
-"""Bytes of all unpacked chunks of a log, or MAX_RATIO for each byte of the file where that is more."""
-MAX_RATIO = 32
-
 _BZIP2, _LZ4 = b"BZh", b"\x04\x22\x4d\x18"
-
-
-class Unpacked:
-    """Adds up what the chunks of a log unpack to: many small ones would take hours."""
-
-    def __init__(self, path: Path, name: str) -> None:
-        """Args: the file, and its name in messages: a compressed file is unpacked into a temporary one."""
-        self._name, self._left = name, max(MAX_UNPACKED, MAX_RATIO * path.stat().st_size)
-        self._most = self._left
-
-    def add(self, size: int) -> None:
-        """Take a chunk that unpacks to `size` bytes.
-
-        Raises:
-            BadFile: together they unpack to too much.
-        """
-        self._left -= size
-        if self._left < 0:
-            raise BadFile(f"{self._name} must unpack to at most {self._most} bytes (got more)")
 
 
 def check_chunk(data: bytes, name: str, kind: str) -> int:

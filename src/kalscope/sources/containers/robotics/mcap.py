@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from kalscope.common.progress import Progress
 from kalscope.sources.containers.library import load_library
-from kalscope.sources.containers.robotics.chunks import Unpacked, check_chunk, check_size
+from kalscope.sources.containers.robotics.chunks import check_chunk, check_size
 from kalscope.sources.containers.robotics.ros_types import ros_decoder
 from kalscope.sources.containers.robotics.topics import Messages, Topic, read_topics
 from kalscope.sources.containers.table import Table
@@ -49,7 +50,7 @@ def read_mcap(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         yield firsts[channel_id][0], decode(firsts[channel_id][1])
         found = (
             record
-            for record in _records(path, name, progress.part(0.4, 0.6))
+            for record in _records(path, name, replace(progress.part(0.4, 0.6), unpacking=None))  # counted above
             if type(record).__name__ == "Message" and record.channel_id == channel_id
         )
         next(found, None)
@@ -84,7 +85,7 @@ def _decoder(channel: Any, schema: Any, name: str) -> Callable[[bytes], Any]:
 def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
     """All records of the file, those in chunks as well, checked by their checksums."""
     reading = load_library("mcap.stream_reader", "mcap", name, _KIND)
-    size, unpacked = max(path.stat().st_size, 1), Unpacked(path, name)
+    size = max(path.stat().st_size, 1)
     with path.open("rb") as file:
         stream = reading.StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         for i, record in enumerate(stream.records):
@@ -95,7 +96,7 @@ def _records(path: Path, name: str, progress: Progress) -> Iterator[Any]:
                 continue
             progress(file.tell() / size, "reading")
             check_size(record.uncompressed_size, name)
-            unpacked.add(max(record.uncompressed_size, check_chunk(record.data, name, _KIND)))
+            progress.unpack(max(record.uncompressed_size, check_chunk(record.data, name, _KIND)))
             if record.compression == "zstd":
                 _check_zstd(record, name)
             yield from reading.breakup_chunk(record, validate_crc=True)

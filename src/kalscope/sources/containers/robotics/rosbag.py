@@ -11,7 +11,7 @@ from typing import Any
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
 from kalscope.sources.containers.library import load_library
-from kalscope.sources.containers.robotics.chunks import Unpacked, check_chunk
+from kalscope.sources.containers.robotics.chunks import check_chunk
 from kalscope.sources.containers.robotics.ros_types import ros_decoder
 from kalscope.sources.containers.robotics.topics import Messages, Topic, read_topics
 from kalscope.sources.containers.table import Table
@@ -49,12 +49,11 @@ def read_ros1(path: Path, name: str, part: str | None, progress: Progress) -> Ta
 
 
 def _check_chunks(reader: Any, path: Path, progress: Progress) -> None:
-    unpacked = Unpacked(path, path.name)
     with path.open("rb") as file:
         for chunk in reader.chunks.values():
             progress(0.0, "reading")
             file.seek(chunk.datapos)
-            unpacked.add(check_chunk(file.read(chunk.datasize), path.name, "a ROS 1 bag"))
+            progress.unpack(check_chunk(file.read(chunk.datasize), path.name, "a ROS 1 bag"))
 
 
 def read_ros2(path: Path, name: str, part: str | None, progress: Progress) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.common.array import Array
+from kalscope.common.memory import require_memory
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.parts import Part, choose_part
@@ -22,6 +23,8 @@ _STAMP_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"))
 """Fields of a stamp: of ROS 2, of rosbags for ROS 1, and of ROS 1 itself, whose messages JSON may hold."""
 _STAMP_FIELDS = {"header.seq"} | {f"header.stamp.{field}" for parts in _STAMP_PARTS for field in parts}
 _MESSAGES_PER_REPORT = 1024
+_ROW_BYTES, _NUMBER_BYTES = 160, 48
+"""Memory that a message and each of its numbers take, bytes."""
 
 Messages = Iterable[tuple[int, Any]]
 """(time at which it was logged in ns since 1970, decoded message)."""
@@ -71,6 +74,8 @@ def read_topics(topics: Sequence[Topic], wanted: str | None, name: str, note: st
     topic, names = holding[chosen], fields[holding[chosen].name]
     if topic.count * len(names) > MAX_NUMBERS or len(names) > MAX_COLUMNS:
         raise BadFile(f"{name} must hold at most {MAX_COLUMNS} fields a message (got {len(names)} in {topic.name})")
+    # As objects of Python, before they become an array.
+    require_memory(topic.count * (_ROW_BYTES + _NUMBER_BYTES * len(names)), name, f"{topic.count} messages")
     time, values, clock = _read(topic, names, progress)
     return Table(
         names=tuple(f"{topic.name}/{field}" for field in names),

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.common.array import Array, Indices, Mask
-from kalscope.common.text import number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fleet.held_out import share_served
 from kalscope.estimation.fleet.losses import Losses
@@ -15,7 +14,6 @@ from kalscope.estimation.fleet.pool import Pool
 from kalscope.estimation.fleet.pooled import PooledFit, fit_pool, pool_at
 from kalscope.estimation.fleet.unlike import Unlike, unlike
 from kalscope.estimation.known import params_for_specification
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
 from kalscope.tuning.fleet.answer.devices import Devices
@@ -111,18 +109,16 @@ def _shared(devices: Devices, pool: Pool, question: Question) -> Shared:
         wanted = params_for_specification(
             1.0, **request.target, sample_period=period, momentum=tau, overshoot=request.overshoot
         )
-        fit, how, momentum = pool_at(pool, scalar(wanted.ratio)), request.goal, scalar(wanted.momentum)
+        fit, how, momentum = pool_at(pool, wanted.ratio), request.goal, wanted.momentum
     elif request.ratio is not None:
         fit, how = pool_at(pool, request.ratio), f"q/r = {request.ratio:g}"
     else:
         fit, how = fit_pool(pool), "pooled maximum likelihood"
     if fit.params is None:
-        raise BadSetting(
-            f"q and r that fit all {fit.devices} recordings together must be above 0 (got q = {number(fit.q)},"
-            f" r = {number(fit.r)})"
-        )
+        got = "r = 0" if fit.q > 0.0 else "q = 0"
+        raise BadSetting(f"q and r of all must both be above 0 (got {got}): a goal such as --lag-ms 50 gives both")
     params = FilterParams(fit.q, fit.r, momentum=momentum)
-    return Shared(fit, params, f"one filter for {fit.devices} recordings, {how}", devices.losses(params))
+    return Shared(fit, params, how, devices.losses(params))
 
 
 def unlike_in(devices: Devices, name: str) -> Unlike:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from kalscope.common.array import Array, Mask
+from kalscope.common.text import count
 from kalscope.estimation.fleet.losses import WIDTH, Losses, losses_of
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.fleet.store.begun import TABLE
 from kalscope.tuning.fleet.store.left import unpacked
-from kalscope.tuning.fleet.store.row import LEFT
+from kalscope.tuning.fleet.store.row import LEFT, UNREAD
 from kalscope.tuning.fleet.store.table import read_table
 
 
@@ -46,9 +47,19 @@ class Devices:
     left: Array | None = None
     """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); None in a finished
     table."""
+    failed: int = 0
+    """Rows that could not be read or fitted; the verdicts of others without q and r say what is missing."""
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    @property
+    def counted(self) -> str:
+        """The rows, how many have q and r, and how many failed: all that is shown says it in these words."""
+        without = self.reasons.total()
+        parts = ((len(self) - without, "with q and r"), (without - self.failed, "without"), (self.failed, "failed"))
+        said = ", ".join(f"{count(n)} {what}" for n, what in parts if n)
+        return f"{count(len(self))} {'row' if len(self) == 1 else 'rows'}: {said}"
 
     @property
     def usable(self) -> Mask:
@@ -114,4 +125,5 @@ def devices_of(table: Any) -> Devices:
         momentum=numbers("momentum"),
         reasons=Counter(reason for reason in table["reason"].to_pylist() if reason),
         left=unpacked(table[LEFT].to_pylist()) if LEFT in table.column_names else None,
+        failed=sum(verdict in UNREAD for verdict in table["verdict"].to_pylist()),
     )

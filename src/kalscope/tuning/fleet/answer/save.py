@@ -14,7 +14,6 @@ from kalscope.common.files import atomic_file, write_atomic
 from kalscope.common.text import count, escaped, percent
 from kalscope.common.version import program
 from kalscope.estimation.fleet.changes import FALSE_ALARM
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
@@ -77,9 +76,9 @@ def _finish_table(answer: Answer, path: Path) -> None:
 
 def tuning_of(devices: Devices, shared: Shared) -> Tuning:
     """The tuning of the filter for all."""
-    q, r, momentum = (scalar(value) for value in (shared.params.q, shared.params.r, shared.params.momentum))
+    q, r, momentum = shared.params.q, float(shared.params.r), shared.params.momentum
     served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
-    how = f"{shared.how}{served if shared.judged else ''}"
+    how = f"one filter for a fleet, {shared.how}{served if shared.judged else ''}"
     channel = ChannelTuning(devices.channel, devices.unit, q, r, how=how, momentum=momentum)
     return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
 
@@ -91,6 +90,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         "tool": program(),
         "rows": len(devices),
         "usable": int(devices.usable.sum()),
+        "failed": devices.failed,
         "reasons": dict(devices.reasons.most_common(MAX_LISTED)),
         "channel": devices.channel,
         "unit": devices.unit,
@@ -108,13 +108,13 @@ def _shared(answer: Answer) -> dict[str, Any] | None:
         return None
     settled = steady_state(shared.params, devices.sample_period)
     return {
-        "q": scalar(shared.params.q),
-        "r": scalar(shared.params.r),
+        "q": shared.params.q,
+        "r": float(shared.params.r),
         "ratio": shared.fit.ratio,
         "ratio_interval": [_finite(end) for end in shared.fit.ratio_interval],
-        "momentum": scalar(shared.params.momentum),
-        "lag_samples": scalar(settled.lag_samples),
-        "noise_reduction_db": scalar(settled.noise_reduction_db),
+        "momentum": shared.params.momentum,
+        "lag_samples": settled.lag_samples,
+        "noise_reduction_db": settled.noise_reduction_db,
         "how": shared.how,
         "within": WITHIN,
         "judged": shared.judged,

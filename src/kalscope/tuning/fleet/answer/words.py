@@ -23,7 +23,6 @@ from kalscope.common.text import (
     trimmed,
 )
 from kalscope.estimation.fleet.losses import Losses
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.steady_state import steady_state
 from kalscope.tuning.fleet.answer.answer import WITHIN, Answer, Shared
 from kalscope.tuning.fleet.answer.devices import Devices
@@ -41,7 +40,7 @@ NAMES = {"r": "r", "q": "q", "rate_hz": "sample rate"}
 def summary(answer: Answer, tally: Tally, folder: Path) -> str:
     """How many rows, how many without q and r and why, one filter for all, the devices unlike others, the files."""
     lines = [
-        _done(len(answer.devices), tally),
+        f"{answer.devices.counted}; {_done(tally)}",
         *_reasons(answer),
         *_filter(answer),
         *_unlike(answer),
@@ -56,20 +55,20 @@ def _harmless(line: str) -> str:
     return "".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line)
 
 
-def _done(rows: int, tally: Tally) -> str:
-    """How many rows there are, and what this run did for them."""
+def _done(tally: Tally) -> str:
+    """What this run did."""
     if not tally.done:
-        return f"{count(rows)} rows: nothing was missing"
+        return "nothing was missing"
     new = f"{count(tally.done)} of {count(tally.units)} files or row groups"
     speed = f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
-    return f"{count(rows)} rows: {new} done{speed}"
+    return f"{new} done{speed}"
 
 
 def _reasons(answer: Answer) -> Iterator[str]:
     reasons = answer.devices.reasons
     if reasons:
         common = reasons.most_common(MAX_REASONS)
-        yield f"{count(reasons.total())} without q and r:"
+        yield "Why not all have q and r:"
         yield from (f"  {count(times)} × {reason}" for reason, times in common)
         others = reasons.total() - sum(times for _, times in common)
         if others:
@@ -81,10 +80,10 @@ def _filter(answer: Answer) -> Iterator[str]:
     if shared is None:
         yield f"No filter for all: {answer.refusal}"
         return
-    q, r, unit = (trimmed(scalar(shared.params.q), 4), trimmed(scalar(shared.params.r), 4), squared(devices.unit))
+    q, r, unit = (trimmed(shared.params.q, 4), trimmed(float(shared.params.r), 4), squared(devices.unit))
     settled = steady_state(shared.params, devices.sample_period)
-    lag = lag_in_full(scalar(settled.lag_samples), devices.sample_period)
-    noise = decibels(-scalar(settled.noise_reduction_db))
+    lag = lag_in_full(settled.lag_samples, devices.sample_period)
+    noise = decibels(-settled.noise_reduction_db)
     yield f"One filter for all: q = {q}, r = {r} {unit}, lag {lag}, noise {noise} ({shared.how})"
     yield from _served(answer, shared)
     if devices.rates_differ:
@@ -105,7 +104,7 @@ def _served(answer: Answer, shared: Shared) -> Iterator[str]:
             f"at most {percent(WITHIN)} above that of the device's own filter{more}"
         )
         yield from _usual_loss(devices, shared.losses)
-    elif scalar(shared.params.momentum) > 0.0:
+    elif shared.params.momentum > 0.0:
         yield "  what each device loses is only tried without momentum"
 
 

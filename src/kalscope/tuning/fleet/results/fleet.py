@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -77,11 +77,6 @@ class Fleet:
     def served(self) -> float:
         """Share of the judged devices whose prediction error grows by at most a tenth, 0 … 1."""
         return share_served(self.growth, WITHIN)
-
-    @property
-    def failed(self) -> int:
-        """Rows without q and r."""
-        return sum(map(bool, self.reasons))
 
 
 class FleetReader:
@@ -184,7 +179,7 @@ def _saved_filter(folder: Path) -> SharedFilter | None:
 
 
 def _usable(params: FilterParams) -> FilterParams:
-    if not (float(params.q) > 0.0 and float(params.r) > 0.0):
+    if not (params.q > 0.0 and float(params.r) > 0.0):
         raise ValueError("q and r must be above 0")
     return params
 
@@ -238,16 +233,10 @@ def _plain(devices: Devices) -> Devices:
         return np.where((values >= 0.0) & (values <= most), values, math.nan)
 
     rate = np.where((devices.rate_hz > 0.0) & np.isfinite(devices.rate_hz), devices.rate_hz, math.nan)
-    return Devices(
-        ids=devices.ids,
-        channels=devices.channels,
-        units=devices.units,
+    return replace(
+        devices,
         rate_hz=rate,
         q=within(devices.q, MAX_VARIANCE),
         r=within(devices.r, MAX_VARIANCE),
-        q_interval=devices.q_interval,
-        r_interval=devices.r_interval,
         momentum=within(devices.momentum, MAX_MOMENTUM),
-        reasons=devices.reasons,
-        left=devices.left,
     )

@@ -10,7 +10,6 @@ from typing import Any
 
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadFile
-from kalscope.filtering.arrays import scalar
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.readers.recording_file import read_recording
@@ -85,7 +84,7 @@ def shared_tuning(fleet: Fleet, i: int) -> Tuning | None:
     if shared is None:
         return None
     params = shared.params
-    q, r, momentum = (scalar(value) for value in (params.q, params.r, params.momentum))
+    q, r, momentum = params.q, float(params.r), params.momentum
     return _tuning(fleet, i, q=q, r=r, how=shared.how, momentum=momentum, period=fleet.devices.sample_period)
 
 

@@ -19,8 +19,8 @@ from kalscope.estimation.fleet.pool import Pool
 from kalscope.tuning.fleet.store.row import Row
 from kalscope.tuning.fleet.store.table import part_bytes, units_of
 
-_OWN = re.compile(r"[0-9a-f]{32}\.parquet|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9a-f]{16}\.tmp")
-"""Names of parts and of their temporary files; others below `parts` are left alone."""
+_OWN = re.compile(r"[0-9a-f]{32}\.(?:parquet|note)|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9a-f]{16}\.tmp")
+"""Names of parts, of their notes and temporary files; others below `parts` are left alone."""
 _TEMPORARY = re.compile(r"\..+\.kalscope-[0-9a-f]{16}\.tmp")
 """Names that `atomic_file` gives; other hidden files of the folder are the user's."""
 FOLDER = "parts"
@@ -31,6 +31,11 @@ def part_path(folder: Path, keys: Iterable[str]) -> Path:
     """The path of the part with these units."""
     name = hashlib.sha256("\n".join(keys).encode()).hexdigest()[:32]
     return folder / FOLDER / name[:2] / f"{name}.parquet"
+
+
+def note_path(folder: Path, keys: Iterable[str]) -> Path:
+    """The path of the note about the unit of a batch that is being done, see `work.deadline`."""
+    return part_path(folder, keys).with_suffix(".note")
 
 
 def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collection[str] = ()) -> Path:
@@ -78,7 +83,7 @@ def part_files(folder: Path) -> list[Path]:
 
 
 def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
-    """Remove the temporary files of killed runs, and the parts that are not to be kept.
+    """Remove the temporary files and notes of killed runs, and the parts that are not to be kept.
 
     Args:
         folder: Of the fleet, which this run holds.
@@ -87,7 +92,7 @@ def sweep(folder: Path, keep: Iterable[Path] | None = None) -> None:
     kept = None if keep is None else set(keep)
     useless = [path for path in _files(folder, ".parquet") if kept is not None and path not in kept]
     tops = [folder / name for name in os.listdir(folder) if _TEMPORARY.fullmatch(name)]
-    for path in (*_files(folder, ".tmp"), *tops, *useless):
+    for path in (*_files(folder, ".tmp"), *_files(folder, ".note"), *tops, *useless):
         with suppress(OSError):
             path.unlink()
     for path in (folder / FOLDER).glob("??"):

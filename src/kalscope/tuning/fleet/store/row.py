@@ -6,6 +6,9 @@ from dataclasses import dataclass, fields
 
 FAILED = "failed"
 """Verdict of a recording that could not be read or fitted."""
+TIMED_OUT = "timed_out"
+"""Verdict of one that was not done within the time limit."""
+UNREAD = (FAILED, TIMED_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class Row:
     lag_samples: float | None = None
     """Lag of the settled filter on a ramp, sample periods."""
     verdict: str = FAILED
-    """That of the estimate, "chosen" where the filter was specified, or "failed"."""
+    """That of the estimate, "chosen" where the filter was specified, or one of UNREAD."""
     nis: float | None = None
     """Mean of v²/s over the samples that the filter takes; 1 fits."""
     spikes: int = 0

@@ -16,6 +16,8 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 FORMAT = 5
 """Raised when the same recording would give another row: parts of another format are not used."""
+DEVICE_LIMIT_S = 120.0
+"""Longest time for a unit of up to 16 MiB, s, by default; see `time_limit`."""
 
 
 class Question(Protocol):
@@ -53,7 +55,8 @@ class Asked:
     """Whether all channels are fitted."""
     row_groups: bool = False
     """Whether each row group of a Parquet file is a recording of its own."""
-
+    device_limit: float = field(default=DEVICE_LIMIT_S, repr=False)
+    """Longest time for a unit, s, see `time_limit`; not in the `repr`, because no row depends on it."""
     program: str = field(default_factory=program)
     """The program that asks, with its version: rows of another one are not the same."""
 

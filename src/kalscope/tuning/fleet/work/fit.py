@@ -18,7 +18,6 @@ from kalscope.estimation.fleet.losses import left_by
 from kalscope.estimation.fleet.many.plain import fitted_ratios, pair_intervals
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.fleet.pool import Pool, pool_of
-from kalscope.filtering.arrays import scalar
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import steady_state
@@ -82,10 +81,10 @@ def _left(many: Series, found: Found) -> bytes | None:
     """What the loss of the device by a filter for all is computed from; None for one without q and r."""
     if found.params is None:
         return None
-    tau = 0.0 if found.estimate is None else scalar(found.params.momentum)
+    tau = 0.0 if found.estimate is None else found.params.momentum
     own = fitted_ratios(many, many.starts[1:])
     if found.estimate is not None:
-        own = np.array([scalar(found.params.q) / scalar(found.params.r)])
+        own = np.array([found.params.q / float(found.params.r)])
     growth = held_out(many, momentum=np.array([tau > 0.0]))
     return packed(left_by(own, np.array([tau]), growth))[0]
 
@@ -144,11 +143,11 @@ def filled(row: Row, z: Array, dt: Array | None, found: Found, gate: float | Non
         row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high)
     return replace(
         row,
-        q=scalar(params.q),
-        r=scalar(params.r),
-        momentum=scalar(params.momentum),
-        gate=None if params.gate is None else scalar(params.gate),
-        lag_samples=scalar(steady_state(params).lag_samples),
+        q=params.q,
+        r=float(params.r),
+        momentum=params.momentum,
+        gate=params.gate,
+        lag_samples=steady_state(params).lag_samples,
         verdict=verdict,
         nis=mean_nis(z, params, dt),
         spikes=spikes,

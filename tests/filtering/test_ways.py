@@ -1,0 +1,320 @@
+"""One row at a time, all at once, in pieces, or at chosen rows only: the same bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from each import each
+from five_lines import assert_same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
+from kalscope.filtering import chosen, kernels
+from kalscope.filtering.chosen import filter_at
+from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_pieces
+
+N, STREAMED = PIECE + 1137, 700
+SENSORS = {
+    "one": {"r": 1.0},
+    "one, scaled": {"r": 1.0, "offset": 3.0, "gain": -2.0},
+    "list of one": {"r": [1.0]},
+    "two": {"r": [1.0, 4.0]},
+    "three": {"r": [1.0, 4.0, 0.3], "offset": [0.0, 1.0, -2.0], "gain": [1.0, 2.0, -0.5]},
+}
+STARTS = ({}, {"p0": 4.0}, {"p0": 0.5, "x0": 2.0}, {"p0": 0.0, "x0": -3.0})
+ROWS = ("x", "p", "k", "innovation", "s", "velocity", "velocity_p")
+
+
+def record(params, missing=0.0, n=N):
+    """A walk with spikes and, over two pieces, a jump that lasts longer than the gate may reject."""
+    rng = np.random.default_rng(1)
+    x = np.cumsum(rng.normal(0.0, 0.1, n))
+    x[PIECE - 3 : PIECE + 6] += 50.0
+    x[500:509] += 50.0
+    z = params.offset + params.gain * x[:, None] + rng.normal(size=(n, params.sensors))
+    z[rng.random(z.shape) < 0.02] += 30.0
+    z[rng.random(z.shape) < missing] = np.nan
+    z[: 3 if missing else 0] = np.nan
+    return z if params.fuses else z[:, 0]
+
+
+def assert_same(found, whole, rows=slice(None), rel=1e-12):
+    for name in ROWS:
+        one, other = getattr(found, name), getattr(whole, name)
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one, other[rows], err_msg=name)
+    assert (found.m, np.sum(found.rejected)) == (whole.m, np.sum(whole.rejected))
+    assert found.loglik == pytest.approx(whole.loglik, rel=rel)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sensors", SENSORS)
+@each("momentum", [0.0, 20.0])
+@each("gate", [None, 9.0])
+@each("missing", [0.0, 0.05])
+@each("timed", [False, True])
+def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, gate, missing, timed):
+    for q, start in zip((0.01, 0.3, 0.0, 1e-4), STARTS, strict=True):
+        params = FilterParams(q, **SENSORS[sensors], **start, momentum=momentum, gate=gate)
+        z = record(params, missing)
+        dt = np.random.default_rng(2).choice([0.0, 0.5, 1.0, 1.0, 3.0], N) if timed else None
+        whole = kalman_filter(z, params, dt)
+
+        stream, seen = KalmanFilter(params), []
+        for i in range(STREAMED):
+            x = stream.update(z[i], None if dt is None else dt[i])
+            seen.append((x, stream.x, stream.p, stream.velocity, *np.atleast_1d(stream.k)))
+        x, again, p, velocity, *k = np.array(seen).T
+        assert_same_bits(x, whole.x[:STREAMED])
+        assert_same_bits(again, x)
+        assert_same_bits(p, whole.p[:STREAMED])
+        assert_same_bits(np.array(k).T.reshape(whole.k[:STREAMED].shape), whole.k[:STREAMED])
+        if momentum:
+            assert_same_bits(velocity, whole.velocity[:STREAMED])
+
+        growing = GrowingRun(params)
+        for first, last in (
+            (0, 0),
+            (0, 1),
+            (1, 504),
+            (504, 506),
+            (506, FIRST_CAPACITY + 9),
+            (FIRST_CAPACITY + 9, N),
+        ):
+            growing.extend(z[first:last], None if dt is None else dt[first:last])
+        assert_same(growing.result, whole)
+        growing.forget(300)
+        assert_same(growing.result, whole, slice(300, None))
+
+        for first, piece in filter_pieces(z, params, dt):
+            np.testing.assert_array_equal(piece.x, whole.x[first : first + PIECE])
+        for at in (np.arange(N), np.array([0, 5, PIECE - 1, PIECE, N - 1]), np.empty(0, dtype=np.intp)):
+            assert_same(filter_at(z, params, at, dt), whole, at)
+        np.testing.assert_allclose(denoise(z, params, dt), whole.x, rtol=0, atol=1e-11 * np.nanmax(np.abs(z)))
+
+
+@pytest.mark.parametrize("momentum", [0.0, 8.0])
+@each("start", STARTS)
+@each("gate", [None, 9.0])
+def test_an_r_in_a_list_of_one_is_the_same_filter(momentum, start, gate):
+    one = FilterParams(0.09, 1.0, **start, momentum=momentum, gate=gate)
+    z = record(one, 0.1, 2000)
+    for dt in (None, np.random.default_rng(2).exponential(1.0, len(z))):
+        listed = FilterParams(0.09, [1.0], **start, momentum=momentum, gate=gate)
+        alone, fused = kalman_filter(z, one, dt), fuse(z[:, None], listed, dt)
+        for name, row in alone.rows.items():
+            assert_same_bits(getattr(fused, name).ravel(), row)
+        assert fused.loglik == pytest.approx(alone.loglik, rel=1e-12)
+        assert (fused.m, fused.rejected.tolist()) == (alone.m, [alone.rejected])
+        before, after = smooth(z, one, dt), smooth(z[:, None], listed, dt)
+        assert_same_bits(after.x, before.x)
+        assert_same_bits(after.p, before.p)
+
+
+@each("sensors", SENSORS)
+@each("momentum", [0.0, 20.0])
+@each("gate", [None, 9.0])
+def test_kept_gains_are_those_of_every_step(sensors, momentum, gate):
+    """Regular rows keep the gains of the row before once nothing changes; steps of 1 never do."""
+    params = FilterParams(0.09, **SENSORS[sensors], momentum=momentum, gate=gate)
+    z = record(params, 0.001, 3000)
+    assert_same(kalman_filter(z, params), kalman_filter(z, params, np.ones(len(z))))
+
+
+@each("momentum", [0.0, 12.0])
+def test_channels_of_a_table_are_filtered_one_by_one(momentum):
+    params = FilterParams(0.1, 1.0, p0=2.0, x0=1.0, gate=9.0, momentum=momentum)
+    z = np.column_stack([record(params, 0.05, 800), record(params, 0.3, 800)])
+    both, smoothed, fast = kalman_filter(z, params), smooth(z, params), denoise(z, params)
+    for c in range(2):
+        alone = kalman_filter(z[:, c], params)
+        for name, row in alone.rows.items():
+            assert_same_bits(getattr(both, name)[:, c], row)
+        for name in ("loglik", "m", "rejected"):
+            assert getattr(both, name)[c] == getattr(alone, name)
+        assert_same_bits(smoothed.x[:, c], smooth(z[:, c], params).x)
+        assert_same_bits(smoothed.p[:, c], smooth(z[:, c], params).p)
+        assert_same_bits(fast[:, c], denoise(z[:, c], params))
+    assert smoothed.x.shape == z.shape
+
+
+# --- the filtered signal only ---------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@each("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
+@each("momentum", [0.0, 0.3, 5.0, 200.0, 1e5])
+@each("missing", [0.0, 0.01])
+def test_denoise_is_within_1e_12_of_the_filter(ratio, momentum, missing):
+    rng = np.random.default_rng(5)
+    z = 100.0 + np.cumsum(rng.normal(0, np.sqrt(ratio), 30_000)) + rng.normal(size=30_000)
+    z[rng.random(len(z)) < missing] = np.nan
+    params = FilterParams(ratio, 1.0, momentum=momentum)
+    error = np.nanmax(np.abs(denoise(z, params) - kalman_filter(z, params).x))
+    assert error <= (1e-11 if momentum else 1e-12) * np.nanmax(np.abs(z))
+
+
+def test_denoise_writes_into_out_and_may_work_in_place():
+    params = FilterParams(0.1, 1.0)
+    z = record(params)
+    expected = denoise(z, params)
+    for out in (np.empty_like(z), np.empty(2 * N)[::2]):
+        assert denoise(z, params, out=out) is out
+        assert_same_bits(out, expected)
+    in_place = z.copy()
+    denoise(in_place, params, out=in_place)
+    assert_same_bits(in_place, expected)
+    table = np.column_stack([z, z])
+    assert_same_bits(denoise(table, params, out=table)[:, 1], expected)
+
+
+# --- a record that grows --------------------------------------------------------------------------------
+
+
+def test_what_was_given_out_never_changes_and_room_grows_with_what_is_kept():
+    params = FilterParams(0.01, 1.0)
+    running, given_out = GrowingRun(params), []
+    for part in np.array_split(record(params), 60):
+        running.extend(part)
+        running.forget(len(running) - 700)
+        given_out.append((running.result.x, running.result.x.copy()))
+    for view, copy in given_out:
+        np.testing.assert_array_equal(view, copy)
+        assert not view.flags.writeable
+    assert running.result.x.base.nbytes <= 8 * FIRST_CAPACITY
+    running.forget(10**9)
+    assert len(running) == 0
+
+
+@each("sensors", ["one", "three"])
+def test_a_refused_piece_leaves_what_was_filtered(sensors):
+    params = FilterParams(0.01, **SENSORS[sensors])
+    z, running = record(params), GrowingRun(params)
+    running.extend(z[:100])
+    wrong = np.full_like(z[:1], np.inf), z[:1, None]
+    for bad, dt in ((wrong[0], None), (z[:1], [-1.0]), (wrong[1], None)):
+        with pytest.raises(BadSetting):
+            running.extend(bad, dt)
+    running.extend(z[100:])
+    assert_same(running.result, kalman_filter(z, params))
+
+
+# --- chosen rows ----------------------------------------------------------------------------------------
+
+
+def test_no_rows_can_be_kept_and_none_filtered():
+    params, nothing = FilterParams(0.01, 1.0), np.empty(0, np.intp)
+    assert filter_at(record(params), params, nothing).m > 0
+    assert filter_at(np.empty(0), params, nothing).m == 0
+
+
+@each("indices", [[-1, 3], [3, N]])
+def test_rows_outside_are_refused(indices):
+    params = FilterParams(0.01, 1.0)
+    with pytest.raises(BadSetting, match="indices must be of z"):
+        filter_at(record(params), params, np.array(indices))
+
+
+# Lanes only change how fast chosen rows are filtered.
+
+LONG = 3 * kernels.LANES * PIECE + 1234
+RNG = np.random.default_rng(5)
+RECORD = np.cumsum(RNG.normal(size=LONG)) + RNG.normal(size=LONG)
+DRAWN = np.unique(RNG.integers(0, LONG, 3000))
+PLAIN = FilterParams(1.0, 0.25)
+
+
+def assert_lanes(z, params, at=DRAWN):
+    assert_same(filter_at(z, params, at), kalman_filter(z, params), at, 1e-11)
+
+
+@pytest.fixture
+def stretches(monkeypatch):
+    """Every stretch that is filtered in lanes."""
+    found, real = [], chosen.filter_stretch
+
+    def noted(*arguments):
+        found.append(real(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr(chosen, "filter_stretch", noted)
+    return found
+
+
+@pytest.mark.parametrize("period", chosen.PERIODS)
+def test_lanes_whatever_the_period_of_the_variance(period, stretches):
+    def period_of(params):
+        rows = kalman_filter(RECORD[:PIECE], params)
+        cycle = chosen.cycle_of(rows.p, rows.k, rows.s)
+        return 0 if cycle is None else len(cycle.p)
+
+    tried = (FilterParams(q, 0.3) for q in np.random.default_rng(9).uniform(0.2, 2.0, 4000))
+    assert_lanes(RECORD, next(params for params in tried if period_of(params) == period))
+    assert sum(one.done for one in stretches) > 0.9 * LONG
+
+
+@each(("q", "least"), [(1e4, 0.9), (0.01, 0.9), (1e-5, 0.8), (1e-7, 0.5), (1e-12, 0), (0, 0)])
+@each("offset", [0.0, -1e9])
+def test_lanes_whatever_the_gain(q, least, offset, stretches):
+    stretches.clear()
+    assert_lanes(RECORD + offset, FilterParams(q, 0.25))
+    assert sum(one.done for one in stretches) >= least * LONG
+
+
+@each("params", [FilterParams(1.0, 0.0), FilterParams(0.1, 1.0, p0=0.0, x0=5.0)])
+def test_lanes_whatever_the_start(params):
+    assert_lanes(RECORD, params)
+    assert_lanes(np.zeros(LONG), params)
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(0, LONG - 1), max_size=4), st.sampled_from([1e-4, 0.01, 1.0]))
+def test_lanes_whatever_is_missing(missing, q):
+    z = RECORD.copy()
+    z[missing] = np.nan
+    assert_lanes(z, FilterParams(q, 0.25))
+
+
+@pytest.mark.slow
+@each("lane", range(kernels.LANES))
+@each("beside", [-1, 0, 1])
+def test_a_missing_sample_at_the_edge_of_a_lane(lane, beside, stretches):
+    stretches.clear()
+    z, block = RECORD.copy(), kernels.LANE_BLOCK
+    z[PIECE + block + lane * chosen.MAX_LANE // block * block + beside] = np.nan
+    assert_lanes(z, PLAIN)
+    assert stretches[0].done < stretches[0].tried
+
+
+def test_lanes_that_do_not_meet_do_not_count(monkeypatch, stretches):
+    monkeypatch.setattr(chosen, "FORGOTTEN", 0.3)  # far too short a warm-up
+    assert_lanes(RECORD + 1e6, FilterParams(1e-6, 0.25))
+    assert any(0 < one.done < one.tried for one in stretches)
+
+
+def test_every_row_of_a_channel_among_others_can_be_kept():
+    table = np.stack([RECORD, -RECORD, RECORD], axis=1)
+    assert_lanes(table[:, 1], PLAIN, np.arange(LONG))
+
+
+@each("at", [PIECE + 5, 2 * kernels.LANES * PIECE])
+def test_an_infinite_sample_is_named_by_its_place_in_the_record(at):
+    z = RECORD.copy()
+    z[at] = -np.inf
+    with pytest.raises(BadSetting, match=f"-inf at sample {at}"):
+        filter_at(z, PLAIN, DRAWN)
+
+
+def test_a_gate_and_momentum_go_row_by_row(stretches):
+    assert_lanes(RECORD, FilterParams(1.0, 0.25, gate=9.0))
+    assert_lanes(RECORD, FilterParams(1.0, 0.25, momentum=5.0))
+    assert stretches == []
+
+
+def test_the_loops_release_the_interpreter():
+    for loop in (kernels.filter_rows, kernels.denoise_samples, kernels.smooth_states, kernels.filter_lanes):
+        assert loop.targetoptions["nogil"]
+        assert "parallel" not in loop.targetoptions

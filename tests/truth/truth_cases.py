@@ -1,0 +1,389 @@
+"""What must not change by accident: every case of `tests/truth/*.jsonl`, computed by the public functions.
+
+A case is a line of plain values with an id "group#name". Names that may change are used in the functions below
+"names that may change" only.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from functools import cache, partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import kalscope as ks
+
+Case = dict[str, Any]
+Groups = dict[str, Callable[[], Iterator[Case]]]
+"""What makes the cases, by the group in their ids."""
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+ROOTS = {"sample_data": ROOT / "sample_data", "shared": ROOT.parent / "shared" / "data"}
+LONGEST, SHOWN = 300_000, 50
+"""Samples of a recording that are used; spikes whose places are stored (of more, the first and a hash of all)."""
+
+
+# --- names that may change ------------------------------------------------------------------------------
+
+
+FilterModel = ks.FilterParams
+
+
+def targets() -> Any:
+    from kalscope.export.registry import TARGETS
+
+    return TARGETS
+
+
+def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:
+    """The filter for a whole fleet: each device with its own r, and one r for all."""
+    from kalscope.estimation.fleet.pool import pool_of
+    from kalscope.estimation.fleet.pooled import fit_pool
+
+    yield from ((scale, fit_pool(pool_of(series, dt), scale)) for scale in ("each", "common"))
+
+
+def judged_states() -> Iterator[tuple[str, Any]]:
+    """The verdict table: filters that were set by hand on known records, and their judgements."""
+    from verdict_states import STATES, row_of
+
+    yield from ((state.name(), row_of(state).said) for state in STATES)
+
+
+def judged_fits() -> Iterator[tuple[str, Any]]:
+    """The best fit of each record of the verdict table."""
+    from verdict_states import SIGNALS
+
+    from kalscope.analysis.judge import judge
+    from kalscope.estimation.finding import Request
+
+    for name, z in SIGNALS.items():
+        fit = ks.estimate(z)
+        tested = fit.params and ks.diagnose(ks.kalman_filter(z, fit.params), fitted=True)
+        yield name, judge(tested, None, fit, request=Request())
+
+
+def run(*arguments: str) -> str:
+    """What `kalscope …` prints, or why it refuses."""
+    from kalscope.cli.app import run as kalscope
+
+    with redirect_stdout(io.TextIOWrapper(io.BytesIO())) as out, redirect_stderr(io.StringIO()) as refused:
+        code = kalscope(list(arguments))
+    out.flush()
+    return refused.getvalue() if code else out.buffer.getvalue().decode()
+
+
+# --- plain values ---------------------------------------------------------------------------------------
+
+
+def plain(value: Any) -> Any:
+    """In values that JSON can hold, numbers to 12 digits."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return float(f"{value:.12g}") if math.isfinite(value) else str(value)
+    return value
+
+
+def fields(of: Any, names: str) -> Case:
+    return plain({name: getattr(of, name) for name in names.split()})
+
+
+def bits(array: Any) -> str:
+    """A hash of the float64 bits; NaN is one value."""
+    values = np.asarray(array, np.float64)
+    return hashlib.sha256(np.where(np.isnan(values), np.nan, values).tobytes()).hexdigest()[:16]
+
+
+def places(spikes: Any) -> list[Any]:
+    return plain(spikes[:SHOWN]) + ([len(spikes), bits(spikes)] if len(spikes) > SHOWN else [])
+
+
+# --- estimates ------------------------------------------------------------------------------------------
+
+
+def recordings() -> Iterator[str]:
+    for name, root in ROOTS.items():
+        files = (path for path in sorted(root.rglob("*")) if path.is_file() and path.suffix not in (".md", ".py"))
+        yield from (f"{name}/{path.relative_to(root).as_posix()}" for path in files)
+
+
+def of_recording(place: str) -> Iterator[Case]:
+    """The estimates of each channel, as `kalscope tune` finds them and as the plain fit of all samples."""
+    root, _, path = place.partition("/")
+    try:
+        recording = ks.read_recording(ROOTS[root] / path)
+    except ks.BadFile:
+        return
+    dt = recording.steps()[:LONGEST] if recording.gaps == "dt" else None
+    for name, column in zip(recording.names, recording.values.T, strict=True):
+        z = np.ascontiguousarray(column[:LONGEST])
+        case = {"id": f"{place}#{name}", "n": len(z), "period": plain(recording.sample_period)}
+        yield case | {"tuned": fitted(z, dt), "plain": fitted(z, dt, momentum=0.0, robust=False)}
+
+
+def fitted(z: Any, dt: Any, **options: Any) -> Case:
+    fit = ks.estimate(z, dt=dt, **options)
+    names = "verdict q r ratio loglik q_se r_se ratio_interval resolution message"
+    if not options:
+        names += " momentum momentum_interval gain_interval lag_interval prediction_gain gate"
+        names += " outlier_share plain_q plain_r plain_momentum"
+    spikes = {} if fit.outliers is None else {"spikes": places(np.flatnonzero(fit.outliers))}
+    return fields(fit, names) | {"usable": fit.params is not None} | spikes
+
+
+# --- filters --------------------------------------------------------------------------------------------
+
+
+def record(g: Any, n: int, tau: float, sensors: int = 1) -> tuple[Any, Any]:
+    """A quantity that moves, read with noise, misses and spikes, shape (n, sensors); and uneven steps or None."""
+    moves = g.normal(size=n)
+    for i in range(1, n if tau else 0):
+        moves[i] += math.exp(-1.0 / tau) * moves[i - 1]
+    noise = 10.0 ** g.uniform(-1.0, 1.0, sensors)
+    z = 20.0 + 0.1 * np.cumsum(moves)[:, None] + noise * g.normal(size=(n, sensors))
+    z[g.random(z.shape) < g.choice([0.0, 0.01])] += 50.0
+    z[g.random(z.shape) < g.choice([0.0, 0.1, 0.6])] = np.nan
+    dt = g.choice([0.0, 0.5, 1.0, 1.3, 40.0], n, p=[0.02, 0.3, 0.3, 0.36, 0.02]) if g.random() < 0.4 else None
+    return z, dt
+
+
+def start(g: Any) -> Case:
+    """The start, the gate and the momentum of a model: each in some cases only."""
+    model: Case = [{}, {}, {"p0": 10.0 ** g.uniform(-6, 6)}, {"p0": 4.0, "x0": 19.0}][int(g.integers(4))]
+    gate, tau = [None, 9.0, 16.0][int(g.integers(3))], 10.0 ** g.uniform(-1.0, 2.5)
+    return model | {"gate": gate, "momentum": float(tau) if g.random() < 0.5 else 0.0}
+
+
+def filters(count: int = 120) -> Iterator[Case]:
+    for seed in range(count):
+        g = np.random.default_rng([1, seed])
+        model = {"q": 10.0 ** g.uniform(-6, 2), "r": 10.0 ** g.uniform(-3, 3)} | start(g)
+        model |= [{}, {}, {}, {"q": 0.0}, {"r": 0.0}][int(g.integers(5))]
+        z, dt = record(g, int(g.choice([1, 2, 9, 40, 333, 2500, 20_000])), model["momentum"])
+        z, params = np.ascontiguousarray(z[:, 0]), FilterModel(**model)
+        case = {"id": f"filters#{seed:03d}", "n": len(z), "uneven": dt is not None, "model": plain(model)}
+        yield case | filtered(z, params, dt)
+
+
+def filtered(z: Any, params: Any, dt: Any) -> Case:
+    one, back = ks.kalman_filter(z, params, dt), ks.smooth(z, params, dt)
+    both = ks.kalman_filter(np.column_stack([z, z[::-1]]), params, dt)
+    case = fields(one, "loglik m rejected") | states(one, "x p k innovation s velocity velocity_p")
+    case["smoothed"] = states(back, "x p velocity")
+    case["streams"] = streams(ks.KalmanFilter(params), z, dt, one)
+    case["columns"] = bits([both.x[:, 0], both.p[:, 0]]) == bits([one.x, one.p])
+    size = np.nanmax(np.abs(z), initial=1.0)
+    case["denoises"] = bool(np.allclose(ks.denoise(z, params, dt), one.x, 0.0, 1e-12 * size, equal_nan=True))
+    return case
+
+
+def states(result: Any, names: str) -> Case:
+    """Bits of each array, and its values in the middle and at the end, so that a difference can be read."""
+    kept = {name: row for name in names.split() if (row := getattr(result, name)) is not None}
+    read = {name: [plain(row[len(row) // 2]), plain(row[-1])] for name, row in kept.items()}
+    return {"bits": {name: bits(row) for name, row in kept.items()}, "values": read}
+
+
+def streams(running: Any, z: Any, dt: Any, whole: Any, most: int = 2500) -> bool:
+    """Whether the filter gives the same bits sample by sample."""
+    x, p = np.empty(min(len(z), most)), np.empty(min(len(z), most))
+    for i in range(len(x)):
+        x[i], p[i] = running.update(z[i], None if dt is None else dt[i]), running.p
+    return bits([x, p]) == bits([whole.x[:most], whole.p[:most]])
+
+
+# --- fusions --------------------------------------------------------------------------------------------
+
+
+def fusions(count: int = 24) -> Iterator[Case]:
+    for seed in range(count):
+        g = np.random.default_rng([2, seed])
+        sensors, model = int(g.integers(2, 5)), start(g)
+        z, dt = record(g, int(g.choice([150, 400, 900])), model["momentum"], sensors)
+        gains = bool(g.random() < 0.4)
+        model |= {"offset": g.normal(0, 2, sensors), "gain": g.uniform(0.7, 1.4, sensors) ** gains}
+        model |= {"q": 10.0 ** g.uniform(-4, 0), "r": 10.0 ** g.uniform(-2, 2, sensors)}
+        z = model["offset"] + model["gain"] * z
+        if seed % 4 == 3:
+            spoil(g, z, seed // 4)
+        options = {"reference": None if seed % 3 else 0, "robust": bool(seed % 4) and "auto"}
+        fit = ks.estimate_fusion(z, dt=dt, gains=gains, **options)
+        names = "verdict q momentum r offset gain q_interval r_interval offset_interval gain_interval loglik"
+        case = {"id": f"fusions#{seed:02d}", "model": plain(model), "tuned": fields(fit, f"{names} message notes")}
+        case["tuned"] |= {"spikes": [places(rows) for rows in fit.spikes], "usable": fit.params is not None}
+        if fit.params is not None:
+            case["judged"] = fields(judged := ks.judge_fusion(z, fit, dt), "error best sentences")
+            case["sensors"] = [
+                fields(one, "faults share error")
+                | {"sentences": [*(fault.text for fault in one.findings), *one.if_it_fails]}
+                for one in judged.sensors
+            ]
+        yield case | fused(z, FilterModel(**model), dt)
+
+
+def spoil(g: Any, z: Any, fault: int) -> None:
+    """What can be wrong with sensors: a copy, stuck, silent, shared noise, no movement, no noise."""
+    if fault < 3:
+        z[:, -1] = (z[:, 0], 5.0, np.nan)[fault]
+    elif fault == 3:
+        z[:, :2] += 10.0 * g.normal(size=(len(z), 1))
+    else:
+        z[:] = 3.0 * g.normal(size=z.shape)
+        z[:, 0] *= fault == 4
+        z += np.cumsum(g.normal(size=(len(z), 1)), axis=0) * (fault == 5)
+
+
+def fused(z: Any, params: Any, dt: Any) -> Case:
+    one, back = ks.fuse(z, params, dt), ks.smooth(z, params, dt)
+    case = fields(one, "loglik m rejected") | states(one, "x p k innovation s velocity velocity_p")
+    return case | {"smoothed": states(back, "x p"), "streams": streams(ks.KalmanFilter(params), z, dt, one)}
+
+
+# --- fleets ---------------------------------------------------------------------------------------------
+
+
+def fleets() -> Iterator[Case]:
+    for name, count, options in (("even", 40, {}), ("uneven", 40, {}), ("moving", 12, {"momentum": "auto"})):
+        g = np.random.default_rng([3, count, len(name)])
+        lengths = np.full(count, 300) if name == "even" else g.integers(20, 700, count)
+        pairs = [record(g, n, 8.0 * bool(options)) for n in lengths]
+        series = [z[:, 0] for z, _ in pairs]
+        dt = [np.ones(len(z)) if dt is None else dt for z, dt in pairs] if name == "uneven" else None
+        if name == "uneven":
+            series[3], series[5], series[7] = np.full(len(series[3]), 2.5), series[5] * np.nan, np.round(series[7])
+        yield from table(name, series, dt, **options)
+        for scale, fit in pooled_fits(series, dt):
+            names = "q r ratio loglik ratio_interval verdict devices innovations"
+            yield {"id": f"fleets#{name}, pooled, {scale}", "tuned": fields(fit, names)}
+        if name == "uneven":
+            yield from table("r known", series, dt, r=1.0)
+            yield from table("ratio known", series, dt, ratio=0.01)
+
+
+def table(name: str, series: Any, dt: Any, **options: Any) -> Iterator[Case]:
+    """The row of each device."""
+    found = ks.estimate_many(series, dt, **options)
+    columns = fields(found, "verdict q r q_se r_se loglik samples momentum spikes gate")
+    ends = ("ratio_interval", "q_interval", "r_interval")
+    columns |= {one: plain(np.transpose(getattr(found, one))) for one in ends}
+    for i in range(len(series)):
+        yield {"id": f"fleets#{name}, {i:02d}", "tuned": {one: rows[i] for one, rows in columns.items()}}
+
+
+# --- sentences ------------------------------------------------------------------------------------------
+
+COMMANDS = (
+    "nile; flex_sensor --details; ldr_pwm; hot_water; ultrasonic; tank_level --all; lis302dl --all; "
+    "nile --lag-ms 1e11; flex_sensor --lag-ms 200; ultrasonic --gain 0.9; nile --sigma 100; nile --ratio 1; "
+    "balancing_robot --cutoff-hz 2; flex_finger --momentum 0 --no-robust; tank_level --fuse sonar,float,pressure"
+)
+
+
+def states_judged() -> Iterator[Case]:
+    for kind, judged in (("by hand", judged_states()), ("best fit", judged_fits())):
+        for name, one in judged:
+            advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.findings]
+            case = {"id": f"judged#{kind}, {name}", "advice": advice}
+            yield case | fields(one, "status word tone headline") | {"held_out": one.second_half}
+
+
+def commands() -> Iterator[Case]:
+    for command in COMMANDS.split("; "):
+        name, *options = command.split()
+        text = re.sub("[ \n]+", " ", run("tune", f"sample:{name}", *options))  # wherever the lines are broken
+        yield {"id": f"commands#{command}", "text": text.strip()}
+
+
+def words() -> Iterator[Case]:
+    """Every sentence and half sentence in the code of findings; {} stands for a value."""
+    found = set[str]()
+    for folder in ("estimation", "analysis"):
+        for path in sorted((ROOT / "src" / "kalscope" / folder).rglob("*.py")):
+            found.update(text for text in literals(ast.parse(path.read_text("utf-8"))) if text.count(" ") >= 3)
+    yield from ({"id": f"words#{text}"} for text in sorted(found))
+
+
+def literals(node: ast.AST) -> Iterator[str]:
+    """The texts below a node, without docstrings and errors."""
+    if isinstance(node, ast.Raise) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+        return
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+        return
+    parts = list(ast.iter_child_nodes(node))
+    if isinstance(node, ast.JoinedStr):
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        parts = [part for part in node.values if not isinstance(part, ast.Constant)]
+    for part in parts:
+        yield from literals(part)
+
+
+# --- exports --------------------------------------------------------------------------------------------
+
+
+def tunings(level: ks.Recording) -> Iterator[tuple[str, Any]]:
+    made = {"tool": "kalscope", "date": "2026-01-01T00:00:00Z", "sample_period": 0.05}
+    one, names, chain = partial(ks.ChannelTuning, unit="mm"), level.names, ks.Chain(5, ks.OneEuro(0.01, 0.1, 0.1))
+    several = (one(names[0], q=0.02, r=1.5, gate=16.0), one(names[1], q=1e-5, r=0.3, p0=2.0, x0=40.0))
+    fusion = ks.FusionTuning("level", "mm", names, 0.01, (1.0, 2.0, 0.5), (0.0, 1.5, -1.0), (1.0, 0.9, 1.1))
+    yield "channels", ks.Tuning(several, **made)
+    yield "momentum", ks.Tuning((one(names[0], q=0.001, r=1.5, momentum=12.5),), **made)
+    yield "chain", ks.Tuning((one(names[0], q=0.02, r=1.5, chain=chain),), **made)
+    yield "fusion", ks.Tuning(several, fusion=fusion, **made)
+
+
+def exports() -> Iterator[Case]:
+    """A hash of each file that each target writes, or its refusal."""
+    level = ks.read_recording(ROOTS["sample_data"] / "tank_level.csv")
+    options = ({}, {"vectors": level}, {"fixed_gains": True}, {"calibration": True})
+    for (name, tuning), option, target in product(tunings(level), options, targets()):
+        case = {"id": f"exports#{', '.join([name, target, *option])}"}
+        try:
+            files = ks.export_tuning(tuning, target, **option)
+        except ks.BadSetting as error:
+            yield case | {"refused": str(error)}
+        else:
+            yield case | {file: hashlib.sha256(files[file].encode()).hexdigest()[:16] for file in sorted(files)}
+
+
+# --- all ------------------------------------------------------------------------------------------------
+
+SETS = ("estimates", "filters", "fusions", "fleets", "sentences", "exports")
+GROUPS: dict[str, Groups] = {
+    "filters": {"filters": filters},
+    "fusions": {"fusions": fusions},
+    "fleets": {"fleets": fleets},
+    "sentences": {"judged": states_judged, "commands": commands, "words": words},
+    "exports": {"exports": exports},
+}
+
+
+def groups_of(name: str) -> Groups:
+    return GROUPS.get(name) or {place: partial(of_recording, place) for place in recordings()}
+
+
+@cache
+def stored(name: str) -> dict[str, dict[str, Case]]:
+    """The stored cases of a set by their ids, by group."""
+    groups: dict[str, dict[str, Case]] = {}
+    path = HERE / f"{name}.jsonl"
+    for line in path.read_text("utf-8").splitlines() if path.is_file() else ():
+        case = json.loads(line)
+        groups.setdefault(case["id"].partition("#")[0], {})[case["id"]] = case
+    return groups
