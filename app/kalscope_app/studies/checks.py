@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
@@ -59,7 +59,9 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
 
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
-    return Checks(state, without_residuals(whole), without_residuals(held_out), estimated, judgement, search)
+    whole, held_out = without_residuals(whole), without_residuals(held_out)
+    judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
+    return Checks(state, whole, held_out, estimated, judgement, search)
 
 
 def _of_filter(

@@ -172,20 +172,15 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         fitted: as for `diagnose`.
         first: index of its first sample in the record; 0 = it is the first, and may follow a given start.
     """
-    e, scores = np.empty(run.n), _Scores(run.n)
-    for begin, columns in run.pieces():
-        piece = _standardised(columns)
-        e[begin : begin + len(piece)] = piece
-        scores.take(begin, piece, columns)
+    e, (k, v, s), refusals, prior = _scores(run)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
         few = Evidence(n, momentum=run.momentum > 0.0)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)
-    spikes = Spikes.among(scored, *scores.rows(), scores.prior and not first)
-    refusals = scores.refusals()
-    del scores
+    spikes = Spikes.among(scored, k, v, s, prior and not first)
+    del k, v, s
     h = lags or min(max(round(math.sqrt(n)), 4), 20)
     white = tests.correlation(e, h, fitted)
     nis_low, nis_high = tests.nis_band(n)
@@ -245,37 +240,29 @@ def _standardised(columns: Columns) -> Array:
     return np.clip(e, -MAX_RESIDUAL, MAX_RESIDUAL, out=e)
 
 
-class _Scores:
-    """What the search for spikes needs of the scored samples, collected piece by piece."""
+def _scores(run: Run) -> tuple[Array, Array, Indices, bool]:
+    """The standardised innovations, and what the search for spikes needs of the scored ones, N of them.
 
-    def __init__(self, n: int) -> None:
-        self._columns, self._count = np.empty((3, n)), 0
-        self._refused: list[NDArray[np.int64]] = []
-        self._started = False
-        self.prior = False
-        """Whether the first sample was scored: x0 was given, and no sample set the start."""
-
-    def take(self, first: int, e: Array, columns: Columns) -> None:
-        """The rows of a piece, and its standardised innovations."""
+    Returns:
+        e, shape (n,); gain, innovation and its variance of the scored samples, shape (3, N); the samples that the
+        gate rejected, ascending; whether the first sample was scored: x0 was given, and no sample set the start.
+    """
+    e, rows, count = np.empty(run.n), np.empty((3, run.n)), 0
+    refused, prior = [np.zeros(0, dtype=np.int64)], None
+    for first, columns in run.pieces():
         _, p, k, v, s = columns
-        scored = np.isfinite(e)
-        end = self._count + int(np.count_nonzero(scored))
-        for row, column in zip(self._columns, (k, v, s), strict=True):
-            row[self._count : end] = column[scored]
-        self._count = end
-        self._refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
+        piece = _standardised(columns)
+        e[first : first + len(piece)] = piece
+        scored = np.isfinite(piece)
+        end = count + int(np.count_nonzero(scored))
+        for row, column in zip(rows, (k, v, s), strict=True):
+            row[count:end] = column[scored]
+        count = end
+        refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
         met = (k > 0.0) | np.isfinite(v)
-        if not self._started and met.any():
-            self._started, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))
-
-    def rows(self) -> tuple[Array, Array, Array]:
-        """Gain, innovation and its variance of the scored samples, shape (N,) each."""
-        k, v, s = self._columns[:, : self._count]
-        return k, v, s
-
-    def refusals(self) -> NDArray[np.int64]:
-        """The samples that the gate rejected, ascending."""
-        return np.concatenate(self._refused) if self._refused else np.zeros(0, dtype=np.int64)
+        if prior is None and met.any():
+            prior = bool(np.isfinite(v[np.argmax(met)]))
+    return e, rows[:, :count], np.concatenate(refused), bool(prior)
 
 
 def _check_lags(lags: object) -> None:
