@@ -10,10 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kalscope.analysis.alternatives.agreement.comparison import compare_methods
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-    from kalscope.analysis.fusion.judge import judge_fusion
-    from kalscope.analysis.fusion.result import FusionVerdict
+    from kalscope.analysis.estimators import compare_methods
+    from kalscope.analysis.fused import FusionJudgement, judge_fusion
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.estimate import estimate
@@ -71,7 +70,7 @@ __all__ = [
     "FilterParams",
     "FilterResult",
     "FusionEstimate",
-    "FusionVerdict",
+    "FusionJudgement",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -116,10 +115,9 @@ __all__ = [
 ]
 
 _NAMES = {
-    "analysis.alternatives.agreement.comparison": "compare_methods",
+    "analysis.estimators": "compare_methods",
     "analysis.diagnostics": "Diagnostics diagnose diagnose_held_out",
-    "analysis.fusion.judge": "judge_fusion",
-    "analysis.fusion.result": "FusionVerdict",
+    "analysis.fused": "FusionJudgement judge_fusion",
     "catalogue": "open_source",
     "errors": "BadDevice BadFile BadSetting Cancelled KalscopeError",
     "estimation.estimate": "estimate",

@@ -11,8 +11,9 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter, starting_params
-from kalscope.analysis.diagnostics import NO_FAULT, Diagnostics, diagnose, diagnose_held_out
-from kalscope.analysis.residual_tests import correlation, low_frequency_share, nis_band, variance_change
+from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
+from kalscope.analysis.findings import NO_FAULT
+from kalscope.analysis.residuals import correlation, low_frequency_share, nis_band, variance_change
 
 NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
 NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]
@@ -35,7 +36,7 @@ def judge(z, q, r=1.0, dt=None, **kwargs) -> Diagnostics:
 
 def assert_no_nan(found: Diagnostics):
     for field in dataclasses.fields(found):
-        if field.name not in ("e", "advice", "findings"):
+        if field.name not in ("e", "advice", "evidence"):
             assert np.all(np.isfinite(getattr(found, field.name))), field.name
     assert found.advice
 
@@ -277,7 +278,7 @@ def test_doubled_noise_in_the_second_half_is_a_change_of_variance():
     assert found.variance_ratio == pytest.approx(3.7, abs=0.7)
     assert found.variance_ratio_p < 1e-6
     assert "the noise or the movement changes: the variance of the residuals differs" in found.advice
-    assert found.findings.change == pytest.approx(4.0, rel=0.4)
+    assert found.evidence.change == pytest.approx(4.0, rel=0.4)
 
 
 @pytest.mark.parametrize("wave", ["ramp", "sine"])
@@ -560,8 +561,8 @@ def test_with_momentum_the_best_pair_is_that_at_this_momentum(q, r):
     if q * r:
         assert (q * judged.q_factor, r * judged.r_factor) == pytest.approx((1.0, 1.0), rel=0.05)
     else:
-        assert judged.findings.correction.instead_of_edge == pytest.approx(1.0, rel=0.05)
-        assert judged.findings.correction.edge_factor == pytest.approx(1.0, rel=0.05)
+        assert judged.evidence.correction.instead_of_edge == pytest.approx(1.0, rel=0.05)
+        assert judged.evidence.correction.edge_factor == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_wrong_momentum_is_to_be_estimated_again_and_no_misfit_of_a_random_walk():

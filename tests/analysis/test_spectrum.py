@@ -10,8 +10,16 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
-from kalscope.analysis.noise.allan import allan_deviation, allan_model, best_average, first_minimum, log_sizes
-from kalscope.analysis.noise.spectrum import magnitude_response, spectrum, whole_stretch
+from kalscope.analysis.spectrum import (
+    allan_deviation,
+    allan_model,
+    best_average,
+    first_minimum,
+    log_sizes,
+    magnitude_response,
+    spectrum,
+    whole_stretch,
+)
 from kalscope.filtering.kernels import transition
 
 RNG = np.random.default_rng(21)

@@ -21,9 +21,8 @@ from kalscope import FilterParams, estimate, kalman_filter, read_recording, stea
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.fit.goal import Choice, request_in, still_met
-from kalscope.analysis.fit.words import KEEP
-from kalscope.analysis.judgement import judge
+from kalscope.analysis.findings import KEEP, Known, request_in, still_met
+from kalscope.analysis.judge import judge
 from kalscope.common.text import decibels, number
 from kalscope.estimation.finding import Noise, Request, find_parameters
 
@@ -90,13 +89,13 @@ def test_no_friendly_word_where_a_test_fails_beyond_chance(state):
     else:
         assert abs(d.r1) < 0.2
         assert d.slow_share < 0.1
-    assert one.said.advice == ()
+    assert one.said.findings == ()
 
 
 @every_state
 def test_what_is_bad_can_be_mended_by_a_button_and_what_is_good_needs_none(state):
     said = row(state).said
-    mended = [advice.action for advice in said.advice if advice.action is not None]
+    mended = [advice.action for advice in said.findings if advice.action is not None]
     assert (said.tone == "bad") <= bool(mended)
     assert (said.tone == "good") <= (not mended)
     assert said.headline[0].isupper()
@@ -128,7 +127,7 @@ def test_too_slow_and_too_fast_are_not_contradicted_by_the_half_that_was_not_fit
 
 @every_state
 def test_the_advised_q_and_r_predict_the_second_half_no_worse(state):
-    for advice in row(state).said.advice:
+    for advice in row(state).said.findings:
         action = advice.action
         if not isinstance(action, actions.Scale | actions.SetRatio):
             continue
@@ -182,11 +181,11 @@ def taken(params, action):
 def test_the_first_button_clicked_again_and_again_comes_to_an_end(state):
     params, said, seen = state.params, row(state).said, set()
     while said.tone == "bad":
-        after = next((one for one in (taken(params, advice.action) for advice in said.advice) if one), None)
+        after = next((one for one in (taken(params, advice.action) for advice in said.findings) if one), None)
         if after is None:
             return
-        assert said.advice not in seen, "it goes round in a circle"
-        seen.add(said.advice)
+        assert said.findings not in seen, "it goes round in a circle"
+        seen.add(said.findings)
         assert len(seen) < 8
         params = after
         said = row_of(VerdictState(state.signal, params)).said
@@ -221,9 +220,9 @@ def chosen(name, at):
 @each("name", MOVING)
 def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
     _, params, said = chosen(name, at)
-    assert said.status not in ("too_slow", "too_fast", "methods_differ")
+    assert said.status not in ("too_slow", "too_fast")
     ratio = float(params.q) / float(params.r)
-    for advice in said.advice:
+    for advice in said.findings:
         match advice.action:
             case None | actions.SetGate() | actions.UnsetStart():
                 pass
@@ -245,8 +244,8 @@ def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
 def test_the_best_fit_lies_where_the_words_say(name, at):
     """The oracle: the likelihood with the best r over a fine grid of q/r, by the filter itself."""
     z, params, said = chosen(name, at)
-    texts = [text for text in (said.headline, *(one.text for one in said.advice)) if "would follow" in text]
-    texts += [text for text in (said.headline, *(one.text for one in said.advice)) if "would smooth" in text]
+    texts = [text for text in (said.headline, *(one.text for one in said.findings)) if "would follow" in text]
+    texts += [text for text in (said.headline, *(one.text for one in said.findings)) if "would smooth" in text]
     if name in ("spikes", "steps"):  # a plain likelihood is not what judges them
         return
     own = float(params.q) / float(params.r)
@@ -287,13 +286,13 @@ def test_the_words_for_a_lag_in_both_directions_and_for_what_it_costs():
 def test_spikes_of_a_chosen_filter_come_first_and_their_gate_leaves_the_movement():
     z, params, said = chosen("spikes", 1)  # a lag of 2 s
     assert (said.status, said.tone) == ("spikes", "bad")
-    assert said.advice[1].text.startswith(
+    assert said.findings[1].text.startswith(
         "you chose a lag of 2000 ms. the best statistical fit would follow faster"
     )
-    gated = replace(params, gate=said.advice[0].action.sigma ** 2)
+    gated = replace(params, gate=said.findings[0].action.sigma ** 2)
     after = diagnose(kalman_filter(z, gated))
     then = judge(after, request=GOALS[1])
-    assert after.findings.refused <= 30  # ten spikes, three readings each at most, and no movement
+    assert after.evidence.refused <= 30  # ten spikes, three readings each at most, and no movement
     assert then.status == "as_chosen"
 
 
@@ -306,7 +305,7 @@ def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, word
     assert said.status == "as_chosen"
     assert said.headline.startswith("You gave r from the data sheet. The best statistical fit has an r about ")
     assert said.headline.endswith(f"{words}: keep yours if you trust the data sheet.")
-    assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.advice)
+    assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.findings)
 
 
 @each("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
@@ -346,13 +345,12 @@ def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
     assert request_in(how, 1.0).target == {"lag_s": pytest.approx(seconds)}
-    assert Choice.of(Request(target={"lag_s": seconds})).faster == f"movement faster than {words}"
+    assert Known().with_request(Request(target={"lag_s": seconds})).faster == f"movement faster than {words}"
 
 
 def test_a_tuning_that_was_not_chosen_names_no_goal():
     for how in ("by hand", "maximum likelihood", "preset 1", "", "q times 2, found at 1 s; a lag of 5 ms"):
         assert request_in(how, 1.0) is None
-        assert not Choice.of(request_in(how, 1.0))
 
 
 # --- the best fit ---------------------------------------------------------------------------------------
@@ -371,7 +369,7 @@ def assert_says_what_to_do(found, said):
     if said.tone == "good":
         assert removed >= 3.0
     elif said.status not in ("start", "constant", "too_few"):
-        assert any(advice.action is not None or advice.text.startswith(KEEP) for advice in said.advice), said
+        assert any(advice.action is not None or advice.text.startswith(KEEP) for advice in said.findings), said
     assert said.headline
 
 
@@ -379,15 +377,15 @@ def assert_says_what_to_do(found, said):
 def test_a_best_fit_that_may_look_worse_says_what_to_do(name):
     found, said = best_fit(SIGNALS[name])
     assert_says_what_to_do(found, said)
-    assert any(advice.text.startswith(KEEP) for advice in said.advice) == (name == "sine")  # a lag would lose it
+    assert any(advice.text.startswith(KEEP) for advice in said.findings) == (name == "sine")  # a lag would lose it
 
 
 def test_a_best_fit_that_follows_everything_says_how_little_it_removes():
     found, said = best_fit(np.cumsum(np.random.default_rng(4).normal(size=2000)) + 0.5 * white(2000))
     assert (said.status, said.word, said.tone) == ("weak", "hardly filters", "note")
     removed = decibels(float(steady_state(found.params).noise_reduction_db))
-    assert said.advice[0].action == actions.ChooseFilter()
-    assert said.advice[0].text.endswith(f": the best statistical fit removes only {removed} of the noise")
+    assert said.findings[0].action == actions.ChooseFilter()
+    assert said.findings[0].text.endswith(f": the best statistical fit removes only {removed} of the noise")
 
 
 @pytest.mark.parametrize("place", ["nile", "putty_pressure", "sea_surface_temp", "ppg_arduino", "hcsr04_short"])

@@ -10,8 +10,8 @@ from PIL import Image
 from screen import FIND, PICTURES
 
 from kalscope import kalman_filter, open_source, starting_params
-from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.noise.allan import allan_deviation
+from kalscope.analysis.alternatives import compare_alternatives
+from kalscope.analysis.spectrum import allan_deviation
 
 pytestmark = pytest.mark.browser
 

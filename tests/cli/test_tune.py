@@ -208,10 +208,11 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
 
 
 @pytest.mark.slow
-def test_a_disagreement_of_the_methods_is_named(capsys: Captured) -> None:
+def test_a_method_outside_the_interval_is_named(capsys: Captured) -> None:
     assert run(["tune", "demo", "--momentum", "0", "--details"]) == 0
     out = capsys.readouterr().out
-    assert "The model does not describe this signal: maximum likelihood finds gain" in out
+    assert "Outside the 95 % interval of maximum likelihood: " in out
+    assert re.search(r"  Allan variance( +\S+){3} +no  ok\n", out)
 
 
 @pytest.mark.slow

@@ -15,8 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams
-from kalscope.analysis.alternatives.agreement.comparison import compare_methods
-from kalscope.analysis.alternatives.agreement.words import disagreement
+from kalscope.analysis.estimators import compare_methods, is_within
 from kalscope.errors import Cancelled
 from kalscope.estimation.estimate import METHODS, estimate
 from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
@@ -162,17 +161,7 @@ def test_methods_agree_where_the_model_holds(nile):
     for z in (nile, walk(20_000, 0.1, seed=2), walk(5_000, 3.0, seed=3)):
         table = compare_methods(z)
         assert tuple(one.method for one in table) == METHODS
-        assert disagreement(table) == ""
-        assert "does not describe" not in table[0].message
-
-
-@pytest.mark.slow
-def test_a_wave_under_noise_is_named_as_not_this_model():
-    g = np.random.default_rng(0)
-    z = np.sin(np.arange(20_000) / 40) * 5 + g.normal(0, 1, 20_000)
-    table = compare_methods(z)
-    assert table[0].message.count("The model does not describe this signal: ") == 1
-    assert disagreement(table)
+        assert all(is_within(one, table[0]) for one in table if one.method in ("ml", "em"))
 
 
 def test_a_smoothed_signal_is_named_by_its_differences():

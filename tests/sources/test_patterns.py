@@ -23,7 +23,7 @@ SIZE, MAX_STEPS = 80, 24
 """Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
 
 OWN_TEXT = (
-    "kalscope.analysis.actions",
+    "kalscope.analysis.findings",
     "kalscope.common.charts",
     "kalscope.common.text",
     "kalscope.export.header_text",

@@ -65,7 +65,7 @@ def judged_fits() -> Iterator[tuple[str, Any]]:
     """The best fit of each record of the verdict table."""
     from verdict_states import SIGNALS
 
-    from kalscope.analysis.judgement import judge
+    from kalscope.analysis.judge import judge
     from kalscope.estimation.finding import Request
 
     for name, z in SIGNALS.items():
@@ -229,7 +229,11 @@ def fusions(count: int = 24) -> Iterator[Case]:
         case["tuned"] |= {"spikes": [places(rows) for rows in fit.spikes], "usable": fit.params is not None}
         if fit.params is not None:
             case["judged"] = fields(judged := ks.judge_fusion(z, fit, dt), "error best sentences")
-            case["sensors"] = [fields(one, "faults share error sentences") for one in judged.sensors]
+            case["sensors"] = [
+                fields(one, "faults share error")
+                | {"sentences": [*(fault.text for fault in one.findings), *one.if_it_fails]}
+                for one in judged.sensors
+            ]
         yield case | fused(z, FilterModel(**model), dt)
 
 
@@ -294,9 +298,9 @@ COMMANDS = (
 def states_judged() -> Iterator[Case]:
     for kind, judged in (("by hand", judged_states()), ("best fit", judged_fits())):
         for name, one in judged:
-            advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.advice]
+            advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.findings]
             case = {"id": f"judged#{kind}, {name}", "advice": advice}
-            yield case | fields(one, "status word tone headline held_out")
+            yield case | fields(one, "status word tone headline") | {"held_out": one.second_half}
 
 
 def commands() -> Iterator[Case]:

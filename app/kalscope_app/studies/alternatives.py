@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.analysis.alternatives.comparison import Alternative, Comparison, compare_alternatives, stretch_of
+from kalscope.analysis.alternatives import Alternative, Comparison, compare_alternatives, stretch_of
 from kalscope.common.array import Array
 from kalscope.tuning.paper_tuning import PaperTuning
 from kalscope_app.engine.cache import Cache

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from kalscope.analysis.alternatives.agreement.words import disagreement
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
-from kalscope.analysis.fit.goal import request_in, still_met
-from kalscope.analysis.fit.run import Run
-from kalscope.analysis.judgement import Judgement, judge, needs_noise
+from kalscope.analysis.findings import request_in, still_met
+from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.residuals import Run
 from kalscope.common.array import Array
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import METHOD_NAMES
@@ -60,7 +59,9 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
 
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
-    return Checks(state, without_residuals(whole), without_residuals(held_out), estimated, judgement, search)
+    whole, held_out = without_residuals(whole), without_residuals(held_out)
+    judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
+    return Checks(state, whole, held_out, estimated, judgement, search)
 
 
 def _of_filter(
@@ -75,7 +76,6 @@ def _of_filter(
         whole,
         held_out,
         estimate,
-        disagreement(answers.method_comparison, tuning.momentum) if answers.method_comparison else "",
         request=still_met(asked, state.params, state.recording.sample_period),
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],

@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
-from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.fusion.result import Fault, FusionVerdict, SensorVerdict
+from kalscope.analysis.fused import FusionJudgement, judge_fusion
 from kalscope_app.engine.cache import Cache
 from kalscope_app.session.fusion import Fusion
 from kalscope_app.session.state import State
 
-Tone = Literal["good", "note", "bad"]
-
-WORDS: dict[Fault, tuple[str, Tone]] = {
-    "drift": ("disagrees", "bad"),
-    "noise": ("disagrees", "bad"),
-    "stuck": ("is stuck", "bad"),
-    "spikes": ("has spikes", "note"),
-    "silent": ("was silent", "note"),
-}
-"""The words for a sensor with a fault, and their colour."""
-
-MAX_NAME = 20
-"""Characters of a sensor's name on the button above the tabs."""
-
 
 @dataclass(frozen=True)
 class Judged:
-    """The verdict on the fused sensors in words; plain text, with names from outside."""
+    """The judgement of the fused sensors on screen; plain text, with names from outside."""
 
-    word: str
-    """On the button above the tabs."""
-    tone: Tone
-    """Its colour."""
-    headline: str
-    """How much better than the best single sensor."""
-    faults: tuple[str, ...]
-    """The sensors with faults, one sentence each."""
+    judgement: FusionJudgement
+    """What fusing brings, and the faults of the sensors."""
     notes: tuple[str, ...]
     """What was found on a held-out stretch, and what cannot be known."""
 
@@ -46,7 +24,7 @@ class FusionJudge:
     """Judges the fused sensors on screen, and keeps the answer while only the view changes."""
 
     def __init__(self) -> None:
-        self._verdicts = Cache[FusionVerdict]()
+        self._verdicts = Cache[FusionJudgement]()
 
     def of(self, state: State) -> Judged | None:
         """The verdict on the fused sensors on screen, in words; None where one channel is on screen."""
@@ -54,10 +32,12 @@ class FusionJudge:
         if fusion is None:
             return None
         self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
-        return judged(fusion, self._verdicts.get(fusion.params, lambda: _verdict(state, fusion)))
+        judgement = self._verdicts.get(fusion.params, lambda: _verdict(state, fusion))
+        half = (judgement.second_half,) if judgement.second_half else ()
+        return Judged(judgement, (*half, *_about_estimate(fusion)))
 
 
-def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
+def _verdict(state: State, fusion: Fusion) -> FusionJudgement:
     found = None if fusion.dropped else fusion.estimate
     return judge_fusion(
         state.recording.values[:, fusion.columns(state.recording)],
@@ -67,33 +47,6 @@ def _verdict(state: State, fusion: Fusion) -> FusionVerdict:
         unit=fusion.tuning.unit,
         sample_period=state.recording.sample_period,
     )
-
-
-def judged(fusion: Fusion, verdict: FusionVerdict) -> Judged:
-    """The verdict as it appears on screen."""
-    odd = [one for one in verdict.sensors if one.faults]
-    faults = dict.fromkeys(sentence for one in odd for sentence in one.sentences[: len(one.faults)])
-    seen = [one for one in verdict.sentences if one.startswith("In the second half")]
-    word, tone = _word(odd, shared=verdict.shared is not None)
-    return Judged(
-        word,
-        tone,
-        verdict.headline,
-        tuple(faults),
-        (*seen, *_about_estimate(fusion)),
-    )
-
-
-def _word(odd: list[SensorVerdict], *, shared: bool) -> tuple[str, Tone]:
-    """The label of the button, and its colour, for these sensors with faults, or noise that sensors share."""
-    if shared and not odd:
-        return "sensors share noise", "bad"
-    if not odd:
-        return "fused", "good"
-    tone = "bad" if any(WORDS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
-    if len(odd) > 1:
-        return f"check {len(odd)} sensors", tone
-    return f"{odd[0].name[:MAX_NAME]} {WORDS[odd[0].faults[0]][0]}", tone
 
 
 def _about_estimate(fusion: Fusion) -> tuple[str, ...]:

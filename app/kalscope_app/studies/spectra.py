@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.analysis.noise.allan import AllanDeviation, allan_deviation
-from kalscope.analysis.noise.spectrum import Spectrum, magnitude_response, spectrum
+from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.array import Array
 from kalscope_app.session.state import State
 

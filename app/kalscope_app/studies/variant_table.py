@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
-from kalscope.analysis.fit.run import Run
+from kalscope.analysis.residuals import Run
 from kalscope.filtering.chosen import filter_at
 from kalscope.filtering.steady_state import SteadyState
 from kalscope.tuning.paper_tuning import PaperTuning

@@ -1,42 +1,11 @@
-"""Advice: a sentence, and a value that names the action to take.
+"""What can be done about a finding, as a value.
 
 The command line turns an action into the option that does it, the dashboard into a button.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Literal
-
-Status = Literal[
-    "fits",
-    "rounded",
-    "vague",
-    "weak",
-    "too_few",
-    "constant",
-    "start",
-    "spikes",
-    "bursts",
-    "too_slow",
-    "too_fast",
-    "band",
-    "as_chosen",
-    "structure",
-    "changes",
-    "steps",
-    "gate",
-    "shape",
-    "methods_differ",
-    "no_pair",
-]
-"""The most urgent finding: "fits"; "rounded", more coarsely than the noise; "vague", the record leaves q/r open;
-"weak", the best fit hardly filters; "too_few" or "constant", nothing to judge; "start", the given x0 is off;
-"spikes", isolated ones; "bursts", too many to be outliers; "too_slow" or "too_fast"; "band", q and r wrong by
-one factor; "as_chosen", the best fit is another filter than the chosen one; "structure", the model does not
-describe the signal; "changes", its errors change during the record; "steps", it jumps; "gate", the gate rejects
-too much; "shape", its errors are not normal; "methods_differ"; "no_pair", there is no q and r to judge."""
 
 
 @dataclass(frozen=True)
@@ -132,19 +101,3 @@ Action = (
     | RecordLonger
 )
 """Every action; a program that applies advice must handle each of them."""
-
-
-@dataclass(frozen=True)
-class Advice:
-    """What was found, and what to do about it."""
-
-    text: str
-    """One clause without capital and full stop, such as "too slow: raise q about 10 ×"; true without the action."""
-    action: Action | None = None
-    """The action to take; None where there is nothing to do."""
-
-
-def as_sentences(said: str) -> str:
-    """Advice as sentences, each with a capital and a full stop; symbols stay as they are."""
-    said = re.sub(r"(^|\. )([a-z])(?=[a-z])", lambda m: m[1] + m[2].upper(), said)
-    return said if said.endswith(".") else f"{said}."

@@ -23,10 +23,7 @@ MEASUREMENT = ""
 POSITION, RISING, SPARSE, CODE = "a position", "rises at every sample", "mostly missing", "a code"
 FLAG, TIME_STEP, DATE_PART = "only two values", "the time between samples", "part of a date or time"
 COUNTER, CLOCK, CONSTANT, EMPTY = "a counter", "a clock", "constant", "empty"
-KINDS = (
-    *(MEASUREMENT, POSITION, RISING, SPARSE, CODE, FLAG, TIME_STEP),
-    *(DATE_PART, COUNTER, CLOCK, CONSTANT, EMPTY),
-)
+KINDS = (MEASUREMENT, POSITION, RISING, SPARSE, CODE, FLAG, TIME_STEP, DATE_PART, COUNTER, CLOCK, CONSTANT, EMPTY)
 """From the channel to tune to the one that nothing can be learnt from."""
 
 MIN_SAMPLES = 8
@@ -71,12 +68,12 @@ _NO_NAME = {"value", "column"}
 """What a column without a name is called."""
 _DATE_PARTS = {
     **dict.fromkeys(("year", "yyyy"), (1900, 2200)),
-    **dict.fromkeys(("month",), (1, 12)),
-    **dict.fromkeys(("day", "weekday"), (0, 31)),
     **dict.fromkeys(("doy", "jday", "yday"), (1, 366)),
-    **dict.fromkeys(("hour",), (0, 24)),
+    **dict.fromkeys(("day", "weekday"), (0, 31)),
     **dict.fromkeys(("minute", "second"), (0, 60)),
-    **dict.fromkeys(("hhmm",), (0, 2400)),
+    "month": (1, 12),
+    "hour": (0, 24),
+    "hhmm": (0, 2400),
 }
 """Limits of a part of a date or clock, by the words of its name."""
 _DATE_WORDS = _DATE_PARTS.keys() | {"yr", "mon", "mm", "dd", "hr", "hh", "min", "ss"}

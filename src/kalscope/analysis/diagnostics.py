@@ -13,13 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.analysis import residual_tests
-from kalscope.analysis.fit.correction import MIN_SAMPLES
-from kalscope.analysis.fit.findings import Findings, find_misfits
-from kalscope.analysis.fit.record import finite
-from kalscope.analysis.fit.run import Columns, Run
-from kalscope.analysis.fit.spikes import Spikes
-from kalscope.analysis.fit.words import NO_FAULT, Known, advice_text, findings_in_words
+from kalscope.analysis import residuals as tests
+from kalscope.analysis.correction import MIN_SAMPLES, finite
+from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
+from kalscope.analysis.residuals import Columns, Run, Spikes
 from kalscope.common.array import Array, Indices
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
@@ -28,8 +25,6 @@ from kalscope.filtering.filter import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams
 
 Fit = Callable[[Array, Array | None], FilterParams]
-
-__all__ = ["NO_FAULT", "Diagnostics", "Fit", "diagnose", "diagnose_held_out", "expected_nis"]
 
 MAX_RESIDUAL = 1e60
 """Residuals are clipped here, so that their fourth powers stay finite."""
@@ -102,8 +97,8 @@ class Diagnostics:
     """Advised factor for r; 1 = keep."""
     nis_before: float = 1.0
     """Of `diagnose_held_out`: the mean of e² on the first half; 1 where that is not known."""
-    findings: Findings = field(default_factory=lambda: Findings(0))
-    """The evidence against the filter, for `analysis.judgement`; found in all samples."""
+    evidence: Evidence = field(default_factory=lambda: Evidence(0))
+    """The evidence against the filter, for `analysis.judge`; found in all samples."""
 
 
 def diagnose(
@@ -164,7 +159,7 @@ def diagnose_held_out(
     squares, count = 0.0, 0
     for _, columns in whole.part(0, half).pieces():
         seen = finite(_standardised(columns))
-        squares, count = squares + residual_tests.dot(seen, seen), count + len(seen)
+        squares, count = squares + tests.dot(seen, seen), count + len(seen)
     return replace(judged, nis_before=squares / count) if squares else judged
 
 
@@ -177,41 +172,36 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         fitted: as for `diagnose`.
         first: index of its first sample in the record; 0 = it is the first, and may follow a given start.
     """
-    e, residuals = np.empty(run.n), _Residuals(run.n)
-    for begin, columns in run.pieces():
-        own = _standardised(columns)
-        e[begin : begin + len(own)] = own
-        residuals.take(begin, own, columns)
+    e, (k, v, s), refusals, prior = _scores(run)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
     known = Known(estimated=fitted)
     if n < MIN_SAMPLES:
-        few = Findings(n, momentum=run.momentum > 0.0)
-        return Diagnostics(e=e, n=n, advice=advice_text(findings_in_words(few, known)), findings=few)
-    spikes = Spikes.among(scored, *residuals.taken(), residuals.prior and not first)
-    refusals = residuals.refusals()
-    del residuals
+        few = Evidence(n, momentum=run.momentum > 0.0)
+        return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)
+    spikes = Spikes.among(scored, k, v, s, prior and not first)
+    del k, v, s
     h = lags or min(max(round(math.sqrt(n)), 4), 20)
-    white = residual_tests.correlation(e, h, fitted)
-    nis_low, nis_high = residual_tests.nis_band(n)
-    variance_ratio, variance_ratio_p = residual_tests.variance_change(scored)
-    skewness, excess, normality, normality_p = residual_tests.normality(scored)
-    slow_share, slow_samples, slow_p = residual_tests.low_frequency_share(scored)
-    found = find_misfits(run, seen, scored, spikes, refusals, h)
+    white = tests.correlation(e, h, fitted)
+    nis_low, nis_high = tests.nis_band(n)
+    variance_ratio, variance_ratio_p = tests.variance_change(scored)
+    skewness, excess, normality, normality_p = tests.normality(scored)
+    slow_share, slow_samples, slow_p = tests.low_frequency_share(scored)
+    evidence = find_evidence(run, seen, scored, spikes, refusals, h)
     return Diagnostics(
         e=e,
         n=n,
-        advice=advice_text(findings_in_words(found, known)),
+        advice=advice_text(findings_of(evidence, known)),
         correlation=white.r,
         r1=float(white.r[0]),
         r1_bound=white.bound,
         ljung_box=white.q,
         ljung_box_p=white.p,
-        nis=residual_tests.dot(scored, scored) / n,
+        nis=tests.dot(scored, scored) / n,
         nis_low=nis_low,
         nis_high=nis_high,
         spikes=len(spikes.at),
-        spikes_expected=residual_tests.spike_chance(0, n)[0],
+        spikes_expected=tests.spike_chance(0, n)[0],
         spike_indices=seen[spikes.at[:20]] + first,
         jumps=spikes.jumps,
         variance_ratio=variance_ratio,
@@ -223,9 +213,9 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         slow_share=slow_share,
         slow_samples=slow_samples,
         slow_p=slow_p,
-        q_factor=found.correction.q_factor,
-        r_factor=found.correction.r_factor,
-        findings=found,
+        q_factor=evidence.correction.q_factor,
+        r_factor=evidence.correction.r_factor,
+        evidence=evidence,
     )
 
 
@@ -237,8 +227,8 @@ def _values_at(e: Array, at: Indices) -> Array:
 
 def without_residuals(one: Diagnostics) -> Diagnostics:
     """The same without its arrays of all samples, to be kept: no view shows each residual."""
-    correction = replace(one.findings.correction, e=None)
-    return replace(one, e=np.empty(0), findings=replace(one.findings, correction=correction))
+    correction = replace(one.evidence.correction, e=None)
+    return replace(one, e=np.empty(0), evidence=replace(one.evidence, correction=correction))
 
 
 def _standardised(columns: Columns) -> Array:
@@ -250,37 +240,29 @@ def _standardised(columns: Columns) -> Array:
     return np.clip(e, -MAX_RESIDUAL, MAX_RESIDUAL, out=e)
 
 
-class _Residuals:
-    """What the search for spikes needs of the scored samples, collected piece by piece."""
+def _scores(run: Run) -> tuple[Array, Array, Indices, bool]:
+    """The standardised innovations, and what the search for spikes needs of the scored ones, N of them.
 
-    def __init__(self, n: int) -> None:
-        self._rows, self._count = np.empty((3, n)), 0
-        self._refused: list[NDArray[np.int64]] = []
-        self._begun = False
-        self.prior = False
-        """Whether the first sample was scored: x0 was given, and no sample set the start."""
-
-    def take(self, first: int, e: Array, columns: Columns) -> None:
-        """The rows of a piece, and its standardised innovations."""
+    Returns:
+        e, shape (n,); gain, innovation and its variance of the scored samples, shape (3, N); the samples that the
+        gate rejected, ascending; whether the first sample was scored: x0 was given, and no sample set the start.
+    """
+    e, rows, count = np.empty(run.n), np.empty((3, run.n)), 0
+    refused, prior = [np.zeros(0, dtype=np.int64)], None
+    for first, columns in run.pieces():
         _, p, k, v, s = columns
-        scored = np.isfinite(e)
-        end = self._count + int(np.count_nonzero(scored))
-        for row, column in zip(self._rows, (k, v, s), strict=True):
-            row[self._count : end] = column[scored]
-        self._count = end
-        self._refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
+        piece = _standardised(columns)
+        e[first : first + len(piece)] = piece
+        scored = np.isfinite(piece)
+        end = count + int(np.count_nonzero(scored))
+        for row, column in zip(rows, (k, v, s), strict=True):
+            row[count:end] = column[scored]
+        count = end
+        refused.append(first + np.flatnonzero(was_rejected(k, p, v)))
         met = (k > 0.0) | np.isfinite(v)
-        if not self._begun and met.any():
-            self._begun, self.prior = True, bool(np.isfinite(v[np.argmax(met)]))
-
-    def taken(self) -> tuple[Array, Array, Array]:
-        """Gain, innovation and its variance of the scored samples, shape (N,) each."""
-        k, v, s = self._rows[:, : self._count]
-        return k, v, s
-
-    def refusals(self) -> NDArray[np.int64]:
-        """The samples that the gate rejected, ascending."""
-        return np.concatenate(self._refused) if self._refused else np.zeros(0, dtype=np.int64)
+        if prior is None and met.any():
+            prior = bool(np.isfinite(v[np.argmax(met)]))
+    return e, rows[:, :count], np.concatenate(refused), bool(prior)
 
 
 def _check_lags(lags: object) -> None:

@@ -59,11 +59,6 @@ class Estimate:
     prediction_gain: float = 0.0
     """By which fraction momentum makes the one-step error smaller on samples that the fit had not seen, below 0
     where larger; 0 where that was not tried."""
-    agreement: float = 1.0
-    """Of `compare_methods`: the share of records simulated under the maximum-likelihood pair in which this method
-    lies as far from it, 0 … 1; 1 where it does not count."""
-    not_counted: str = ""
-    """Of `compare_methods`: why this second opinion does not count; "" where it does."""
     outliers: NDArray[np.bool_] | None = None
     """Samples that the spike-proof fit set aside, shape of z; None where it was not used."""
     outlier_share: float = 0.0

@@ -159,6 +159,6 @@ def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_coun
     result = kalman_filter(one.channel("z"), state.params)
     assert frame.refused is not None
     assert int(np.isfinite(frame.refused).sum()) == frame.rejected == result.rejected >= 3
-    assert frame.rejected == diagnose(result).findings.refused
+    assert frame.rejected == diagnose(result).evidence.refused
     assert set(np.flatnonzero(np.isfinite(frame.refused))) >= {100, 400, 401}
     assert frame_of(state.with_tuning(gate=None)).refused is None

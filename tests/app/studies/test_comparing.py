@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, open_source
-from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.alternatives.verdict import Difference
+from kalscope.analysis.alternatives import compare_alternatives
+from kalscope.analysis.filter_errors import Difference
 from kalscope.filtering.classic.chain import Chain
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.session.changes.parameters import use_paper_filter

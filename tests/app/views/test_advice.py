@@ -11,8 +11,8 @@ import pytest
 
 from kalscope import Recording, estimate
 from kalscope.analysis import actions
-from kalscope.analysis.actions import Advice
-from kalscope.analysis.judgement import Judgement
+from kalscope.analysis.findings import Finding
+from kalscope.analysis.judge import Judgement
 from kalscope.estimation.finding import Found, Noise, Request
 from kalscope_app.session.changes.parameters import apply_found
 from kalscope_app.session.opening import opened
@@ -129,9 +129,9 @@ def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state)
     checks = compute_checks(failed, lambda _state: (100, 301))
     assert checks.urgent is checks.search
     assert checks.urgent.status == "no_pair"
-    assert checks.urgent.advice[0].action == actions.UseStillStretch(100, 301)
+    assert checks.urgent.findings[0].action == actions.UseStillStretch(100, 301)
     without = compute_checks(failed).urgent
-    assert without.advice[0].action == actions.GiveNoise()
+    assert without.findings[0].action == actions.GiveNoise()
     assert compute_checks(state).search is None
     assert compute_checks(failed.with_tuning(q=7.0)).search is None  # the user has gone on
 
@@ -175,8 +175,11 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     session = Session(state)
     view, checks = VerdictView(Widgets(), session), compute_checks(state)
     view.build_reasons(Widgets())
-    advice = (Advice("spikes: 3", actions.SetGate(4.0)), Advice("too few", actions.RecordLonger(20)))
-    bad = Judgement("spikes", "Spikes mislead the fit.", advice, word="spikes", tone="bad")
+    advice = (
+        Finding("spikes", "spikes: 3", actions.SetGate(4.0)),
+        Finding("too_few", "too few", actions.RecordLonger(20)),
+    )
+    bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))
     assert (view._word.label, view._word.color) == ("spikes", COLOURS["bad"])
     assert view._headline.content == "**Spikes mislead the fit.**"
@@ -184,7 +187,9 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
     assert [row._text.visible for row in (first, second)] == [True, True]
     assert [row._button.visible for row in (first, second)] == [True, False]
-    view.show_checks(replace(checks, judgement=Judgement("fits", "It fits.", word="fits", tone="good")))
+    view.show_checks(
+        replace(checks, judgement=Judgement(status="fits", headline="It fits.", word="fits", tone="good"))
+    )
     assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
     assert not any(row._text.visible or row._button.visible for row in (first, second))
     view.show_checks(None)

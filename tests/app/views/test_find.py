@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, estimate, open_source, steady_state
-from kalscope.analysis.actions import as_sentences
+from kalscope.analysis.findings import as_sentences
 from kalscope.cli.tune.answer import answer_for
 from kalscope.cli.tune.options import TuneOptions
 from kalscope.common.progress import Progress
@@ -84,7 +84,7 @@ def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     assert answer.found.params is not None
     tuned = compute_checks(apply_found(at.recording, at.channel, answer.found)(at)).judgement
     said = answer.judgement
-    assert (tuned.word, tuned.headline, tuned.advice) == (said.word, said.headline, said.advice)
+    assert (tuned.word, tuned.headline, tuned.findings) == (said.word, said.headline, said.findings)
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):
@@ -259,19 +259,20 @@ def test_opinions_belong_to_their_channel(state):
     opinions = compare_methods(state.recording.channel("a"))
     asked = set_method_comparison(state.recording, "a", opinions)(state)
     assert comparison_text(asked).count("\n|") >= 6
-    assert "no more than chance explains" in comparison_text(asked)
+    assert "95 % interval of maximum likelihood" in comparison_text(asked)
     assert "without momentum" in comparison_text(asked)  # and so they may find no noise where the search does
     assert select_channel("b")(asked).answers.method_comparison == ()
     assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
 
 
 @pytest.mark.slow
-def test_opinions_on_a_sine_name_the_disagreement():
+def test_opinions_on_a_sine_lie_outside_the_interval():
     n = 3000
     z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)
     state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
     asked = set_method_comparison(state.recording, "z", compare_methods(z))(state)
-    assert "The model does not describe this signal" in comparison_text(asked)
+    assert "Outside the 95 % interval of maximum likelihood: " in comparison_text(asked)
+    assert "| no |" in comparison_text(asked)
 
 
 def test_spikes_that_were_set_aside_are_not_compared(state):

@@ -104,23 +104,23 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
 def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     judge = FusionJudge()
     good = judge.of(state)
-    assert (good.word, good.tone, good.faults) == ("fused", "good", ())
-    assert "less" in good.headline
+    assert (good.judgement.word, good.judgement.tone, good.judgement.findings) == ("fused", "good", ())
+    assert "less" in good.judgement.headline
     assert any("offset" in note for note in good.notes)
     drifting = fused(greenhouse(drift=2.0))
-    bad = judge.of(drifting)
+    bad = judge.of(drifting).judgement
     assert (bad.word, bad.tone) == ("door disagrees", "bad")
-    assert "door drifts" in bad.faults[0]
-    assert judge.of(set_taking_part("door", False)(drifting)).tone == "good"
+    assert "door drifts" in bad.findings[0].text
+    assert judge.of(set_taking_part("door", False)(drifting)).judgement.tone == "good"
     assert judge.of(select_channel("roof")(drifting)) is None
     alike = greenhouse()
     alike.values[:, 1:3] += np.random.default_rng(3).normal(0.0, 0.5, (800, 1))
-    shared = judge.of(fused(alike))
+    shared = judge.of(fused(alike)).judgement
     assert (shared.word, shared.tone) == ("sensors share noise", "bad")
     assert "roof and door share noise (correlation 0.8" in shared.headline
     silent = greenhouse()
     silent.values[300:500, 1] = np.nan
-    quiet = judge.of(fused(silent))
+    quiet = judge.of(fused(silent)).judgement
     assert (quiet.word, quiet.tone) == ("roof was silent", "note")
 
 

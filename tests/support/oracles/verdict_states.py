@@ -14,7 +14,7 @@ import numpy as np
 
 from kalscope import FilterParams, diagnose_held_out, kalman_filter
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.judgement import Judgement, judge
+from kalscope.analysis.judge import Judgement, judge
 
 N = 1600
 T = np.arange(float(N))
@@ -157,7 +157,7 @@ def main() -> None:
             f"{state.name():44} NIS {d.nis:<9.3g} half {row.half.nis:<9.3g} r1 {d.r1:+.2f} LB p {d.ljung_box_p:.1e}"
         )
         print(f"    [{said.word}, {said.tone}] {said.headline}")
-        for one in said.advice:
+        for one in said.findings:
             print(f"      - {one.text}  {one.action or ''}")
 
 

@@ -28,7 +28,7 @@ from kalscope import (
     read_recording,
     smooth,
 )
-from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.estimation.fleet.held_out import held_out
 from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32

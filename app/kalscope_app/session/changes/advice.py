@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kalscope.analysis import actions
-from kalscope.analysis.fit.goal import request_in
+from kalscope.analysis.findings import request_in
 from kalscope_app.session.changes.parameters import set_automatic_start
 from kalscope_app.session.state import Change, State
 

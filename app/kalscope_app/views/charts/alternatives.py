@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from kalscope.analysis.alternatives.comparison import Alternative
-from kalscope.analysis.alternatives.verdict import MIN_OVERSHOOT, Difference
+from kalscope.analysis.alternatives import Alternative
+from kalscope.analysis.filter_errors import MIN_OVERSHOOT, Difference
 from kalscope.common.text import count, decibels, lag_text, number, percent
 from kalscope_app.session.changes.chain import use_chain
 from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from kalscope.analysis import actions
-from kalscope.analysis.fit.goal import times
+from kalscope.analysis.findings import times
 from kalscope.common.text import trimmed
 from kalscope.estimation.finding import Noise, Request
 from kalscope_app.session.changes.advice import FOR_LAG, change_for, is_same_signal

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import expected_nis
-from kalscope.analysis.fit.correction import MIN_SAMPLES
 from kalscope.common.array import Array
 from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope_app.studies.checks import Checks

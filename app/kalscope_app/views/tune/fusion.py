@@ -18,6 +18,7 @@ from kalscope_app.views.binding import offer, on_user, put
 from kalscope_app.views.markdown import escape_markdown
 from kalscope_app.views.slow_job import SlowJobProgress
 from kalscope_app.views.tune.controls.sensor import SensorControl
+from kalscope_app.views.tune.verdict import reasons_of
 
 HOW = "Tick the channels that measure the same quantity. Their noise and offsets are found from the recording."
 
@@ -90,6 +91,5 @@ class FusionView:
     def show_judged(self, judged: object) -> None:
         """Show what the fused value is worth, and which sensor disagrees; any other answer is about one channel."""
         if isinstance(judged, Judged):
-            headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
-            put(self._said, content="\n\n".join([f"**{headline}**", *faults]))
+            put(self._said, content=reasons_of(judged))
             put(self._notes, content="\n\n".join(escape_markdown(one, 400) for one in judged.notes))

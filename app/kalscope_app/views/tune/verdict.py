@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import viser
 
-from kalscope.analysis.actions import Action, Advice, as_sentences
-from kalscope.analysis.judgement import MAX_ADVICE, Judgement
+from kalscope.analysis.actions import Action
+from kalscope.analysis.findings import Finding, as_sentences
+from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes.view import set_why_shown
 from kalscope_app.session.session import Session
@@ -55,9 +56,8 @@ class VerdictView:
             row.show(None, None)
 
     def _show_judged(self, judged: Judged) -> None:
-        self._word.label, self._word.color = judged.word, COLOURS[judged.tone]
-        headline, *faults = (escape_markdown(one, 400) for one in (judged.headline, *judged.faults))
-        self._headline.content = "\n\n".join([f"**{headline}**", *faults])
+        self._word.label, self._word.color = word_of(judged.judgement)
+        self._headline.content = reasons_of(judged)
         for row in self._advice:
             row.show(None, None)
 
@@ -69,9 +69,16 @@ class VerdictView:
         judgement = None if checks is None else checks.urgent
         self._word.label, self._word.color = word_of(judgement)
         self._headline.content = UNJUDGED if judgement is None else f"**{judgement.headline}**"
-        advice = () if judgement is None else judgement.advice
+        advice = () if judgement is None else judgement.findings
         for i, row in enumerate(self._advice):
             row.show(advice[i] if i < len(advice) else None, checks)
+
+
+def reasons_of(judged: Judged) -> str:
+    """The headline and the faults of fused sensors, as markdown."""
+    judgement = judged.judgement
+    faults = [escape_markdown(one.text, 400) for one in judgement.findings]
+    return "\n\n".join([f"**{escape_markdown(judgement.headline, 400)}**", *faults])
 
 
 def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
@@ -98,7 +105,7 @@ class AdviceRow:
 
         on_user(self._button.on_click, lambda _client: click())
 
-    def show(self, advice: Advice | None, checks: Checks | None) -> None:
+    def show(self, advice: Finding | None, checks: Checks | None) -> None:
         """Write the advice; without one, or without anything to do about it, take the row or the button away."""
         action = None if advice is None else advice.action
         label = "" if checks is None else label_of(action, checks.state)

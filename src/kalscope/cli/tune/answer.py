@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kalscope.analysis.alternatives.agreement.comparison import compare_methods
-from kalscope.analysis.alternatives.agreement.words import disagreement
-from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-from kalscope.analysis.fit.correction import MIN_SAMPLES
-from kalscope.analysis.judgement import Judgement, judge, needs_noise
+from kalscope.analysis.correction import MIN_SAMPLES
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run
+from kalscope.analysis.estimators import compare_methods
+from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.residuals import Run
 from kalscope.common.array import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.estimate import estimate
 from kalscope.estimation.finding import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.methods.still_stretch import find_still_stretch
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.steady_state import SteadyState, steady_state
 from kalscope.recording import Recording
 
@@ -48,13 +47,8 @@ class Answer:
     """All methods side by side, maximum likelihood first."""
     steady: SteadyState | None
     """The settled filter; None without a pair."""
-    residuals: Diagnostics | None
-    """The pair judged on the whole record; None without a pair."""
-    held_out: Diagnostics | None
-    """A pair found in the first half, judged on the second; None where one of them has too little data."""
-
     judgement: Judgement
-    """Whether the pair fits, and what to do next."""
+    """Whether the pair fits, and what to do next; `held_out` is of a pair found in the first half."""
 
     @property
     def verdict(self) -> str:
@@ -67,14 +61,11 @@ class Answer:
         return self.found.estimate or self.opinions[0]
 
     @property
-    def disagreement(self) -> str:
-        """How the methods contradict maximum likelihood, "" where they do not."""
-        return disagreement(self.opinions, self.momentum)
-
-    @property
     def momentum(self) -> float:
         """Momentum of the answer in sample periods, with or without a pair; 0 without."""
-        return momentum_of(self.found)
+        if self.found.params is not None:
+            return self.found.params.momentum
+        return 0.0 if self.found.estimate is None else self.found.estimate.momentum
 
 
 def answer_for(
@@ -99,8 +90,9 @@ def answer_for(
     found = _with_gate(found, gate)
     opinions = compare_methods(_without_spikes(z, dt, request, found), dt, progress=progress.part(0.3, 0.7))
     progress(0.7, "judging the answer")
-    residuals, held_out = _residuals(z, dt, found), None
+    residuals = held_out = None
     if found.params is not None:
+        residuals = diagnose_run(Run.of_samples(z, found.params, dt), fitted=found.estimate is not None)
         held_out = _held_out(z, dt, period, request, progress.part(0.8, 1.0))
     return Answer(
         channel=channel,
@@ -112,9 +104,14 @@ def answer_for(
         found=found,
         opinions=opinions,
         steady=None if found.params is None else steady_state(found.params, period),
-        residuals=residuals,
-        held_out=held_out,
-        judgement=_judged(request, found, opinions, residuals, held_out, _still(z, dt, found.estimate), unit),
+        judgement=judge(
+            residuals,
+            held_out,
+            found.estimate,
+            request,
+            still=find_still_stretch(z, dt) if needs_noise(found.estimate) else None,
+            unit=unit,
+        ),
     )
 
 
@@ -132,45 +129,6 @@ def _with_gate(found: Found, gate: float | None) -> Found:
     if gate is None or found.params is None:
         return found
     return replace(found, params=replace(found.params, gate=None if math.isnan(gate) else gate))
-
-
-def _residuals(z: Array, dt: Array | None, found: Found) -> Diagnostics | None:
-    if found.params is None:
-        return None
-    judged = diagnose(kalman_filter(z, found.params, dt), fitted=found.estimate is not None)
-    return judged if isinstance(judged, Diagnostics) else None
-
-
-def _judged(
-    request: Request,
-    found: Found,
-    opinions: tuple[Estimate, ...],
-    residuals: Diagnostics | None,
-    held_out: Diagnostics | None,
-    still: tuple[int, int] | None,
-    unit: str,
-) -> Judgement:
-    return judge(
-        residuals,
-        held_out,
-        found.estimate,
-        disagreement(opinions, momentum_of(found)),
-        request=request,
-        still=still,
-        unit=unit,
-    )
-
-
-def _still(z: Array, dt: Array | None, estimate: Estimate | None) -> tuple[int, int] | None:
-    """The still stretch to offer where the record leaves r open."""
-    return find_still_stretch(z, dt) if needs_noise(estimate) else None
-
-
-def momentum_of(found: Found) -> float:
-    """Momentum in sample periods, with or without a pair; 0 without."""
-    if found.params is not None:
-        return found.params.momentum
-    return 0.0 if found.estimate is None else found.estimate.momentum
 
 
 def _held_out(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from kalscope.analysis.actions import as_sentences
-from kalscope.analysis.alternatives.agreement.words import comparison
 from kalscope.analysis.diagnostics import expected_nis
-from kalscope.analysis.judgement import advice_words
+from kalscope.analysis.estimators import WITHOUT_NUMBERS, comparison, is_within
+from kalscope.analysis.findings import as_sentences
+from kalscope.analysis.judge import advice_words
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, between, wrapped
 from kalscope.common.text import (
@@ -26,13 +26,10 @@ from kalscope.common.text import (
 )
 from kalscope.estimation.finding import METHOD_NAMES
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict.conclude import gain_of, lag_of
+from kalscope.estimation.verdict.conclude import lag_of
 from kalscope.filtering.arrays import scalar
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady_state import SteadyState, steady_state
-
-SILENT = ("too_few", "constant", "bad_unit", "irregular")
-"""Verdicts without numbers."""
 
 
 def details_of(answer: Answer) -> str:
@@ -106,25 +103,25 @@ def _interval(answer: Answer) -> str:
 def _opinions(answer: Answer) -> Iterator[str]:
     without = " without momentum" if answer.momentum else ""
     yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
-    yield _row("method", "q", "r", "gain", "lag", "verdict")
+    yield _row("method", "q", "r", "lag", "in 95 %", "verdict")
     for one in answer.opinions:
-        yield _row(METHOD_NAMES[one.method], *_cells(one), VERDICT_WORDS[str(one.verdict)])
+        yield _row(METHOD_NAMES[one.method], *_cells(one, answer.opinions[0]), VERDICT_WORDS[str(one.verdict)])
     yield from wrapped(comparison(answer.opinions, answer.momentum))
 
 
-def _cells(one: Estimate) -> tuple[str, str, str, str]:
-    if one.verdict in SILENT:
+def _cells(one: Estimate, best: Estimate) -> tuple[str, str, str, str]:
+    if one.verdict in WITHOUT_NUMBERS:
         return "–", "–", "–", "–"
-    ratio = one.ratio
-    return number(one.q), number(one.r), number(gain_of(ratio)), number(lag_of(ratio))
+    inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
+    return number(one.q), number(one.r), number(lag_of(one.ratio)), inside
 
 
-def _row(method: str, q: str, r: str, gain: str, lag: str, verdict: str) -> str:
-    return f"  {method:<32}{q:>12}{r:>12}{gain:>11}{lag:>11}  {verdict}"
+def _row(method: str, q: str, r: str, lag: str, inside: str, verdict: str) -> str:
+    return f"  {method:<32}{q:>12}{r:>12}{lag:>11}{inside:>9}  {verdict}"
 
 
 def _trust(answer: Answer) -> Iterator[str]:
-    judged, held = answer.residuals, answer.held_out
+    judged, held = answer.judgement.residuals, answer.judgement.held_out
     if judged is None:
         return
     yield from wrapped(f"Advice: {as_sentences(advice_words(answer.judgement))}")
@@ -138,4 +135,4 @@ def _trust(answer: Answer) -> Iterator[str]:
         return
     band = f"{number(held.nis)}, expected {expected_nis(held)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
-    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.held_out}.")
+    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.second_half}.")

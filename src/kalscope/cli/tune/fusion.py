@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.fusion.result import FusionVerdict
+from kalscope.analysis.fused import FusionJudgement, SensorJudgement, judge_fusion
 from kalscope.cli.tune.options import TuneOptions
 from kalscope.cli.tune.saved import save
 from kalscope.cli.tune.words import between, momentum_and_gate, wrapped
@@ -78,7 +77,7 @@ class FusionAnswer:
     """How it was found, for the tuning file."""
     steady: SteadyState | None
     """The settled filter while all sensors answer; None without a filter."""
-    verdict: FusionVerdict | None
+    verdict: FusionJudgement | None
     """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 
@@ -221,10 +220,9 @@ def summary_of(answer: FusionAnswer) -> list[str]:
     if params is None or verdict is None:
         choose = [NOTHING_FOUND] if fit.verdict in ("no_noise", "no_movement") else []
         return _page(_nothing(answer), fit.message, *fit.notes, *choose)
-    first = verdict.sentences[: 2 if verdict.held_out else 1]  # the headline, and the second half
-    lines = _page(*first, _filter(answer, params)) + list(_table(answer, params, verdict))
-    faults = [sentence for one in verdict.sensors for sentence in one.sentences[: len(one.faults)]]
-    notes = [*dict.fromkeys(faults), *_about_fit(answer, params), *fit.notes]
+    lines = _page(verdict.headline, verdict.second_half, _filter(answer, params))
+    lines += list(_table(answer, params, verdict))
+    notes = [*(one.text for one in verdict.findings), *_about_fit(answer, params), *fit.notes]
     return lines + _page(*notes, _next(answer, params, verdict))
 
 
@@ -234,7 +232,7 @@ def details_of(answer: FusionAnswer) -> list[str]:
     of_fit = "" if answer.request.goal else f" {fit.message}"  # which says how the fit settles, not what was chosen
     lines = ["", *wrapped(f"How: {answer.how}.{of_fit}"), "", "Where a sensor fails:"]
     for one in () if answer.verdict is None else answer.verdict.sensors:
-        lines += wrapped("  " + " ".join(one.sentences[len(one.faults) :]))
+        lines += wrapped("  " + " ".join(one.if_it_fails))
     lines += ["", "The record allows (95 %):"]
     q = between(*fit.q_interval.tolist())
     lines.append(f"  q {q} {squared(answer.unit)}")
@@ -273,7 +271,7 @@ def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> str:
+def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> str:
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
     odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
@@ -308,7 +306,7 @@ def _filter(answer: FusionAnswer, params: FilterParams) -> str:
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 
-def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionVerdict) -> Iterator[str]:
+def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     gains = _has_gains(answer)
     head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "error alone", "without it")
@@ -363,7 +361,7 @@ def as_plain(answer: FusionAnswer) -> dict[str, Any]:
             "offset_interval": fit.offset_interval[i].tolist(),
             "gain_interval": fit.gain_interval[i].tolist(),
             "spikes": fit.spikes[i].tolist(),
-            "judgement": None if verdict is None else asdict(verdict.sensors[i]),
+            "judgement": None if verdict is None else _sensor(verdict.sensors[i]),
         }
         for i, name in enumerate(answer.sensors)
     ]
@@ -382,7 +380,7 @@ def as_plain(answer: FusionAnswer) -> dict[str, Any]:
         "loglik": fit.loglik,
         "steady": None if answer.steady is None else asdict(answer.steady),
         "error": None if verdict is None else verdict.error,
-        "held_out": None if verdict is None or verdict.held_out is None else asdict(verdict.held_out),
+        "held_out": None if verdict is None or verdict.prediction is None else asdict(verdict.prediction),
         "judgement": [] if verdict is None else list(verdict.sentences),
         "sensors": sensors,
     }
@@ -408,3 +406,12 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
 def _shared(found: FusionEstimate) -> dict[str, Any] | None:
     one = found.shared
     return one and {"sensors": [found.names[i] for i in one.sensors], "correlation": one.correlation}
+
+
+def _sensor(one: SensorJudgement) -> dict[str, Any]:
+    names = (
+        *("name", "share", "answered", "error", "error_without", "shares_without", "pull"),
+        *("drift", "noise_ratio", "spikes", "stuck", "silent", "faults"),
+    )
+    sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
+    return {**{name: getattr(one, name) for name in names}, "sentences": sentences}

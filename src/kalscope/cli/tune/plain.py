@@ -8,7 +8,8 @@ from typing import Any, cast
 
 from kalscope.analysis.actions import Action
 from kalscope.analysis.diagnostics import Diagnostics
-from kalscope.analysis.judgement import advice_words
+from kalscope.analysis.estimators import is_within
+from kalscope.analysis.judge import advice_words
 from kalscope.cli.tune.advice import option_for
 from kalscope.cli.tune.answer import Answer
 from kalscope.estimation.finding import METHOD_NAMES
@@ -20,7 +21,7 @@ from kalscope.recording import Recording
 
 def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
     """The answer in values that JSON can hold: None for what is missing, "inf" for infinity, never NaN."""
-    params, limits = answer.found.params, answer.range
+    params, limits, judged = answer.found.params, answer.range, answer.judgement
     return finite(
         {
             "channel": answer.channel,
@@ -39,12 +40,11 @@ def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
             "prediction_gain": limits.prediction_gain,
             "set_aside": _set_aside(answer.found.estimate),
             "steady": None if answer.steady is None else asdict(answer.steady),
-            "opinions": [_opinion(one) for one in answer.opinions],
-            "disagreement": answer.disagreement,
-            "advice": None if answer.residuals is None else advice_words(answer.judgement),
+            "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
+            "advice": None if judged.residuals is None else advice_words(judged),
             "judgement": _judgement(answer, recording),
-            "residuals": _tested(answer.residuals),
-            "held_out": _tested(answer.held_out),
+            "residuals": _tested(judged.residuals),
+            "held_out": _tested(judged.held_out),
         }
     )
 
@@ -62,18 +62,19 @@ def _set_aside(fit: Estimate | None) -> dict[str, Any] | None:
     return {"samples": fit.outliers.nonzero()[0].tolist(), "share": fit.outlier_share, "plain": plain}
 
 
-def _opinion(one: Estimate) -> dict[str, Any]:
+def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
     names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
     values = {name: getattr(one, name) for name in names}
     ratio = float(one.ratio)
-    return {**values, "name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    values |= {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    return {**values, "within_interval": is_within(one, best)}
 
 
 def _judgement(answer: Answer, recording: Recording) -> dict[str, Any]:
     judged = answer.judgement
     advice = [
         {"text": one.text, "action": _action(one.action), "option": option_for(one.action, answer, recording)}
-        for one in judged.advice
+        for one in judged.findings
     ]
     return {"status": judged.status, "headline": judged.headline, "advice": advice}
 

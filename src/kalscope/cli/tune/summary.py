@@ -6,7 +6,8 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from kalscope.analysis.actions import ChooseFilter, as_sentences
+from kalscope.analysis.actions import ChooseFilter
+from kalscope.analysis.findings import as_sentences
 from kalscope.cli.tune.advice import example, option_for
 from kalscope.cli.tune.answer import CHOSEN, Answer
 from kalscope.cli.tune.words import VERDICT_WORDS, WIDTH, between, momentum_and_gate, wrapped
@@ -76,7 +77,7 @@ def _next(answer: Answer, recording: Recording) -> Iterator[str]:
     """What to do, most urgent first: with a pair at least how to save it, without one how to choose a filter."""
     if answer.found.params is None and account.warnings(recording):
         yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
-    advice = answer.judgement.advice
+    advice = answer.judgement.findings
     for one in advice:
         option = option_for(one.action, answer, recording)
         how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""

@@ -69,7 +69,7 @@ def _prediction_gain(choice: Choice) -> float:
 
 
 def _kept(choice: Choice) -> str:
-    """Why the simpler model stays; whether it describes the record is for `analysis.judgement` to say."""
+    """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
     if choice.gain <= 2.0 * DROP:

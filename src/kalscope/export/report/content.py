@@ -12,13 +12,12 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.analysis.actions import as_sentences
-from kalscope.analysis.alternatives.comparison import compare_alternatives
+from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
-from kalscope.analysis.fit.goal import request_in, still_met
-from kalscope.analysis.fit.run import Run
-from kalscope.analysis.fusion.judge import judge_fusion
-from kalscope.analysis.judgement import advice_words, judge
+from kalscope.analysis.findings import as_sentences, request_in, still_met
+from kalscope.analysis.fused import judge_fusion
+from kalscope.analysis.judge import advice_words, judge
+from kalscope.analysis.residuals import Run
 from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel
 from kalscope.common.text import (
@@ -164,7 +163,7 @@ def _judged_fusion(
     )
     heading = f"Sensors ({fusion.unit})" if fusion.unit else "Sensors"
     columns = ("", "noise σ", "offset", "gain" if fusion.has_gains else "alone", "share", "without")
-    failing = " ".join(sentence for one in verdict.sensors for sentence in one.sentences[len(one.faults) :])
+    failing = " ".join(sentence for one in verdict.sensors for sentence in one.if_it_fails)
     texts = ("What does fusing bring?", " ".join(verdict.sentences)), ("If a sensor fails", failing)
     return (ReportTable(heading, rows, columns),), texts
 
@@ -184,7 +183,7 @@ def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None
 
 def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
     judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
-    advice = f" {as_sentences(advice_words(judgement))}" if judgement.advice else ""
+    advice = f" {as_sentences(advice_words(judgement))}" if judgement.findings else ""
     return f"{judgement.headline}{advice}"
 
 

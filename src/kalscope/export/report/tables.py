@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.analysis.alternatives.comparison import Comparison
+from kalscope.analysis.alternatives import Comparison
 from kalscope.analysis.diagnostics import Diagnostics, expected_nis
 from kalscope.common.array import Array
 from kalscope.common.text import (

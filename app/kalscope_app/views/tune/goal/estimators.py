@@ -1,4 +1,4 @@
-"""Part of the Check tab: five methods side by side, and how far they agree."""
+"""Part of the Check tab: five methods side by side, and which lie within the interval of the first."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from contextlib import AbstractContextManager
 import numpy as np
 import viser
 
-from kalscope.analysis.alternatives.agreement.comparison import compare_methods
-from kalscope.analysis.alternatives.agreement.words import comparison
+from kalscope.analysis.estimators import compare_methods, comparison, is_within
 from kalscope.common.array import Array
 from kalscope.common.text import lag_text, number
 from kalscope.estimation.finding import METHOD_NAMES
@@ -71,18 +70,18 @@ def samples_to_compare(state: State) -> Array:
 
 
 def comparison_text(state: State) -> str:
-    """The five methods side by side and their disagreement named, as markdown."""
+    """The five methods side by side, and which of them lie outside the interval, as markdown."""
     if not state.answers.method_comparison:
         return FIVE_METHODS
     period = state.recording.sample_period
     rows: list[str] = []
+    best = state.answers.method_comparison[0]
     for one in state.answers.method_comparison:
         steady = steady_state(one.params) if one.params is not None else None
         lag = "–" if steady is None else lag_text(steady.lag_samples, period)
-        gain = "–" if steady is None else number(steady.gain)
+        inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
-        rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {gain} | {lag} | {verdict} |")
+        rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
     said = comparison(state.answers.method_comparison) or "No two of them can be compared."
-    head = "| method | q | r | gain K | lag | verdict |\n|---|---|---|---|---|---|\n"
-    message = state.answers.method_comparison[0].message
-    return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{message}"
+    head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
+    return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"

@@ -10,10 +10,10 @@ import pytest
 from each import each
 
 from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
-from kalscope.analysis.alternatives import filters, rows
-from kalscope.analysis.alternatives.candidates import at_lag
-from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.analysis.alternatives.verdict import difference, overshoot_words
+from kalscope.analysis import alternatives, candidates
+from kalscope.analysis.alternatives import compare_alternatives
+from kalscope.analysis.candidates import at_lag
+from kalscope.analysis.filter_errors import difference, overshoot_words
 from kalscope.filtering.classic.bench import Bench
 
 RNG = np.random.default_rng(31)
@@ -54,12 +54,12 @@ def test_fixed_gains_are_the_filter_begun_where_it_settles(momentum):
     step = np.repeat([0.0, 1.0], 4000)
     z[[50, 51]] = np.nan
     assert np.allclose(
-        filters.settled(step, params)[3990:], kalman_filter(step, params).x[3990:], rtol=0, atol=1e-6
+        candidates.settled(step, params)[3990:], kalman_filter(step, params).x[3990:], rtol=0, atol=1e-6
     )
     whole = z[52:]
-    found, late = filters.settled(whole, params), kalman_filter(whole, params).x
+    found, late = candidates.settled(whole, params), kalman_filter(whole, params).x
     assert np.allclose(found[2000:], late[2000:], rtol=0, atol=1e-4 * np.abs(whole).max())
-    held = filters.settled(z, params)
+    held = candidates.settled(z, params)
     assert held[50] == held[51] == held[49]
 
 
@@ -168,7 +168,7 @@ def test_errors_are_compared_in_blocks_as_long_as_the_filter_settles(monkeypatch
         lengths.append(lag)
         return difference(error, present, lag, comparisons)
 
-    monkeypatch.setattr(rows, "difference", seen)
+    monkeypatch.setattr(alternatives, "difference", seen)
     _, z, _ = moving(20_000)
     params = params_for_specification(1.0, lag_samples=0.5, overshoot=0.18)
     compare_alternatives(z, params)

@@ -56,7 +56,7 @@ def test_the_errors_are_those_of_the_settled_filters():
         "The fused value has an error of 0.197 °C (1 σ, predicted), "
         "7.2 % less than the best single sensor, a (0.213 °C)."
     )
-    assert found.sensors[0].sentences == (
+    assert found.sensors[0].if_it_fails == (
         "If a drops out, the error is 0.291 °C, 47 % more than with it; the fused value is then 80 % b and 20 % c.",
         "If a sticks at one value, the fused value ends 76 % of the way to it; leave it out then.",
     )
@@ -157,8 +157,8 @@ def test_a_fused_value_that_is_better_is_said_so_on_the_second_half():
     x = np.cumsum(rng.normal(0.0, 1.0, 3000))
     z = x[:, None] + rng.normal(size=(3000, 3))
     found = judged(z, params=FilterParams(1.0, np.ones(3)), fit=lambda *_: FilterParams(1.0, np.ones(3)))
-    assert found.held_out.is_certain
-    assert found.held_out.fused < 0.95 * found.held_out.single.min()
+    assert found.prediction.is_certain
+    assert found.prediction.fused < 0.95 * found.prediction.single.min()
     assert "better than by" in found.sentences[1]
 
 
@@ -183,7 +183,7 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
     z = recorded(sensors=2)
     z[2000:, 1] = 50.0
     found = judged(z)
-    seen = found.held_out
+    seen = found.prediction
     assert found.headline.endswith("larger than the predicted 0.200 (1 σ). b is stuck.")
     assert seen is not None
     assert seen.best == 0
@@ -193,14 +193,14 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
 def test_a_sensor_without_noise_is_all_of_the_fused_value_and_missed_when_it_fails():
     found = judged(recorded(sensors=2), params=FilterParams(0.01, [0.0, 1.0]))
     assert "While all answer, the fused value is 100 % a." in found.sentences
-    assert found.sensors[0].sentences[-2].startswith("If a drops out, the error is 0.308, with it 0;")
+    assert found.sensors[0].if_it_fails[0].startswith("If a drops out, the error is 0.308, with it 0;")
     assert (
-        found.sensors[1].sentences[-1].startswith("If b sticks at one value, the fused value ends 0 % of the way")
+        found.sensors[1].if_it_fails[1].startswith("If b sticks at one value, the fused value ends 0 % of the way")
     )
 
 
 def test_few_rows_and_none():
-    assert judged(recorded(n=20)).held_out is None
+    assert judged(recorded(n=20)).prediction is None
     found = judged(np.empty((0, 2)))
     assert math.isinf(found.error)
     assert [one.answered for one in found.sensors] == [0.0, 0.0]

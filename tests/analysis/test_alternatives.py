@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
-from kalscope.analysis.alternatives import filters
-from kalscope.analysis.alternatives.candidates import at_lag, at_noise
-from kalscope.analysis.alternatives.comparison import MAX_SAMPLES, compare_alternatives, stretch_of
-from kalscope.analysis.alternatives.error_measures import spikes_in
-from kalscope.analysis.alternatives.rows import is_matched
-from kalscope.analysis.alternatives.verdict import difference, verdict
+from kalscope.analysis import candidates
+from kalscope.analysis.alternatives import MAX_SAMPLES, compare_alternatives, is_matched, stretch_of
+from kalscope.analysis.candidates import at_lag, at_noise
+from kalscope.analysis.filter_errors import difference, spikes_in, verdict
 from kalscope.filtering.classic.bench import Bench, bench_of
 from kalscope.filtering.classic.chain import Chain
 from kalscope.filtering.classic.chain_filter import ChainFilter
@@ -83,17 +81,17 @@ def test_each_alternative_leaves_the_noise_it_is_said_to_leave_and_the_one_asked
 
 def test_a_long_parabola_is_the_same_by_fourier_transform(monkeypatch):
     z = 1e3 + np.cumsum(RNG.normal(size=3000))
-    fast = filters.savitzky_golay(z, 701)
-    monkeypatch.setattr(filters, "MAX_DIRECT", 10_000)
-    assert np.allclose(fast, filters.savitzky_golay(z, 701), rtol=0, atol=1e-8)
+    fast = candidates.savitzky_golay(z, 701)
+    monkeypatch.setattr(candidates, "MAX_DIRECT", 10_000)
+    assert np.allclose(fast, candidates.savitzky_golay(z, 701), rtol=0, atol=1e-8)
 
 
 def test_savitzky_golay_delayed_is_the_centred_one_later():
     z = RNG.normal(size=300)
-    centred = filters.savitzky_golay(z, 21)
+    centred = candidates.savitzky_golay(z, 21)
     weights = np.linalg.pinv(np.vander(np.arange(-10, 11), 3))[2]  # the parabola's height in the middle
     assert np.allclose(centred[10:-10], np.convolve(z, weights[::-1], "valid"))
-    late = filters.delayed(centred, 10)
+    late = candidates.delayed(centred, 10)
     assert np.isnan(late[:10]).all()
     assert np.array_equal(late[10:], centred[:-10])
 
@@ -104,9 +102,9 @@ def test_exponential_smoothing_is_the_steady_kalman_filter():
     steady = steady_state(params)
     settled = FilterParams(q=0.04, r=1.0, p0=steady.p, x0=z[0])  # begun where its variance settles
     assert np.allclose(
-        kalman_filter(z, settled).x, filters.classic(z, Exponential(steady.gain)), rtol=0, atol=1e-10
+        kalman_filter(z, settled).x, candidates.classic(z, Exponential(steady.gain)), rtol=0, atol=1e-10
     )
-    apart = np.abs(kalman_filter(z, params).x - filters.classic(z, Exponential(steady.gain)))
+    apart = np.abs(kalman_filter(z, params).x - candidates.classic(z, Exponential(steady.gain)))
     assert apart[:20].max() > 0.1
     assert apart[400:].max() < 1e-10 * np.abs(z).max()
 
@@ -237,7 +235,7 @@ def test_chance_is_not_called_a_difference():
     assert difference(a, b, lag=5000.0).high == math.inf
     same = difference(b, b, lag=5.0)
     assert (same.ratio, same.real) == (1.0, False)
-    short = verdict(["Median"], [difference(a, b, lag=5000.0)], "error", "lag", 5000.0, len(b))
+    short = verdict([("Median", difference(a, b, lag=5000.0))], "error", "lag", 5000.0, len(b))
     assert "about 5\u202f000 samples, so 400\u202f080 are needed, 8 blocks of 50\u202f010, and" in short
 
 
@@ -290,7 +288,7 @@ def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
         f"after the longest (100 samples) the gain is {k[1100]:.3g} instead of {steady_state(params).gain:.3g}"
         in said
     )
-    apart = np.abs(kalman_filter(z, params).x - filters.classic(z, Exponential(steady_state(params).gain)))
+    apart = np.abs(kalman_filter(z, params).x - candidates.classic(z, Exponential(steady_state(params).gain)))
     assert f"differ by up to {apart[:1000].max():.2g} standard deviations" in said
     assert "No samples are missing" in compare_alternatives(z[:900], params).identity
 
@@ -337,7 +335,7 @@ def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
         rng = np.random.default_rng(seed)
         walk = np.cumsum(0.1 * rng.normal(size=6000))
         z = walk + rng.normal(size=6000)
-        a, b = ((filters.classic(z, Exponential(alpha)) - walk)[500:] ** 2 for alpha in (quick, present))
+        a, b = ((candidates.classic(z, Exponential(alpha)) - walk)[500:] ** 2 for alpha in (quick, present))
         found = difference(a, b, lag=9.5)
         covered += found.low <= ratio <= found.high
     assert 178 <= covered <= 200  # 95 % of 200, four standard deviations below

@@ -1,4 +1,4 @@
-"""The candidates: how each classic filter is tuned to a lag or to a noise reduction, and what it costs.
+"""The filters beside the present one: how each is tuned to a lag or to a noise reduction, and what it costs.
 
 Lag is the lag on a ramp, in samples. Noise gain is the variance that is left of white noise, Σh². Both follow
 from a formula where the filter is a fixed sum of samples, and are measured where it is not.
@@ -10,11 +10,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import cast
 
-from kalscope.analysis.alternatives import filters
+import numpy as np
+
 from kalscope.common.array import Array
 from kalscope.filtering.classic.bench import Bench, Run, step_overshoot
 from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic.running import RunningStage
 from kalscope.filtering.classic.stages import (
     MAX_CUTOFF,
     MAX_SHIFT,
@@ -27,6 +30,11 @@ from kalscope.filtering.classic.stages import (
     PowerOfTwo,
     Stage,
 )
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import settled_transfer
+
+MAX_DIRECT = 501
+"""Longest window of a parabola that is computed without Fourier transform."""
 
 HOLDS = "holds its output, then continues as if no time had passed"
 COUNTS = "holds its output; the next sample counts for the time since"
@@ -86,7 +94,7 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
     cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
 
     def lag_of(stage: Stage) -> float:
-        return bench.lag(partial(filters.classic, stage=stage))
+        return bench.lag(partial(classic, stage=stage))
 
     return _all(
         bench,
@@ -104,7 +112,7 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
     """Every candidate at the setting that leaves a share nearest to `gain` of white noise, 0 … 1."""
 
     def left(stage: Stage) -> float:
-        return bench.noise_gain(partial(filters.classic, stage=stage))
+        return bench.noise_gain(partial(classic, stage=stage))
 
     def missed(share: float) -> float:
         return abs(math.log(max(share, 1e-300) / gain))
@@ -132,7 +140,7 @@ def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
 
 def of_stage(stage: Stage, bench: Bench) -> Candidate:
     """A classic filter; its lag and noise are measured where no formula gives them."""
-    run = partial(filters.classic, stage=stage)
+    run = partial(classic, stage=stage)
     settles = math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, Butterworth) else 0  # √2 π/Ω is where it peaks
     return Candidate(
         name=stage.name,
@@ -153,7 +161,7 @@ def savitzky_golay_delayed(window: int) -> Candidate:
     """A parabola through `window` samples, odd, available once the window is full."""
 
     def run(z: Array) -> Array:
-        return filters.delayed(filters.savitzky_golay(z, window), window // 2)
+        return delayed(savitzky_golay(z, window), window // 2)
 
     return Candidate(
         name="Delayed Savitzky-Golay",
@@ -174,7 +182,7 @@ def savitzky_golay_centred(window: int) -> Candidate:
     return replace(
         savitzky_golay_delayed(window),
         name="Centred Savitzky-Golay",
-        run=partial(filters.savitzky_golay, window=window),
+        run=partial(savitzky_golay, window=window),
         lag_samples=0.0,
         sentence="The same curve without its delay: for recordings only, because it needs later samples.",
         causal=False,
@@ -183,10 +191,10 @@ def savitzky_golay_centred(window: int) -> Candidate:
 
 def one_euro(share: float, bench: Bench) -> OneEuro:
     """The one-euro filter with `share` times the present cut-off at speed 0, and twice that at the usual speed."""
-    own = 1.0 / (2.0 * math.pi * (1.0 + bench.present_lag))
-    # Its "speed" is the distance to its own last output, which on a ramp is 1 + lag steps away.
+    cutoff = 1.0 / (2.0 * math.pi * (1.0 + bench.present_lag))
+    # Its "speed" is the distance to its last output, which on a ramp is 1 + lag steps away.
     usual = bench.speed * (1.0 + bench.present_lag)
-    return OneEuro(cutoff=share * own, beta=share * own / usual, speed_cutoff=own)
+    return OneEuro(cutoff=share * cutoff, beta=share * cutoff / usual, speed_cutoff=cutoff)
 
 
 def _parabola_noise(window: float) -> float:
@@ -234,3 +242,72 @@ def _search(too_quick: Callable[[float], float]) -> float:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if too_quick(10.0**middle) > 0.0 else (middle, high)
     return 10.0 ** (0.5 * (low + high))
+
+
+def classic(z: Array, stage: Stage) -> Array:
+    """A classic filter as a device runs it, evenly sampled."""
+    return RunningStage(stage).take(z, np.empty(0))
+
+
+def settled(z: Array, params: FilterParams) -> Array:
+    """The Kalman filter with the gains that it settles to, started at the first sample; scalars."""
+    from scipy.signal import lfilter
+
+    gain, product, both = settled_transfer(params)
+    top, bottom = [gain, product - gain], [1.0, product - both - 1.0, both]
+    return _skipping(z, lambda seen: cast("Array", lfilter(top, bottom, seen - seen[0])) + seen[0])
+
+
+def savitzky_golay(z: Array, window: int) -> Array:
+    """Centre of a parabola through `window` samples, odd; missing ones are interpolated linearly.
+
+    NaN before the first sample. The ends come from the parabola through the outermost window.
+    """
+    from scipy.signal import savgol_filter
+
+    bridged, first = _bridged(z)
+    if 3 <= window <= MAX_DIRECT:
+        if len(bridged) >= window:
+            bridged = np.asarray(savgol_filter(bridged, window, 2))
+    elif window > MAX_DIRECT and len(bridged) >= window:
+        bridged = _long_parabola(bridged, window)
+    return np.concatenate([np.full(first, np.nan), bridged])
+
+
+def _long_parabola(z: Array, window: int) -> Array:
+    """The same by Fourier transform, where scipy's filter would take seconds."""
+    from scipy.signal import oaconvolve, savgol_coeffs
+
+    half, level, out = window // 2, float(z.mean()), np.empty(len(z))
+    out[half : len(z) - half] = oaconvolve(z - level, np.asarray(savgol_coeffs(window, 2)), "valid") + level
+    place = np.linspace(-1.0, 1.0, window)
+    out[:half] = np.polynomial.Polynomial.fit(place, z[:window], 2)(place[:half])
+    out[len(z) - half :] = np.polynomial.Polynomial.fit(place, z[-window:], 2)(place[half + 1 :])
+    return out
+
+
+def delayed(curve: Array, samples: int) -> Array:
+    """The curve `samples` later, as a device outputs it; NaN until then."""
+    late = np.full(len(curve), np.nan)
+    late[samples:] = curve[: len(curve) - samples]
+    return late
+
+
+def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:
+    """`run` on the finite samples; its last value in between, NaN before the first."""
+    seen = np.isfinite(z)
+    if not seen.any():
+        return np.full(len(z), np.nan)
+    if seen.all():
+        return run(z)
+    latest = np.cumsum(seen) - 1
+    return np.where(latest >= 0, run(z[seen])[np.maximum(latest, 0)], np.nan)
+
+
+def _bridged(z: Array) -> tuple[Array, int]:
+    """The samples z from the first finite one on, gaps interpolated; and the number of samples before it."""
+    seen = np.flatnonzero(np.isfinite(z))
+    if len(seen) == 0:
+        return np.empty(0), len(z)
+    first = int(seen[0])
+    return np.interp(np.arange(first, len(z)), seen, z[seen]), first

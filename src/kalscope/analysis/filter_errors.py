@@ -1,4 +1,4 @@
-"""Which filter is better, by how much, and whether that is more than chance; in words. Pure."""
+"""The error of a filtered curve, against the truth or the next sample, and which filter has the smaller one."""
 
 from __future__ import annotations
 
@@ -8,8 +8,82 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.array import Array, Mask
 from kalscope.common.text import count, number, percent
+from kalscope.estimation.fusion.words import listed
+
+SPIKE = 6.0
+"""Distance from the median of five around it, in robust standard deviations, from which a sample is a spike."""
+
+
+class Errors:
+    """Squared errors of curves over the judged samples of a stretch.
+
+    No filter should predict a spike: without the truth, spikes are left out, the same ones for every filter. What a
+    spike does to the samples after it counts.
+    """
+
+    def __init__(self, z: Array, truth: Array | None, first: int) -> None:
+        """Args: the samples; the truth or None; first sample to judge."""
+        self.z, self._truth, self._first = z, truth, first
+        self.judged = max(len(z) - first, 0)
+        self.words = "error in predicting the next sample" if truth is None else "error against the truth"
+        self._rough = rms_step(z)
+        self._ahead_of = np.append(z[1:], np.nan)
+        aside = np.append(spikes_in(z)[1:], False)
+        self._ahead_of[aside] = np.nan
+        self.spikes = 0 if truth is not None else int(aside[first:].sum())
+        """Samples that are not judged because they are spikes."""
+
+    def squared(self, curve: Array) -> Array:
+        """Against the truth if it is known, else against the next sample, which no causal filter has seen."""
+        return (self._ahead(curve) if self._truth is None else (curve - self._truth) ** 2)[self._first :]
+
+    def _ahead(self, curve: Array) -> Array:
+        return (self._ahead_of - curve) ** 2
+
+    def rmse(self, curve: Array) -> float | None:
+        """RMS error against the truth; None where it is not known."""
+        return None if self._truth is None else root_mean(self.squared(curve))
+
+    def prediction(self, curve: Array) -> float:
+        """RMS error against the next sample."""
+        return root_mean(self._ahead(curve)[self._first :])
+
+    def roughness(self, curve: Array) -> float:
+        """RMS step of the curve over that of the raw signal."""
+        return rms_step(curve[self._first :]) / self._rough if self._rough > 0.0 else math.nan
+
+
+def spikes_in(z: Array) -> Mask:
+    """Which samples lie far from the median of five around them, shape of z; a step or a slope never does.
+
+    The standard deviation is that of z less the mean of its neighbours, by its median, so a slope does not count;
+    where most readings repeat, it is their smallest change.
+    """
+    from scipy.ndimage import median_filter
+
+    seen, found = np.isfinite(z), np.zeros(z.shape, dtype=np.bool_)
+    there = z[seen]
+    if len(there) > 2:
+        apart = np.abs(there - median_filter(there, size=5, mode="nearest"))
+        rough = there[1:-1] - 0.5 * (there[:-2] + there[2:])
+        usual = 1.4826 * math.sqrt(2.0 / 3.0) * float(np.median(np.abs(rough)))
+        moved = np.abs(np.diff(there))
+        found[seen] = apart > SPIKE * (usual or np.min(moved, where=moved > 0.0, initial=np.inf))
+    return found
+
+
+def root_mean(squares: Array) -> float:
+    """Square root of the mean of what is finite; NaN where nothing is."""
+    good = squares[np.isfinite(squares)]
+    return math.sqrt(float(good.mean())) if len(good) else math.nan
+
+
+def rms_step(curve: Array) -> float:
+    """RMS change from sample to sample."""
+    return root_mean(np.diff(curve) ** 2)
+
 
 MAX_BLOCKS = 100
 """Blocks that a recording is divided into at most."""
@@ -105,42 +179,39 @@ def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
     return low, high
 
 
-def verdict(
-    names: Sequence[str], found: Sequence[Difference], what: str, equal: str, lag: float, samples: int
-) -> str:
+def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag: float, samples: int) -> str:
     """Two or three sentences on the candidates that a device can run.
 
     Args:
-        names: of the candidates.
-        found: their differences to the present filter.
+        found: names of the candidates, and their differences to the present filter.
         what: what the error is, such as "RMS error against the truth".
         equal: what they were made equal in, such as "lag".
         lag: what `difference` was given, samples.
         samples: how many the errors are of.
     """
-    judged = [(d, name) for d, name in zip(found, names, strict=True) if not math.isnan(d.ratio)]
+    judged = [(name, d) for name, d in found if not math.isnan(d.ratio)]
     if not judged:
         return "The filters cannot be compared on this stretch: all errors are 0."
-    if all(math.isinf(d.high) for d, _ in judged):
+    if all(math.isinf(d.high) for _, d in judged):
         return _no_verdict(lag, samples)
-    better = sorted((d.ratio, name, d) for d, name in judged if d.better)
-    worse = [name for d, name in judged if d.worse]
-    same = [name for d, name in judged if not d.real]
-    parts: list[str] = []
+    better = sorted(((name, d) for name, d in judged if d.better), key=lambda one: (one[1].ratio, one[0]))
+    worse = [(name, d) for name, d in judged if d.worse]
+    same = [name for name, d in judged if not d.real]
+    parts = [f"At equal {equal}, nothing simpler does better than your filter here."]
     if better:
-        ratio, name, d = better[0]
-        rest = [name for _, name, _ in better[1:]]
-        others = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
-        parts.append(
-            f"At equal {equal}, {_lower(name)} does better than your filter here: its {what} is "
-            f"{percent_of(ratio)} smaller ({interval_words(d)}){others}. The difference is significant."
-        )
-    else:
-        parts.append(f"At equal {equal}, nothing simpler does better than your filter here.")
+        (name, d), *others = better
+        rest = [other for other, _ in others]
+        also = f" (so {'does' if len(rest) == 1 else 'do'} {_listed(rest)})" if rest else ""
+        parts = [
+            f"At equal {equal}, {lower(name)} does better than your filter here: its {what} is "
+            f"{percent_of(d.ratio)} smaller ({interval_words(d)}){also}. The difference is significant."
+        ]
     if same:
         parts.append(f"No significant difference: {_listed(same)}.")
     if worse:
-        parts.append(f"Significantly worse: {_listed(worse)}; worst {_worst(judged)}.")
+        name, d = max(worse, key=lambda one: one[1].ratio)
+        worst = f"{lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
+        parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}; worst {worst}.")
     return " ".join(parts)
 
 
@@ -170,11 +241,6 @@ def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
     return "; ".join([f" Your filter overshoots a step by {percent(own)}", *parts]) + "."
 
 
-def _worst(judged: Sequence[tuple[Difference, str]]) -> str:
-    d, name = max((pair for pair in judged if pair[0].worse), key=lambda pair: pair[0].ratio)
-    return f"{_lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
-
-
 def percent_of(ratio: float) -> str:
     """How far from 1: "12 %", "0.40 %"."""
     return percent(abs(ratio - 1.0))
@@ -187,11 +253,10 @@ def interval_words(d: Difference) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    small = [_lower(name) for name in names]
-    return small[0] if len(small) == 1 else f"{', '.join(small[:-1])} and {small[-1]}"
+    return listed([lower(name) for name in names])
 
 
-def _lower(name: str) -> str:
+def lower(name: str) -> str:
     """A name within a sentence."""
     return name[:1].lower() + name[1:]
 

@@ -1,0 +1,743 @@
+"""Judge fused sensors by their record: what fusing brings, which sensor disagrees, and what follows if one fails.
+
+A sensor disagrees where its difference from the others moves, or where its noise changes. In a row in which several
+sensors answer, the quantity cancels out of the difference of one from the mean of the others, weighted by their
+information: only white noise of known variance remains. Where sensors answer in different rows, the others are
+smoothed, and take part in the difference with their error. The sensor that is furthest beyond chance is set
+aside before the others are compared, because it is in their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.analysis.findings import Finding, Tone
+from kalscope.analysis.judge import Judgement
+from kalscope.common.array import Array, Mask
+from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
+from kalscope.errors import BadSetting
+from kalscope.estimation.fusion.result import FusionEstimate
+from kalscope.estimation.fusion.shared import Shared, shared_by_params
+from kalscope.estimation.fusion.words import common_part, listed
+from kalscope.filtering.arrays import checked_readings, samples_of, steps_of
+from kalscope.filtering.filter import FilterResult, fuse, smooth
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
+
+FusionFit = Callable[[Array, Array | None], FilterParams]
+
+Stretch = tuple[int, int]
+"""First row, and one past the last; (0, 0) for none."""
+
+FAULTS: dict[str, tuple[str, Tone]] = {
+    "silent": ("was silent", "note"),
+    "stuck": ("is stuck", "bad"),
+    "drift": ("disagrees", "bad"),
+    "noise": ("disagrees", "bad"),
+    "spikes": ("has spikes", "note"),
+}
+"""What can be wrong with a sensor, the word for it and its tone."""
+
+MAX_NAME = 20
+"""Characters of a sensor's name in the word of a judgement."""
+
+CLOSE = 0.005
+"""Relative differences below this count as none: both errors read the same."""
+
+MIN_SHARE = 1e-9
+"""A smaller share counts as none, as that beside a sensor without noise."""
+
+MIN_SPIKES, MIN_SPIKE_SHARE = 3, 5e-4
+"""Spikes that are worth reporting: at least this many, and at least this share of the readings of the sensor."""
+
+MAD = 1.4826
+"""Standard deviation of normal numbers over the median of their size."""
+
+FAR_OFF, CONFIRMED = 6.0, 3.0
+"""Size of a residual, in its own standard deviations, from which it is far off; and from which that of another
+sensor in the same row confirms it: then the quantity has moved."""
+
+MIN_STRETCH, MUCH_LONGER = 30, 20.0
+"""Least length in readings, and in multiples of the usual length, of a suspicious stretch of equal or missing
+ones."""
+
+USUALLY_NEW = 2.0
+"""Readings per value up to which a sensor usually gives new values."""
+
+BLOCKS, CERTAIN = 16, 2.0
+"""Blocks from whose scatter the standard error of a mean comes, and the errors beyond which it is not chance."""
+
+FAR, TRIED = 100.0, 1000
+"""A stuck sensor is simulated this many standard deviations away, for this many rows."""
+
+SETTLED_AFTER = 0.1
+"""Share of the rows that the start may take."""
+
+BEYOND_CHANCE = 5.0
+"""Standard errors above which a difference is not chance: many blocks of many sensors are compared."""
+
+MIN_DRIFT = 0.5
+"""Smallest drift that is worth reporting, in standard deviations of the sensor's noise."""
+
+MIN_NOISE_RATIO = 2.0
+"""Smallest change of a noise variance that is worth reporting."""
+
+MAX_BLOCKS, MIN_BLOCK, MIN_NOISE_BLOCK = 16, 30, 100
+"""Blocks of a record, and the readings that the mean and the variance of one need."""
+
+MIN_VARIANCE = 1e-300
+"""Smallest variance used as a divisor."""
+
+MAX_SIZE = 4.0
+"""Differences are clipped at this many standard deviations: spikes are not drift."""
+
+MAX_FAINTER = 4.0
+"""A row far from readings of the others, where their error variance is over this many times the least, is not
+compared."""
+
+SMALLER, MEAN_OF_SMALLER = 0.9, 0.6573
+"""Share of the steps whose size is averaged, and that average for a standard normal distribution."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorJudgement(Judgement):
+    """One of the fused sensors: its findings are its faults, one sentence each. No number is ever NaN."""
+
+    name: str
+    """Its name."""
+    share: float
+    """Its share of the fused value while all sensors answer, 0 … 1."""
+    answered: float
+    """Share of the rows in which it has a reading."""
+    error: float
+    """Error of the quantity with this sensor alone, one standard deviation, unit, predicted by the model."""
+    error_without: float
+    """Error where this sensor drops out and the others continue, unit; inf where it is the only one."""
+    shares_without: Array
+    """Shares of all sensors then, shape (sensors,): that of this one is 0."""
+    pull: float
+    """How far the fused value in the end goes towards this sensor where it sticks at one value, 0 … 1: its share,
+    or as tried out with an outlier gate."""
+    drift: float
+    """By how much its difference from the others moves within the record, unit; 0 where not more than by chance."""
+    noise_ratio: float
+    """Largest over smallest variance of its noise within the record; 1 where not more than by chance."""
+    spikes: int
+    """Readings far off that no other sensor confirms."""
+    stuck: Stretch
+    """First row and one past the last of its longest stretch of equal readings; (0, 0) where none is odd."""
+    silent: Stretch
+    """The same of its longest stretch without a reading."""
+    if_it_fails: tuple[str, str]
+    """What happens when it drops out, and when it sticks."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is wrong with it, keys of FAULTS, worst first; () where nothing is."""
+        return tuple(one.status for one in self.findings)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """How the readings of the second half are predicted one row ahead. There is no truth to compare with."""
+
+    fused: float
+    """Root mean square error of the prediction, the noise of the predicted readings included, unit."""
+    single: Array
+    """The same of predictions by each sensor alone, shape (sensors,)."""
+    best: int
+    """The sensor that predicts best."""
+    is_certain: bool
+    """Whether fused and best single sensor differ by more than chance."""
+
+    @property
+    def saved(self) -> float:
+        """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
+        best = float(self.single[self.best])
+        less = 1.0 - self.fused / best if best > 0.0 else 0.0
+        return less if self.is_certain and abs(less) >= CLOSE else 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FusionJudgement(Judgement):
+    """What fusing brings, and what each sensor does in it; its findings are the faults of all sensors."""
+
+    error: float
+    """Error of the fused value, 1 σ, unit, predicted by the model for the rows in which every sensor has begun."""
+    best: int
+    """The sensor with the smallest error alone."""
+    prediction: Prediction | None
+    """How well the second half is predicted; None where there are too few rows."""
+    shares: str
+    """What each sensor contributes, one sentence; "" of one sensor."""
+    sensors: tuple[SensorJudgement, ...]
+    """One a sensor, in the order of the columns."""
+    shared: Shared | None
+    """The sensors whose noises are correlated; None where none shows."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The headline, the second half, shares, and faults; what follows if a sensor fails is with the sensors."""
+        first = (one for one in (self.headline, self.second_half, self.shares) if one)
+        return *first, *(one.text for one in self.findings)
+
+
+def judge_fusion(
+    z: ArrayLike,
+    estimate: FusionEstimate | FilterParams,
+    dt: ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    unit: str = "",
+    sample_period: float | None = None,
+    fit: FusionFit | None = None,
+) -> FusionJudgement:
+    """Judge a fused filter by the record that it is for.
+
+    Args:
+        z: readings, shape (n, sensors); NaN where a sensor has none.
+        estimate: of `estimate_fusion`, or the parameters.
+        dt: nominal sample periods before each row, shape (n,), ≥ 0; None = 1 each.
+        names: of the sensors; None = those of the estimate, or "sensor 1", "sensor 2", …
+        unit: of the quantity, for the sentences.
+        sample_period: nominal sample period in s; with it stretches are given as times.
+        fit: finds parameters from readings and steps. With it the second half is predicted by parameters that have
+            not seen it; without it by those of `estimate`.
+
+    Raises:
+        BadSetting: z does not fit the parameters, or the estimate has none.
+    """
+    found = estimate if isinstance(estimate, FusionEstimate) else None
+    params = estimate.params if isinstance(estimate, FusionEstimate) else estimate
+    if params is None:
+        raise BadSetting("estimate must hold a filter (got one without params: its message says why)")
+    if names is None:
+        names = [f"sensor {i + 1}" for i in range(params.sensors)] if found is None else found.names
+    if len(names) != params.sensors:
+        raise BadSetting(f"names must be {params.sensors}, one per sensor (got {', '.join(names)})")
+    readings = checked_readings(samples_of(z), params)
+    steps = None if dt is None else steps_of(dt, len(readings))
+    whole = _Record(readings, steps, params, tuple(names), unit, sample_period)
+    error = whole.predicted_error(range(params.sensors))
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
+        stuck = [_stuck_stretch(whole, i) for i in range(params.sensors)]
+        alive = whole.without(stuck)
+        sensors = _sensors(whole, alive, stuck, error)
+        half = len(readings) // 2
+        params = params if fit is None else fit(readings[:half], None if steps is None else steps[:half])
+        seen = _predict_second_half(whole, params, np.isfinite(alive.z))
+        shared = _shared_noise(alive) if found is None else found.shared
+    word, tone = _word(sensors, shared)
+    return FusionJudgement(
+        status=next((one.status for one in sensors if one.findings), "fits" if shared is None else "shared_noise"),
+        headline=_headline(whole, error, sensors, seen, shared),
+        word=word,
+        tone=tone,
+        findings=tuple(dict.fromkeys(fault for one in sensors for fault in one.findings)),
+        second_half=_second_half(whole, seen, unseen=fit is not None) if seen and len(sensors) > 1 else "",
+        error=error,
+        best=int(np.argmin([one.error for one in sensors])),
+        prediction=seen,
+        shares=f"While all answer, the fused value is {whole.parts(whole.params.shares)}."
+        if len(sensors) > 1
+        else "",
+        sensors=sensors,
+        shared=shared,
+    )
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Readings with their filter, and the names and units for sentences on them."""
+
+    z: Array
+    """Readings, shape (n, sensors)."""
+    dt: Array | None
+    """Steps before the rows; None = 1 each."""
+    params: FilterParams
+    """The filter."""
+    names: tuple[str, ...]
+    """The sensors."""
+    unit: str
+    """The unit of the quantity; "" where unknown."""
+    period: float | None
+    """Sample period, s; None where unknown."""
+
+    def run(self, sensors: Sequence[int], params: FilterParams | None = None) -> FilterResult:
+        """The fusion of these sensors only, with the parameters of all of them."""
+        return fuse(self.z[:, list(sensors)], (params or self.params).only(sensors), self.dt)
+
+    def others(self, sensor: int) -> list[int]:
+        """All sensors but one."""
+        return [i for i in range(self.params.sensors) if i != sensor]
+
+    def without(self, stretches: Sequence[Stretch]) -> _Record:
+        """The record without one stretch of each sensor: a stuck one must not make the others look wrong."""
+        z = self.z.copy()
+        for column, stretch in zip(z.T, stretches, strict=True):
+            column[slice(*stretch)] = np.nan
+        return _Record(z, self.dt, self.params, self.names, self.unit, self.period)
+
+    def predicted_error(self, sensors: Sequence[int]) -> float:
+        """√ of the mean variance that the model gives to x by these sensors; inf without a reading.
+
+        It starts where the start of the filter is over, and every sensor that ever answers has begun.
+        """
+        if not len(sensors):
+            return math.inf
+        begins = int(np.isfinite(self.z).argmax(axis=0).max()) if len(self.z) else 0
+        p = self.run(sensors).p[max(int(SETTLED_AFTER * len(self.z)), begins) :]
+        p = p[np.isfinite(p)]
+        return math.sqrt(float(p.mean())) if len(p) else math.inf
+
+    def size(self, value: float) -> str:
+        """A size with its unit."""
+        return f"{number(value)} {self.unit}".rstrip()
+
+    def parts(self, shares: Array) -> str:
+        """Shares as a list: 60 % a, 30 % b and 10 % c."""
+        written = [
+            f"{percent(share, 3 if share > 0.985 else 2)} {name}"
+            for name, share in zip(self.names, shares.tolist(), strict=True)
+            if share > MIN_SHARE
+        ]
+        return listed(written)
+
+    def when(self, stretch: Stretch) -> str:
+        """How long a stretch is, and which rows."""
+        first, last = stretch
+        rows = last - first
+        long = lag_text(rows, self.period) if self.period else f"{count(rows)} rows"
+        return f" for {long} (rows {count(first)} to {count(last - 1)})"
+
+
+def _word(sensors: Sequence[SensorJudgement], shared: Shared | None) -> tuple[str, Tone]:
+    """The judgement in a few words, and its tone."""
+    odd = [one for one in sensors if one.findings]
+    if not odd:
+        return ("fused", "good") if shared is None else ("sensors share noise", "bad")
+    tone = "bad" if any(FAULTS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
+    return f"check {len(odd)} sensors" if len(odd) > 1 else f"{odd[0].name[:MAX_NAME]} {odd[0].word}", tone
+
+
+def _headline(
+    record: _Record,
+    error: float,
+    sensors: Sequence[SensorJudgement],
+    seen: Prediction | None,
+    shared: Shared | None,
+) -> str:
+    """What fusing brings; no comparison by predicted errors where the record contradicts them."""
+    stuck = next((f" {one.name} is stuck" for one in sensors if "stuck" in one.faults), "")
+    drift, wrong = max(one.drift for one in sensors), record.size(error)
+    if math.isinf(error):
+        return "No sensor has a reading after the start, so nothing can be said."
+    if len(sensors) == 1:
+        return f"The filtered value of {record.names[0]} has an error of {wrong} (1 σ, predicted)."
+    if drift > error:
+        return (
+            f"The sensors drift apart by up to {record.size(drift)}, so the fused value may be wrong by as much; "
+            f"only if they read one quantity is its error the predicted {wrong} (1 σ)."
+        )
+    if shared is not None:
+        who = common_part([record.names[i] for i in shared.sensors], shared.correlation)
+        return f"{who}, so the fused value can be worse than its predicted error of {wrong} (1 σ)."
+    if seen is not None and seen.saved < 0.0:
+        return (
+            f"The fused value predicts the next reading {percent(-seen.saved)} worse than "
+            f"{record.names[seen.best]} alone, so its error is larger than the predicted {wrong} (1 σ)."
+            f"{f'{stuck}.' if stuck else ''}"
+        )
+    best = min(sensors, key=lambda one: one.error)
+    saved = 1.0 - error / best.error if best.error > 0.0 else 0.0
+    than = "the same as" if saved < CLOSE else f"{percent(saved)} less than"
+    return (
+        f"The fused value has an error of {wrong} (1 σ, predicted), {than} the best single sensor, {best.name} "
+        f"({record.size(best.error)}).{f'{stuck}, so it can be larger.' if stuck else ''}"
+    )
+
+
+def _second_half(record: _Record, seen: Prediction, *, unseen: bool) -> str:
+    """How well the second half is predicted; `unseen`: by parameters that the first half alone gave."""
+    best, less = f"{record.names[seen.best]} alone", seen.saved
+    half = (
+        f"In the second half{', unseen by the fit,' if unseen else ''} the next reading is predicted to "
+        f"{record.size(seen.fused)}, its own noise included"
+    )
+    if not less:
+        return f"{half}: as well as by {best}, within chance."
+    return f"{half}: {percent(abs(less))} {'better' if less > 0.0 else 'worse'} than by {best}."
+
+
+def _predict_second_half(record: _Record, params: FilterParams, counted: Mask) -> Prediction | None:
+    """Predict every reading of the second half from the rows before it, by all sensors and by each alone.
+
+    Args:
+        record: the readings.
+        params: the filter.
+        counted: the readings that count, which those of a stuck sensor do not, shape (n, sensors).
+    """
+    first = max(len(record.z) // 2, 1)
+
+    def squared_errors(sensors: Sequence[int]) -> Array:
+        run = record.run(sensors, params)
+        ahead = run.x[first - 1 : -1]
+        if run.velocity is not None:
+            steps = 1.0 if record.dt is None else record.dt[first:]
+            ahead = ahead - params.momentum * np.expm1(-steps / params.momentum) * run.velocity[first - 1 : -1]
+        return ((record.z[first:] - params.offset) / params.gain - ahead[:, None]) ** 2
+
+    every = range(params.sensors)
+    squared = [squared_errors(sensors) for sensors in (every, *([i] for i in every))]
+    scored = np.isfinite(sum(squared)) & counted[len(record.z) - len(squared[0]) :]
+    if np.count_nonzero(scored.sum(axis=1)) < 2 * BLOCKS:
+        return None
+    weights = np.where(scored, params.shares, 0.0)
+    fused, *single = (np.where(scored, one, 0.0) for one in squared)
+    means = [float((weights * one).sum() / weights.sum()) for one in single]
+    best = int(np.argmin(means))
+    gain = weights * (single[best] - fused)
+    blocks = np.array([block.sum(axis=1).mean() for block in np.array_split(gain, BLOCKS)])
+    return Prediction(
+        fused=math.sqrt(float((weights * fused).sum() / weights.sum())),
+        single=np.sqrt(means),
+        best=best,
+        is_certain=abs(float(blocks.mean())) > CERTAIN * float(blocks.std(ddof=1)) / math.sqrt(BLOCKS),
+    )
+
+
+def _shared_noise(alive: _Record) -> Shared | None:
+    """The noise that sensors share, by the readings that the gate lets through."""
+    z, dt, params = alive.z, alive.dt, alive.params
+    kept = z if params.gate is None else np.where(fuse(z, params, dt).k == 0.0, np.nan, z)
+    return shared_by_params(kept, np.empty(0) if dt is None else dt, params)
+
+
+# --- each sensor ----------------------------------------------------------------------------------------------
+
+
+def _sensors(
+    record: _Record, alive: _Record, stuck: Sequence[Stretch], error: float
+) -> tuple[SensorJudgement, ...]:
+    """Each sensor: its part in the fusion, its faults, and what follows if it fails."""
+    params, z = record.params, record.z
+
+    @lru_cache
+    def apart(sensor: int, others: tuple[int, ...]) -> _Difference:
+        return _difference(alive, sensor, others)
+
+    drifts = _odd_ones(lambda i, others: _drift(apart(i, others)), MIN_DRIFT * np.sqrt(params.scaled_r))
+    least = np.full(params.sensors, MIN_NOISE_RATIO)
+    changes = _odd_ones(lambda i, others: _noise_change(apart(i, others)), least)
+    spikes, silent = _spikes(alive), [_silent_stretch(np.isfinite(column)) for column in z.T]
+
+    def judged(i: int) -> SensorJudgement:
+        found = (
+            _silent(record, i, silent[i]),
+            _stuck(record, i, stuck[i]),
+            _drifts(record, i, *drifts.get(i, (0.0, ()))),
+            _noise_changes(record, i, *changes.get(i, (1.0, ()))),
+            _has_spikes(record, i, spikes[i]),
+        )
+        findings = tuple(one for one in found if one is not None)
+        word, tone = FAULTS[findings[0].status] if findings else ("fits", "good")
+        others = record.others(i)
+        without, pull, shares = record.predicted_error(others), _pull(params, i), np.zeros(params.sensors)
+        if others:
+            shares[others] = params.only(others).shares
+        return SensorJudgement(
+            status=findings[0].status if findings else "fits",
+            headline=findings[0].text if findings else f"No fault of {record.names[i]} shows.",
+            word=word,
+            tone=tone,
+            findings=findings,
+            name=record.names[i],
+            share=float(params.shares[i]),
+            answered=float(np.isfinite(z[:, i]).mean()) if len(z) else 0.0,
+            error=record.predicted_error([i]),
+            error_without=without,
+            shares_without=shares,
+            pull=pull,
+            drift=drifts.get(i, (0.0, ()))[0],
+            noise_ratio=changes.get(i, (1.0, ()))[0],
+            spikes=spikes[i],
+            stuck=stuck[i],
+            silent=silent[i],
+            if_it_fails=(_drops_out(record, i, without, error, shares), _sticks(record, i, without, pull)),
+        )
+
+    return tuple(map(judged, range(params.sensors)))
+
+
+def _silent(record: _Record, sensor: int, stretch: Stretch) -> Finding | None:
+    if stretch == (0, 0):
+        return None
+    return Finding("silent", f"{record.names[sensor]} has no reading{record.when(stretch)}.")
+
+
+def _stuck(record: _Record, sensor: int, stretch: Stretch) -> Finding | None:
+    if stretch == (0, 0):
+        return None
+    reading = float(record.z[stretch[0], sensor])
+    at = record.size(reading) if record.params.gain[sensor] == 1.0 else number(reading)  # its unit may be another
+    return Finding("stuck", f"{record.names[sensor]} is stuck at {at}{record.when(stretch)}: leave it out there.")
+
+
+def _drifts(record: _Record, sensor: int, drift: float, pair: tuple[int, ...]) -> Finding | None:
+    """A difference from the others that moves; `pair`: two sensors of which no third one tells which drifts."""
+    if not drift:
+        return None
+    by = f"{record.size(drift)} within the record"
+    if pair:
+        two = listed([record.names[i] for i in pair])
+        return Finding("drift", f"{two} drift apart by {by}; two sensors cannot show which of them drifts.")
+    noise = record.size(math.sqrt(record.params.scaled_r[sensor]))
+    return Finding("drift", f"{record.names[sensor]} drifts against the others by {by} (σ of its noise: {noise}).")
+
+
+def _noise_changes(record: _Record, sensor: int, ratio: float, pair: tuple[int, ...]) -> Finding | None:
+    """A noise that changes; `pair` as for `_drifts`."""
+    if ratio <= 1.0:
+        return None
+    name = listed([record.names[i] for i in pair or (sensor,)])
+    why = "two sensors cannot show which of them it is" if pair else "one r cannot fit all of it"
+    times = f"{number(ratio, 2)} × within the record"
+    return Finding("noise", f"The noise variance of {name} changes {times}{';' if pair else ':'} {why}.")
+
+
+def _has_spikes(record: _Record, sensor: int, spikes: int) -> Finding | None:
+    if spikes < max(MIN_SPIKES, MIN_SPIKE_SHARE * np.isfinite(record.z[:, sensor]).sum()):
+        return None
+    seen = f"{record.names[sensor]} has {plural(spikes, 'spike')} that no other sensor confirms"
+    return Finding("spikes", f"{seen}: set an outlier gate.")
+
+
+def _drops_out(record: _Record, sensor: int, without: float, error: float, shares: Array) -> str:
+    """What happens when a sensor drops out."""
+    name = record.names[sensor]
+    if math.isinf(without):
+        return f"Without {name} no reading is left."
+    more = without / error - 1.0 if error > 0.0 else 0.0
+    change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"
+    change = "with it 0" if error == 0.0 < without else change
+    return (
+        f"If {name} drops out, the error is {record.size(without)}, {change}; "
+        f"the fused value is then {record.parts(shares)}."
+    )
+
+
+def _sticks(record: _Record, sensor: int, without: float, pull: float) -> str:
+    """What happens when a sensor sticks at one value, which no filter can see in a single reading."""
+    name, gate = record.names[sensor], record.params.gate
+    if math.isinf(without):
+        return f"If {name} sticks at one value, the filter follows it."
+    held = "" if gate is None else f", with the gate of {gate_text(gate)}"
+    end = percent(pull if pull > MIN_SHARE else 0.0)
+    return f"If {name} sticks at one value, the fused value ends {end} of the way to it{held}; leave it out then."
+
+
+def _pull(params: FilterParams, sensor: int) -> float:
+    """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
+
+    Without a gate this is its share. A gate rejects it at first, but accepts a reading after a number of
+    rejections, to avoid lock-out, and then the others are far from the fused value. That is simulated without
+    noise.
+    """
+    if params.gate is None:
+        return float(params.shares[sensor])
+    away = FAR * math.sqrt(float(params.scaled_r.max()) + params.q)
+    z = np.tile(params.offset, (2 * TRIED, 1))
+    z[TRIED:, sensor] += params.gain[sensor] * away
+    return float(np.clip(fuse(z, params).x[-TRIED // 2 :].mean() / away, 0.0, 1.0))
+
+
+# --- a sensor by itself ---------------------------------------------------------------------------------------
+
+
+def _spikes(record: _Record) -> list[int]:
+    """Readings of each sensor that are far off by its single filter, and that no other sensor confirms."""
+    sizes = np.stack([_sizes(record.run([i])) for i in range(record.params.sensors)], axis=1)
+    far, confirming = sizes > FAR_OFF, sizes > CONFIRMED
+    alone = far & (confirming.sum(axis=1, keepdims=True) == 1)
+    alone[1:] &= ~far[:-1]  # the reading after a spike is far from where the filter went
+    return alone.sum(axis=0).tolist()
+
+
+def _sizes(run: FilterResult) -> Array:
+    """|v|/√s of one sensor, over their usual size; 0 where none is scored."""
+    with np.errstate(invalid="ignore"):
+        size = np.abs(run.innovation[:, 0]) / np.sqrt(run.s[:, 0])
+    scored = np.isfinite(size)
+    usual = MAD * float(np.median(size[scored])) if scored.any() else 0.0
+    return np.where(scored, size, 0.0) / max(usual, 1.0)
+
+
+def _stuck_stretch(record: _Record, sensor: int) -> Stretch:
+    """The longest stretch of equal readings, where it is far longer than the others of this sensor.
+
+    A sensor that repeats its readings anyway, because it rounds, is stuck only if the others moved at that time.
+    """
+    rows = np.flatnonzero(np.isfinite(record.z[:, sensor]))
+    if not len(rows):
+        return 0, 0
+    values = record.z[rows, sensor]
+    starts = np.append(0, np.flatnonzero(np.diff(values)) + 1)
+    first, length = _longest(starts, len(values))
+    if not length:
+        return 0, 0
+    stretch = int(rows[first]), int(rows[first + length - 1]) + 1
+    repeats = len(values) > USUALLY_NEW * len(starts)
+    return (0, 0) if repeats and not _others_moved(record, sensor, stretch) else stretch
+
+
+def _others_moved(record: _Record, sensor: int, stretch: Stretch) -> bool:
+    """Whether the others show movement of the quantity in this stretch far beyond the noise of this sensor."""
+    others = record.others(sensor)
+    if not others:
+        return False
+    smoothed = smooth(record.z[:, others], record.params.only(others), record.dt).x[slice(*stretch)]
+    spread = np.nanmax(smoothed) - np.nanmin(smoothed) if np.isfinite(smoothed).any() else 0.0
+    return bool(spread > FAR_OFF * np.sqrt(record.params.scaled_r[sensor]))
+
+
+def _silent_stretch(answered: Mask) -> Stretch:
+    """The longest stretch of rows without a reading where it is far longer than the others of this sensor."""
+    rows = np.flatnonzero(answered)
+    if not len(rows):
+        return 0, len(answered)
+    first, length = _longest(np.append(0, rows), len(answered))  # a reading and the silence after it
+    start = first + int(answered[first])
+    return (start, first + length) if length else (0, 0)
+
+
+def _longest(starts: Array, end: int) -> Stretch:
+    """First place and length of the longest stretch, length 0 where it is as long as the others."""
+    lengths = np.diff(np.append(starts, end))
+    worst = int(lengths.argmax())
+    length, others = int(lengths[worst]), np.delete(lengths, worst)
+    usual = float(others.mean()) if len(others) else 1.0
+    return (int(starts[worst]), length) if length >= max(MIN_STRETCH, MUCH_LONGER * usual) else (0, 0)
+
+
+# --- a sensor beside the others -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """One sensor less the others, on the scale of x, where both answer."""
+
+    d: Array
+    """Its values, shape (m,)."""
+    variance: Array
+    """Variance of what is new in each value."""
+    others: float
+    """Variance of the error of the others that lasts for some values, 0 where it is new in each row too."""
+    lasting: float
+    """For how many values that error lasts."""
+
+    @property
+    def scaled(self) -> Array:
+        """The values divided by the standard deviations that the model gives to what is new in them."""
+        return self.d / np.sqrt(np.maximum(self.variance, MIN_VARIANCE))
+
+
+def _difference(record: _Record, sensor: int, others: Sequence[int]) -> _Difference:
+    """Sensor less others."""
+    params = record.params
+    y = (record.z - params.offset) / params.gain
+    one, rest = y[:, sensor], y[:, list(others)]
+    information = np.where(np.isfinite(rest), params.information[list(others)], 0.0)
+    total, r = information.sum(axis=1), float(params.scaled_r[sensor])
+    answered = np.isfinite(one)
+    both = answered & (total > 0.0)
+    if 2 * both.sum() >= answered.sum():
+        mean = (information * np.where(np.isfinite(rest), rest, 0.0)).sum(axis=1)[both] / total[both]
+        return _Difference(one[both] - mean, r + 1.0 / total[both], 0.0, 1.0)
+    remaining = params.only(others)
+    smoothed = smooth(record.z[:, list(others)], remaining, record.dt)
+    error = np.where(answered & np.isfinite(smoothed.p), smoothed.p, math.inf)
+    known = np.isfinite(error) & (error <= MAX_FAINTER * error.min(initial=math.inf))
+    per_row = known.sum() / max(len(y), 1)
+    lasting = 1.0 + 2.0 * steady_state(remaining.as_single).lag_samples * per_row
+    others_p = float(smoothed.p[known].mean()) if known.any() else 0.0
+    return _Difference((one - smoothed.x)[known], np.full(int(known.sum()), r), others_p, lasting)
+
+
+def _drift(one: _Difference) -> tuple[float, float]:
+    """By how much the difference moves, and how far beyond chance its blocks scatter, in standard deviations."""
+    blocks = min(MAX_BLOCKS, len(one.d) // MIN_BLOCK)
+    if blocks < 2:
+        return 0.0, 0.0
+    variance = one.variance * max(1.0, _noise(one.scaled))  # observed noise, where it exceeds that of the model
+    low, high = np.quantile(one.d, (0.1, 0.9))  # a drift is not clipped
+    reach = MAX_SIZE * np.sqrt(variance + one.others) + float(high - low)
+    d = np.clip(one.d - np.median(one.d), -reach, reach)
+    means = np.array([block.mean() for block in np.array_split(d, blocks)])
+    size = len(d) / blocks
+    noise = np.array([block.mean() for block in np.array_split(variance, blocks)]) / size
+    of_mean = np.maximum(noise + one.others * min(1.0, one.lasting / size), MIN_VARIANCE)
+    centre = float((means / of_mean).sum() / (1.0 / of_mean).sum())
+    chi2, degrees = float(((means - centre) ** 2 / of_mean).sum()), blocks - 1
+    width = 2.0 / (9.0 * degrees)  # χ² as a standard normal variate (Wilson & Hilferty 1931)
+    return float(np.ptp(means)), (math.cbrt(chi2 / degrees) - 1.0 + width) / math.sqrt(width)
+
+
+def _noise_change(one: _Difference) -> tuple[float, float]:
+    """The largest over the smallest variance of the noise of blocks, and the standard errors of its logarithm."""
+    blocks = min(MAX_BLOCKS // 2, len(one.d) // MIN_NOISE_BLOCK)
+    if blocks < 2:
+        return 1.0, 0.0
+    variances = [_noise(block) for block in np.array_split(one.scaled, blocks)]
+    if min(variances) <= 0.0:  # as coarse as its steps
+        return 1.0, 0.0
+    ratio = max(variances) / min(variances)
+    return ratio, math.log(ratio) / (
+        3.0 * math.sqrt(2.0 * blocks / len(one.d))
+    )  # 3/√m: more than normal steps have
+
+
+def _odd_ones(
+    compare: Callable[[int, tuple[int, ...]], tuple[float, float]], least: Array
+) -> dict[int, tuple[float, tuple[int, ...]]]:
+    """The sensors that differ from the others by more than chance, worst first.
+
+    Args:
+        compare: size and standard errors of the difference of a sensor from others.
+        least: the size of each sensor that is worth reporting.
+
+    Returns:
+        How much each differs; and the two sensors of a pair that no third one tells apart, else ().
+    """
+    odd: dict[int, tuple[float, tuple[int, ...]]] = {}
+    remaining = list(range(len(least)))
+    while len(remaining) > 1:
+        found = {i: compare(i, tuple(j for j in remaining if j != i)) for i in remaining}
+        beyond = {i: one for i, one in found.items() if one[1] > BEYOND_CHANCE and one[0] > least[i]}
+        if not beyond:
+            break
+        if len(remaining) == 2:  # which of the two is odd cannot be known
+            size = max(found[i][0] for i in remaining)
+            return odd | dict.fromkeys(remaining, (size, tuple(remaining)))
+        worst = max(beyond, key=lambda i: beyond[i][1])
+        odd[worst] = beyond[worst][0], ()
+        remaining.remove(worst)
+    return odd
+
+
+def _noise(d: Array) -> float:
+    """Variance of white noise in d, by the mean size of its smaller steps: neither drift nor spikes count.
+
+    A median would not do: of a sensor that rounds it is a whole number of steps.
+    """
+    if len(d) < 2:
+        return 0.0
+    steps = np.sort(np.abs(np.diff(d)))
+    kept = steps[: max(1, int(SMALLER * len(steps)))]
+    sigma = float(kept.mean()) / MEAN_OF_SMALLER
+    return 0.5 * sigma * sigma  # inf rather than an error where readings are huge

@@ -1,0 +1,292 @@
+"""The one place that decides whether a filter fits a record; everything else quotes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.analysis.actions import Action, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, UseStillStretch
+from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.diagnostics import Diagnostics
+from kalscope.analysis.findings import (
+    CHOOSE,
+    KEEP,
+    NO_FAULT,
+    STATUSES,
+    WITH_MOMENTUM,
+    Evidence,
+    Finding,
+    Known,
+    Tone,
+    as_sentences,
+    findings_of,
+)
+from kalscope.analysis.residuals import ALARM, dot
+from kalscope.common.text import correlation, count, decibels, number
+from kalscope.estimation.finding import Request
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict.words import below_step
+from kalscope.filtering.steady_state import steady_state
+
+HARDLY_DB = 3.0
+"""Noise reduction below which a filtered curve looks like the raw one, dB."""
+
+MAX_ADVICE = 2
+"""Findings at a time: the first may make the later ones unnecessary."""
+
+FEW = 100
+"""Residuals below which only gross misfits show."""
+
+CERTAIN = 4.0
+"""Standard errors by which the second half must differ before this is reported."""
+
+BLOCKS = 16
+"""Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
+
+BEYOND_CHANCE = 3.29
+"""Standard errors that chance exceeds once in a thousand, as `ALARM`."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Judgement:
+    """Whether a filter fits a record, and what to do where it does not."""
+
+    status: str
+    """The most urgent finding: one of STATUSES."""
+    headline: str
+    """One sentence with capital and full stop; it is true of the record whatever else is found."""
+    word: str
+    """The judgement in one to three words, such as "fits", "too slow", "as chosen"."""
+    tone: Tone
+    """"good", nothing to correct; "note", something to know; "bad", something that should be corrected."""
+    findings: tuple[Finding, ...] = ()
+    """What was found and what to do, most urgent first, of a channel two at most; () where nothing is to do."""
+    second_half: str = ""
+    """How the second half is predicted, of a channel as a clause; "" where that was not possible."""
+    residuals: Diagnostics | None = None
+    """Of a channel: the filter on the whole record."""
+    held_out: Diagnostics | None = None
+    """Of a channel: a pair that has not seen the second half, on that half."""
+
+
+def judge(
+    residuals: Diagnostics | None,
+    held_out: Diagnostics | None = None,
+    estimate: Estimate | None = None,
+    request: Request | None = None,
+    still: tuple[int, int] | None = None,
+    unit: str = "",
+) -> Judgement:
+    """Decide whether a filter fits a record.
+
+    Args:
+        residuals: the filter judged on the whole record; None where there is no pair.
+        held_out: of the second half, by a pair that has not seen it; None where that was not possible.
+        estimate: where q and r come from; None where they were chosen.
+        request: what the user wanted and knew, from which the filter follows; None where the parameters were set by
+            hand. The advice does not undo a goal such as a lag, and does not repeat a search.
+        still: the still stretch that was found, its first sample and one past its last; where r is to be given, it
+            is offered.
+        unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
+    """
+    if residuals is None:
+        one = _without_pair(estimate)
+    else:
+        one = replace(_of_pair(residuals, held_out, estimate, request), residuals=residuals, held_out=held_out)
+    if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
+        one = replace(one, headline=below_step(estimate.resolution, unit))
+    if still is None:
+        return one
+    take = Finding(one.status, "take r from the still stretch that the record shows", UseStillStretch(*still))
+    findings = (take if isinstance(each.action, GiveNoise) else each for each in one.findings)
+    return replace(one, findings=tuple(findings))
+
+
+def needs_noise(estimate: Estimate | None) -> bool:
+    """Whether the record leaves r open, so that a still stretch is worth a search."""
+    return estimate is not None and estimate.verdict in ("no_noise", "flat")
+
+
+def advice_words(judgement: Judgement) -> str:
+    """The findings as clauses without capitals; where there is none, that there is no misfit, or the headline."""
+    clauses = ". ".join(one.text for one in judgement.findings)
+    return clauses or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
+
+
+def _noise_is_below_step(estimate: Estimate) -> bool:
+    """Whether the noise without that of rounding, Δ²/12, is smaller than the step Δ of the readings."""
+    step = estimate.resolution
+    return step > 0.0 and estimate.r < step * step * (1.0 + 1.0 / 12.0)
+
+
+def _without_pair(estimate: Estimate | None) -> Judgement:
+    """What to do where the estimate gives no pair, by its verdict."""
+    accept = "choose the lag or the cut-off that you can accept"
+    by_verdict: dict[str, tuple[tuple[str, Action], ...]] = {
+        "no_noise": (("take r from a still stretch or the data sheet", GiveNoise()), (accept, ChooseFilter())),
+        "no_movement": (
+            (f"keep this r and {accept}", ChooseFilter()),
+            ("record while the signal moves", RecordLonger(0)),
+        ),
+        "too_few": (("record longer", RecordLonger(8)),),
+        "constant": (("record while the signal moves, or take r from the data sheet", GiveNoise()),),
+        "irregular": (("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
+    }
+    headlines = {
+        "no_noise": "No noise can be identified: every change looks like movement.",
+        "no_movement": "No movement can be identified: a constant plus noise explains this record best.",
+    }
+    if estimate is None:
+        headline, advice = "There is no q and r to judge.", ()
+    else:
+        headline = headlines.get(estimate.verdict) or f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
+        advice = by_verdict.get(estimate.verdict, ((accept, ChooseFilter()),))
+    return _judgement("no_pair", headline, tuple(Finding("no_pair", *one) for one in advice))
+
+
+def _of_pair(
+    residuals: Diagnostics, held_out: Diagnostics | None, estimate: Estimate | None, request: Request | None
+) -> Judgement:
+    """The judgement of a pair on a record in which no still stretch is known."""
+    evidence, outliers = residuals.evidence, None if estimate is None else estimate.outliers
+    known = Known(
+        robust=outliers is not None, momentum_searched=request is not None and request.checked_momentum() is None
+    ).with_request(request)
+    known = replace(known, estimated=estimate is not None and not known.goal)
+    if held_out is not None and held_out.n < MIN_SAMPLES:
+        held_out = None
+    if outliers is not None and outliers[0]:
+        found = [_first_is_spike()]
+    elif estimate is not None and estimate.verdict == "below_resolution":
+        found = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
+    else:
+        found = findings_of(evidence, known)
+    found = found or _beyond_residuals(held_out, estimate)
+    if known.estimated and estimate is not None:
+        found = _with_next_step(found, estimate, lag_costs=evidence.lag_costs)
+    half = "" if held_out is None else _second_half(held_out)
+    if not found:
+        return _without_misfit(residuals, held_out, known, half)
+    status = found[0].status
+    headline = as_sentences(found[0].text) if status == "as_chosen" else _headline(status, evidence, known)
+    findings = tuple(one for one in found if as_sentences(one.text) not in headline)[:MAX_ADVICE]
+    word = _band(evidence) if status == "band" else ""
+    return _judgement(status, headline, findings, half, word)
+
+
+def _judgement(
+    status: str, headline: str, findings: tuple[Finding, ...] = (), second_half: str = "", word: str = ""
+) -> Judgement:
+    usual, tone, _ = STATUSES[status]
+    return Judgement(
+        status=status, headline=headline, word=word or usual, tone=tone, findings=findings, second_half=second_half
+    )
+
+
+def _headline(status: str, evidence: Evidence, known: Known) -> str:
+    if status == "too_few":
+        return f"Too few samples to judge the filter: {count(evidence.n)} were scored, {MIN_SAMPLES} are needed."
+    if status == "band":
+        best, at = evidence.correction, f" {WITH_MOMENTUM}" if evidence.momentum else ""
+        size = "smaller" if best.r_factor > 1.0 else "larger"
+        text = f"The ± {_band(evidence).replace('band', 'band is')}: it predicts {size} errors."
+        # Two factors too alike to be worth a change may still fit clearly better, as may others with the spikes.
+        compared = best.q_factor == best.r_factor and not evidence.spikes
+        return f"{text} No other q/r fits clearly better{at}." if compared else text
+    _, tone, headline = STATUSES[status]
+    return f"{known.chosen if tone == 'note' else ''}{headline}"
+
+
+def _band(evidence: Evidence) -> str:
+    return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
+
+
+def _first_is_spike() -> Finding:
+    """All there is to say where the filter has to find its way back from a spike: most residuals show that."""
+    text = "leave the first sample out of the record: it is a spike, and the filter takes it for the signal"
+    return Finding("start", text)
+
+
+def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -> list[Finding]:
+    """The evidence against a filter whose residuals on the whole record are white and of the right size."""
+    if estimate is not None and estimate.verdict == "flat":
+        return [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
+    if held_out is None or not halves_differ(held_out):
+        return []
+    size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
+    text = f"the squared errors of the second half are {size}: the noise or the movement changes"
+    return [Finding("changes", text)]
+
+
+def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
+    """The findings on the best fit, which end with an action where it may look worse than the previous filter."""
+    if estimate.params is None or any(one.action or one.status in ("start", "constant") for one in found):
+        return found
+    removed = steady_state(estimate.params).noise_reduction_db
+    reason = ""
+    if removed < HARDLY_DB:
+        reason = f": the best statistical fit removes only {decibels(removed)} of the noise"
+    elif lag_costs or not found:
+        return found
+    status = found[0].status if found else "weak"
+    step = Finding(status, f"{KEEP}{reason}") if lag_costs else Finding(status, f"{CHOOSE}{reason}", ChooseFilter())
+    return [*found[: MAX_ADVICE - 1], step]
+
+
+def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, known: Known, half: str) -> Judgement:
+    """A filter without a misfit that is worth correcting."""
+    n, refused = residuals.evidence.n, residuals.evidence.refused
+    misfit = _small_misfit(residuals, held_out)
+    if n < FEW:
+        text = f"Nothing in the {count(n)} residuals contradicts the filter, but so few show only gross misfits."
+    elif misfit:
+        text = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
+    else:
+        without = f", {count(refused)} more rejected by the gate" if refused else ""
+        text = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
+    return _judgement("fits", f"{known.chosen}{text}", (), half, "nearly fits" if misfit else "")
+
+
+def _small_misfit(whole: Diagnostics, held_out: Diagnostics | None) -> str:
+    """The first test that fails beyond chance though no misfit is worth correcting, as a clause; "" = none."""
+    for what, one in (("squared errors are", whole), ("squared errors of the second half are", held_out)):
+        if one is not None and abs(one.nis - 1.0) > BEYOND_CHANCE * math.sqrt(2.0 / max(one.n, 1)):
+            return f"{what} {number(one.nis)} × what q and r predict"
+    if whole.ljung_box_p < ALARM or abs(whole.r1) > BEYOND_CHANCE / 1.96 * whole.r1_bound or whole.slow_p < ALARM:
+        return f"neighbouring residuals are slightly correlated ({correlation(whole.r1)})"
+    if whole.variance_ratio_p < ALARM:
+        return f"their variance in the last third is {number(whole.variance_ratio)} × that in the first"
+    return ""
+
+
+def _second_half(held_out: Diagnostics) -> str:
+    """The size of the errors of the second half, without a verdict on it that the whole record could contradict."""
+    if held_out.nis_low <= held_out.nis <= held_out.nis_high:
+        return "squared errors are as large as q and r predict"
+    size = f"squared errors are {number(held_out.nis)} × what q and r predict"
+    if halves_differ(held_out):
+        return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
+    if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
+        return f"{size}, too little to matter"
+    return f"{size}, {'as on the first half' if _is_alike(held_out) else 'but they scatter too much to tell why'}"
+
+
+def _is_alike(held_out: Diagnostics) -> bool:
+    """Whether the mean v²/s of both halves is the same within a factor that matters; both may be 0."""
+    return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
+
+
+def halves_differ(held_out: Diagnostics) -> bool:
+    """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
+
+    The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first
+    half is as uncertain.
+    """
+    e = held_out.e[np.isfinite(held_out.e)]
+    if len(e) < 4 * BLOCKS or _is_alike(held_out):
+        return False
+    means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
+    error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
+    return abs(held_out.nis - held_out.nis_before) > CERTAIN * error

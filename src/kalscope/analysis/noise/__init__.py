@@ -1,1 +1,0 @@
-"""Where the noise sits: by frequency, and by averaging time."""
