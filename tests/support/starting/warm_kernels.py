@@ -15,7 +15,6 @@ from kalscope import (
     Butterworth,
     Exponential,
     FilterParams,
-    FilterParams,
     KalmanFilter,
     Median,
     MovingAverage,
@@ -30,12 +29,12 @@ from kalscope import (
     smooth,
 )
 from kalscope.analysis.alternatives.comparison import compare_alternatives
-from kalscope.estimation.fleet.held_out import held_out
+from kalscope.estimation.fleet.losses import held_out
 from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32
-from kalscope.filtering.classic.running import RunningStages
 from kalscope.filtering.chosen import filter_at
+from kalscope.filtering.classic.running import RunningStages
 from kalscope.papers.generalized import filter as generalized
 
 SAMPLES = 30_000
