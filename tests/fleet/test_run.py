@@ -6,10 +6,8 @@ What needs no process has workers that do a batch at once, in this process; the 
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import sys
-from pathlib import Path
 
 import pytest
 from fleet_runs import files_of, fits, parts, run_here, table, write_devices
@@ -21,7 +19,7 @@ from waiting import PATIENCE, wait_until
 from kalscope.cli.app import run as kalscope
 from kalscope.errors import BadSetting
 from kalscope.fleet import answer, run, work
-from kalscope.fleet.run import LOST, TaskLost, WorkerDied
+from kalscope.fleet.run import TaskLost
 from kalscope.fleet.store import locked
 
 try:
@@ -31,7 +29,6 @@ try:
 except ImportError:
     not_here("dask, distributed or pyarrow is not installed")
 
-SHARED_DATA = Path(__file__).parents[4] / "shared" / "data"
 PLAIN = ["--momentum", "0", "--no-robust"]
 
 
@@ -59,23 +56,6 @@ def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
     assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
     assert "One filter for all: q = " in done.out
     assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real recordings are not here")
-def test_twenty_real_recordings_are_accounted_for(tmp_path, at_once, capsys):
-    logs = tmp_path / "logs"
-    write_devices(logs, 5)
-    real = sorted(path for path in SHARED_DATA.rglob("*.*") if path.is_file() and path.stat().st_size < 100_000)[
-        :20
-    ]
-    for i, path in enumerate(real):
-        shutil.copy(path, logs / f"real{i:02d}-{path.name}")
-    run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
-    rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert len(real) == 20
-    assert set(rows) == {path.name for path in logs.iterdir()}
-    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
 
 
 @pytest.mark.slow
@@ -135,18 +115,6 @@ def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsy
 
 
 @pytest.mark.slow
-def test_what_kills_its_worker_is_a_row_and_the_others_are_done(tmp_path, at_once, capsys):
-    faults, _ = at_once
-    write_devices(tmp_path / "logs", 14)
-    faults.append(lambda units: WorkerDied() if any(unit.id == "dev0013.csv" for unit in units) else None)
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert len(rows) == 14
-    assert [name for name, row in rows.items() if row["reason"]] == ["dev0013.csv"]
-    assert rows["dev0013.csv"]["reason"] == LOST
-
-
-@pytest.mark.slow
 def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsys):
     faults, made = at_once
     write_devices(tmp_path / "logs", 5)
@@ -155,28 +123,6 @@ def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsy
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
     assert len(table(tmp_path / "out")) == 5
     assert made[0].most <= 4
-
-
-@pytest.mark.slow
-def test_a_batch_out_of_time_leaves_the_rest_to_others(tmp_path, at_once, capsys, monkeypatch):
-    write_devices(tmp_path / "logs", 9)
-    monkeypatch.setattr(work, "MAX_SECONDS", -1.0)
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    assert len(parts(tmp_path / "out")) == 9  # a unit each: no batch was begun with more time
-    assert len(table(tmp_path / "out")) == 9
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_said_and_a_rerun_goes_on(tmp_path, at_once, capsys):
-    faults, _ = at_once
-    write_devices(tmp_path / "logs", 6)
-    faults.append(lambda _units: OSError(28, "No space left on device", "parts/x"))
-    full = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN, expect=2)
-    assert full.err == "kalscope: 'parts/x': No space left on device\n"
-    assert files_of(tmp_path / "out") == {".lock", "run.json"}
-    faults.clear()
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    assert len(table(tmp_path / "out")) == 6
 
 
 # From here on on Dask.
