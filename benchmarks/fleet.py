@@ -35,10 +35,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kalscope.cli.tune.options import TuneOptions
-from kalscope.tuning.fleet.batches import lay_out
-from kalscope.tuning.fleet.recordings.find import find_units
-from kalscope.tuning.fleet.run import run_fleet
-from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.estimation.fleet.pool import Pool
+from kalscope.fleet.answer import answer_for, devices_of, save_answer
+from kalscope.fleet.find import find_units
+from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.run import lay_out, run_fleet
 
 GROUPS = 400
 """Row groups of a data set, at least."""
@@ -82,7 +83,7 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
     print(
         f"{tally['rows'] / tally['seconds']:,.0f} rows/s on {tally['threads']} workers ({seconds:.1f} s with start"
         f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
-        f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit;"
+        f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit, start included;"
         f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker, {tally['driver_bytes'] / 1e6:,.0f} MB the driver"
     )
     print(f"rows/s by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
@@ -127,14 +128,26 @@ def driver(source: Path, out: Path) -> list[str]:
 def drive(source: str, out: str) -> None:
     """One run, as `kalscope fleet` does it."""
     seen: list[tuple[float, int]] = [(0.0, 0)]
+    question = TuneOptions(momentum=0.0, robust=False)
+
+    def finish(table: pa.Table, pool: Pool) -> None:
+        save_answer(answer_for(devices_of(table), pool, question), table, Path(out))
+
     tally = run_fleet(
         [source],
-        Asked(TuneOptions(momentum=0.0, robust=False)),
+        FleetOptions(question),
         Path(out),
         show=lambda tally: seen.append((tally.seconds, tally.rows)),
+        finish=finish,
     )
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    print(json.dumps(asdict(tally) | {"fifths": fifths(seen), "driver_bytes": peak}))
+    driver, workers = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    used = {
+        "total_s": workers.ru_utime + workers.ru_stime,
+        "fitting_s": sum(pq.read_table(Path(out) / "fleet.parquet")["seconds"].to_pylist()),
+        "peak_bytes": workers.ru_maxrss * 1024,
+        "driver_bytes": driver.ru_maxrss * 1024,
+    }
+    print(json.dumps(asdict(tally) | used | {"fifths": fifths(seen)}))
 
 
 def fifths(seen: list[tuple[float, int]]) -> list[float]:

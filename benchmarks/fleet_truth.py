@@ -16,12 +16,10 @@ import numpy as np
 
 from kalscope.cli.tune.options import NOTHING
 from kalscope.common.array import Array
-from kalscope.estimation.fleet.held_out import held_out
-from kalscope.estimation.fleet.losses import left_by
+from kalscope.estimation.fleet.losses import held_out, loss_inputs
 from kalscope.estimation.fleet.many.estimate_many import estimate_many
 from kalscope.estimation.fleet.pool import Pool, pool_of
-from kalscope.tuning.fleet.answer.answer import Answer, answer_for
-from kalscope.tuning.fleet.answer.devices import Devices
+from kalscope.fleet.answer import Answer, Devices, answer_for
 
 Q, R = 0.04, 1.0
 """Of a device like the others."""
@@ -43,7 +41,7 @@ def devices_of(series: Array) -> Devices:
     """The table of a fleet, as its parts would give it."""
     table, n = estimate_many(series, robust=False), len(series)
     q, r = (np.where(table.usable, one, np.nan) for one in (table.q, table.r))
-    left = left_by(q / r, np.zeros(n), held_out(series))
+    left = loss_inputs(q / r, np.zeros(n), held_out(series))
     names, words = [f"dev{i:03d}" for i in range(n)], ["light"] * n
     ends = table.q_interval, table.r_interval
     return Devices(names, words, ["lx"] * n, np.full(n, 100.0), q, r, *ends, np.zeros(n), Counter(), left)
@@ -82,7 +80,7 @@ def main() -> None:
 
 def counted(answer: Answer, name: str, odd: set[int]) -> tuple[int, int]:
     """How many of the odd devices are named as unlike the others, and how many others."""
-    named = {int(i) for i in answer.unlike[name].devices}
+    named = {int(i) for i in answer.outliers[name].devices}
     return len(named & odd), len(named - odd)
 
 

@@ -10,8 +10,7 @@ from fleet_folder import NOISY, FleetRun, finished_fleet, write_logs
 from required import not_here
 from waiting import wait_until
 
-from kalscope.tuning.fleet.results.fleet import FleetReader
-from kalscope.tuning.fleet.results.reopen import kept_at, reopen
+from kalscope.fleet.results import FleetReader, reopen, source_of
 from kalscope_app.session.changes.fleet import at_device, open_fleet
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.map_geometry import frame_for
@@ -82,7 +81,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     wait_for_values(screen, own)
 
     page.get_by_text("at the filter for all").click()
-    state = open_fleet(fleet)(opened(reopen(kept_at(fleet, NOISY))))
+    state = open_fleet(fleet)(opened(reopen(source_of(fleet, NOISY))))
     state = at_device(fleet, NOISY)(state)
     shown = MapMaker()(state)
     frame = frame_for(*SIZE, shown.q, shown.r)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
 from kalscope.cli.tune.options import TuneOptions
-from kalscope.tuning.fleet.answer.answer import answer_for
-from kalscope.tuning.fleet.answer.devices import read_devices
-from kalscope.tuning.fleet.answer.save import save_answer
-from kalscope.tuning.fleet.recordings.find import find_units
-from kalscope.tuning.fleet.store.begun import note_begun
-from kalscope.tuning.fleet.store.merge import merge
-from kalscope.tuning.fleet.store.parts import find_parts, write_part
-from kalscope.tuning.fleet.work.asked import Asked
-from kalscope.tuning.fleet.work.task import fit_unit
+from kalscope.fleet.answer import answer_for, devices_of, save_answer
+from kalscope.fleet.find import find_units
+from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.store import Row, find_parts, merge, schema, write_note, write_part
+from kalscope.fleet.work import fit_unit
 
-PLAIN = Asked(TuneOptions(momentum=0.0, robust=False))
+PLAIN = FleetOptions(TuneOptions(momentum=0.0, robust=False))
 """What is asked of each recording."""
 NOISY = 3
 """The device with a hundred times the noise variance."""
@@ -41,7 +39,7 @@ class FleetRun:
         folder.mkdir(exist_ok=True)
         self.units = find_units([str(source)], folder, asked.row_groups)
         pooled = asked.is_pooled
-        note_begun(folder, len(self.units), self.options, asked.reading, asked.sample_period, pooled=pooled)
+        write_note(folder, len(self.units), self.options, asked.reading, asked.sample_period, pooled=pooled)
 
     def do(self, first=0, last=None):
         """Write the parts of some units."""
@@ -53,9 +51,9 @@ class FleetRun:
     def finish(self):
         """Merge the table and write the answer."""
         keys = [[unit.key(self.options) for unit in self.units]]
-        pool = merge(self.folder, keys, find_parts(self.folder))
-        answer = answer_for(read_devices(self.folder), pool, self.asked.question)
-        save_answer(answer, self.folder)
+        table, pool = merge(keys, find_parts(self.folder))
+        answer = answer_for(devices_of(table), pool, self.asked.question)
+        save_answer(answer, table, self.folder)
         return answer
 
 
@@ -64,3 +62,10 @@ def finished_fleet(folder):
     write_logs(folder / "logs")
     FleetRun(folder / "logs", folder / "result").do().finish()
     return folder / "result"
+
+
+def table_of(devices):
+    """Merged rows with the names of these devices, and nothing else."""
+    import pyarrow as pa
+
+    return pa.Table.from_pylist([asdict(Row(name)) for name in devices.ids], schema())

@@ -9,8 +9,8 @@ from forked import fork_server
 from hostile_case import Seen, in_child
 
 from kalscope.cli.app import run as kalscope
-from kalscope.tuning.fleet.cluster import WorkerDied
-from kalscope.tuning.fleet.work import deadline, task
+from kalscope.fleet import work
+from kalscope.fleet.run import WorkerDied
 
 RNG = np.random.default_rng(11)
 
@@ -77,8 +77,8 @@ def done_by_hanging_worker(function, units, *rest):
 
     The time limit of a unit is in proportion to its bytes.
     """
-    plain, deadline.FULL_BYTES = task.read_file, 1
-    task.read_file = lambda unit, asked: (
+    plain, work.FULL_BYTES = work.read_file, 1
+    work.read_file = lambda unit, asked: (
         ctypes.PyDLL(None).pause() if unit.id.startswith("hangs") else plain(unit, asked)
     )
     return function(units, *rest)

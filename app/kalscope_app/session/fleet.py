@@ -14,7 +14,7 @@ from kalscope.common.array import Array, Indices
 from kalscope.common.text import trimmed
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 MAX_ROWS = 12
 """Devices in the table; the file has them all."""

@@ -18,7 +18,7 @@ from kalscope_app.session.fleet import OpenFleet, loss_text
 from kalscope_app.studies.map_geometry import MapFrame, Point, Range
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 MAX_POINTS = 1000
 """Devices drawn as points, at most; of a larger fleet the outliers are, and all of it is a density."""
@@ -147,7 +147,7 @@ def _points(fleet: Fleet, usable: Indices) -> Indices:
     by_distance = np.argsort(distance, kind="stable")
     if len(usable) <= MAX_POINTS:
         return by_distance
-    odd: Mask = fleet.unlike[usable] | (growth > LOSSES[0])
+    odd: Mask = fleet.outlier[usable] | (growth > LOSSES[0])
     half = MAX_POINTS // 2
     wanted = np.zeros(len(usable), dtype=bool)
     for order in (by_distance, np.argsort(growth, kind="stable")):

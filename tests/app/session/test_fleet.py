@@ -11,8 +11,7 @@ from required import not_here
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.tuning.fleet.results.fleet import FleetReader
-from kalscope.tuning.fleet.results.reopen import kept_at, reopen
+from kalscope.fleet.results import FleetReader, reopen, source_of
 from kalscope_app.session.changes.fleet import (
     at_device,
     close_fleet,
@@ -47,7 +46,7 @@ def state(fleet):
 
 def at(fleet, state, i):
     """As the dashboard opens a device."""
-    return at_device(fleet, i)(opened(reopen(kept_at(fleet, i)), state))
+    return at_device(fleet, i)(opened(reopen(source_of(fleet, i)), state))
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, synthesize
-from kalscope.tuning.fleet.answer.devices import Devices
-from kalscope.tuning.fleet.results.fleet import Fleet, SharedFilter
-from kalscope.tuning.fleet.store.begun import Begun
+from kalscope.fleet.answer import Devices
+from kalscope.fleet.results import Fleet, SharedFilter
+from kalscope.fleet.store import RunNote
 from kalscope_app.session.changes.fleet import open_fleet, pick_device, set_fleet_colour
 from kalscope_app.session.fleet import MAX_ROWS, OpenFleet, loss_text
 from kalscope_app.session.opening import opened
@@ -47,8 +47,8 @@ def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 
         shared=one,
         growth=np.zeros(n) if growth is None else np.asarray(growth, float),
         distance=np.where(unlike, 9.0, 1.0),
-        unlike=unlike,
-        begun=Begun(units=2 * n),
+        outlier=unlike,
+        note=RunNote(units=2 * n),
         done=done,
     )
 

@@ -9,12 +9,9 @@ import pytest
 from each import each
 from fleets import fleet
 
-from kalscope import BadSetting, FilterParams, estimate, estimate_fixed_ratio, log_likelihood
-from kalscope.estimation.fleet.pool import Pool, pool_of
-from kalscope.estimation.fleet.pooled import fit_pool, pool_at
+from kalscope import BadSetting, estimate, estimate_fixed_ratio
+from kalscope.estimation.fleet.pool import Pool, fit_pool, pool_at, pool_of
 from kalscope.estimation.likelihood.profile import DEFAULT_LOG_RATIOS, differences
-
-SCALES = ("each", "common")
 
 
 def uneven(devices=40, seed=3):
@@ -26,15 +23,9 @@ def uneven(devices=40, seed=3):
     return [row[: int(rng.integers(60, 400))] for row in rows]
 
 
-def summed(series, log_ratios, scale):
+def summed(series, log_ratios):
     """The oracle: the log-likelihoods of all devices, added."""
-    parts = [differences(np.asarray(z), np.empty(0)) for z in series]
-    if scale == "each":
-        return sum(one.concentrated(log_ratios) for one in parts)
-    sums = [one.sums(np.exp(log_ratios)) for one in parts]
-    m = sum(one.m for one in parts)
-    chi2 = sum(chi2 * one.scale**2 for one, (chi2, _) in zip(parts, sums, strict=True))
-    return -0.5 * (m * (math.log(2.0 * math.pi) + 1.0 + np.log(chi2 / m)) + sum(logdet for _, logdet in sums))
+    return sum(differences(np.asarray(z), np.empty(0)).concentrated(log_ratios) for z in series)
 
 
 def test_the_pool_of_batches_is_the_pool_of_the_fleet():
@@ -46,39 +37,26 @@ def test_the_pool_of_batches_is_the_pool_of_the_fleet():
     np.testing.assert_allclose(parts.sums, whole.sums, rtol=1e-12)
 
 
-@pytest.mark.parametrize("scale", SCALES)
-def test_between_the_points_of_the_grid_the_pool_is_the_summed_likelihood(scale):
+def test_between_the_points_of_the_grid_the_pool_is_the_summed_likelihood():
     series, pool = uneven(), pool_of(uneven())
     places = np.random.default_rng(1).uniform(DEFAULT_LOG_RATIOS[0], DEFAULT_LOG_RATIOS[-1], 200)
-    np.testing.assert_allclose(pool.loglik(places, scale == "common"), summed(series, places, scale), rtol=3e-8)
+    np.testing.assert_allclose(pool.loglik(places), summed(series, places), rtol=3e-8)
 
 
 @each("seed", range(6))
-@each("scale", SCALES)
-def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(scale, seed):
+def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(seed):
     series = fleet(30, 100 + 60 * seed, 10.0 ** (2 - seed), seed=seed)
-    found = fit_pool(pool_of(series), scale)
+    found = fit_pool(pool_of(series))
     h = 1e-3
-    low, here, high = summed(series, math.log(found.ratio) + h * np.array([-1.0, 0.0, 1.0]), scale)
+    low, here, high = summed(series, math.log(found.ratio) + h * np.array([-1.0, 0.0, 1.0]))
     newton = 0.5 * h * (high - low) / (2.0 * here - low - high)  # what is left to the top of the exact sum
     assert abs(newton) < 1e-6
     assert found.loglik == pytest.approx(here, abs=1e-6)
 
 
-def test_with_a_common_r_the_sum_is_that_of_the_filter_itself():
-    series = uneven(12)
-    found = fit_pool(pool_of(series), "common")
-    assert found.params == FilterParams(q=found.q, r=found.r)
-    assert found.loglik == pytest.approx(sum(float(log_likelihood(z, found.params)) for z in series), rel=1e-10)
-    for factor in (0.99, 1.01):
-        for near in (FilterParams(found.q * factor, found.r), FilterParams(found.q, found.r * factor)):
-            assert sum(float(log_likelihood(z, near)) for z in series) < found.loglik
-
-
-@pytest.mark.parametrize("scale", SCALES)
-def test_a_fleet_of_one_is_estimated_as_that_one(scale):
+def test_a_fleet_of_one_is_estimated_as_that_one():
     z = uneven(1)[0]
-    found, one = fit_pool(pool_of([z]), scale), estimate(z, momentum=0.0, robust=False)
+    found, one = fit_pool(pool_of([z])), estimate(z, momentum=0.0, robust=False)
     assert (found.q, found.r, found.ratio) == pytest.approx((one.q, one.r, one.ratio), rel=1e-6)
     assert found.ratio_interval == pytest.approx(one.ratio_interval, rel=1e-6)
     assert found.loglik == pytest.approx(one.loglik, abs=1e-6)
@@ -95,29 +73,27 @@ def test_units_of_the_devices_change_only_r_where_each_has_its_own():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scale", SCALES)
-def test_the_truth_lies_in_the_interval_as_often_as_it_says(scale):
+def test_the_truth_lies_in_the_interval_as_often_as_it_says():
     held = 0
     for seed in range(60):
-        low, high = fit_pool(pool_of(fleet(20, 200, 0.05, seed=seed)), scale).ratio_interval
+        low, high = fit_pool(pool_of(fleet(20, 200, 0.05, seed=seed))).ratio_interval
         held += low <= 0.05 <= high
     assert 51 <= held <= 60  # 57 expected; fewer than 51 once in 150
 
 
 def test_the_pair_of_five_hundred_devices_is_close_to_the_truth():
-    found = fit_pool(pool_of(fleet(500, 1000)), "common")
+    found = fit_pool(pool_of(fleet(500, 1000)))
     assert found.ratio_interval[0] < 0.01 < found.ratio_interval[1] < 0.0105
     assert found.r == pytest.approx(1.0, rel=0.01)
-    assert found.devices == 500
 
 
 def test_edges_are_verdicts():
     noise = np.random.default_rng(1).standard_normal((40, 301))
-    still = fit_pool(pool_of(np.diff(noise)), "common")  # what rises falls back: less than no movement
+    still = fit_pool(pool_of(np.diff(noise)))  # what rises falls back: less than no movement
     assert (still.verdict, still.q, still.params) == ("no_movement", 0.0, None)
     assert still.r == pytest.approx(2.0, rel=0.05)
     smooth = np.cumsum(noise[:, 1:] + noise[:, :-1], axis=1)  # what rises goes on: less than no noise
-    free = fit_pool(pool_of(smooth), "common")
+    free = fit_pool(pool_of(smooth))
     assert (free.verdict, free.r, free.ratio, free.params) == ("no_noise", 0.0, math.inf, None)
     assert free.q == pytest.approx(2.0, rel=0.05)
 
@@ -126,7 +102,7 @@ def test_irregular_steps_count():
     rng = np.random.default_rng(4)
     steps = rng.integers(1, 4, (30, 300)).astype(float)
     z = np.cumsum(rng.standard_normal((30, 300)) * np.sqrt(0.05 * steps), axis=1) + rng.standard_normal((30, 300))
-    low, high = fit_pool(pool_of(z, steps), "common").ratio_interval
+    low, high = fit_pool(pool_of(z, steps)).ratio_interval
     assert low < 0.05 < high
 
 
@@ -144,16 +120,11 @@ def test_a_chosen_ratio_gets_the_noise_that_fits_it():
     assert (found.ratio, found.verdict) == (0.3, "given")
     assert found.r == pytest.approx(math.exp(np.mean([math.log(one.r) for one in each])), rel=1e-7)
     assert found.loglik == pytest.approx(sum(one.loglik for one in each), rel=1e-8)
-    common, m = pool_at(pool_of(series), 0.3, "common"), np.array([len(z) - 1 for z in series])
-    assert common.r == pytest.approx(np.sum(m * [one.r for one in each]) / m.sum(), rel=1e-7)
-    assert common.q == pytest.approx(0.3 * common.r)
 
 
 def test_an_empty_fleet_and_wrong_arguments_are_refused():
     with pytest.raises(BadSetting, match="at least one"):
         fit_pool(Pool.empty())
-    with pytest.raises(BadSetting, match="scale must be"):
-        fit_pool(pool_of(uneven(2)), "both")
     with pytest.raises(BadSetting, match="ratio must be"):
         pool_at(pool_of(uneven(2)), 0.0)
     assert pool_of([]).devices == 0

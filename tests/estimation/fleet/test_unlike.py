@@ -10,7 +10,7 @@ from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, estimate_many
-from kalscope.estimation.fleet.unlike import unlike
+from kalscope.estimation.fleet.compare import outliers
 
 
 def logs(values, interval):
@@ -22,7 +22,7 @@ def test_five_drifting_and_five_noisy_devices_of_five_hundred_are_found():
     q, r = np.full(500, 0.01), np.ones(500)
     q[:5], r[5:10] = 0.09, 3.0
     table = estimate_many(fleet(500, 1000, q, r))
-    moving, noisy = unlike(*logs(table.q, table.q_interval)), unlike(*logs(table.r, table.r_interval))
+    moving, noisy = outliers(*logs(table.q, table.q_interval)), outliers(*logs(table.r, table.r_interval))
     assert set(moving.devices) == set(range(5))
     assert set(noisy.devices) == set(range(5, 10))
     assert np.all(moving.z[:5] > moving.threshold)
@@ -36,7 +36,7 @@ def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
     for seed in range(6):
         table = estimate_many(fleet(500, samples, q, seed=seed))
         for name in named:
-            scores = unlike(*logs(getattr(table, name), getattr(table, f"{name}_interval")), expected=1.0)
+            scores = outliers(*logs(getattr(table, name), getattr(table, f"{name}_interval")), expected=1.0)
             named[name] += len(scores.devices)
     assert all(count <= 14 for count in named.values()), named  # 6 expected; more than 14 once in 1000
 
@@ -46,7 +46,7 @@ def test_devices_that_scatter_hide_smaller_differences():
     q = 0.01 * np.exp(0.5 * rng.standard_normal(500))
     q[0] = 0.04
     table = estimate_many(fleet(500, 1000, q))
-    scores = unlike(*logs(table.q, table.q_interval))
+    scores = outliers(*logs(table.q, table.q_interval))
     assert len(scores.devices) <= 1
     assert scores.spread == pytest.approx(0.5, rel=0.2)
     assert scores.middle == pytest.approx(math.log(0.01), abs=0.15)
@@ -54,17 +54,17 @@ def test_devices_that_scatter_hide_smaller_differences():
 
 def test_a_score_is_the_distance_in_standard_deviations():
     values = np.random.default_rng(2).standard_normal(2001)
-    scores = unlike(3.0 + 2.0 * values)
+    scores = outliers(3.0 + 2.0 * values)
     np.testing.assert_allclose(scores.z, values - np.median(values), atol=0.15)
     assert scores.expected == 0.05
     assert 2001 * math.erfc(scores.threshold / math.sqrt(2.0)) == pytest.approx(0.05)
-    np.testing.assert_allclose(unlike(7.0 - values).z, -unlike(values).z, atol=1e-12)
+    np.testing.assert_allclose(outliers(7.0 - values).z, -outliers(values).z, atol=1e-12)
 
 
 def test_an_uncertain_value_is_less_unlike():
     values = np.append(np.random.default_rng(3).standard_normal(100), [9.0, 9.0])
     wide = np.append(np.full(101, 0.1), 20.0)
-    scores = unlike(values, (values - wide, values + wide))
+    scores = outliers(values, (values - wide, values + wide))
     assert scores.devices.tolist() == [100]
     assert 0.0 < scores.z[101] < 1.0 < scores.z[100]
 
@@ -73,21 +73,21 @@ def test_an_estimate_of_zero_is_unlike_only_where_its_interval_is():
     values = np.append(np.random.default_rng(4).standard_normal(50), [-math.inf] * 2)
     low = np.append(values[:50] - 1.0, [-math.inf] * 2)
     high = np.append(values[:50] + 1.0, [2.0, -30.0])
-    scores = unlike(values, (low, high))
+    scores = outliers(values, (low, high))
     assert scores.devices.tolist() == [51]
     assert scores.z[50] == pytest.approx(-1.96, abs=0.01)
-    assert unlike(values).z[50] == -math.inf  # without intervals they are what they are
+    assert outliers(values).z[50] == -math.inf  # without intervals they are what they are
 
 
 def test_equal_missing_few_and_mostly_zero_values_are_no_alarm():
-    assert unlike(np.full(20, 3.0)).devices.size == 0
-    assert unlike(np.append(np.full(20, 3.0), 4.0)).devices.tolist() == [20]
-    assert np.isnan(unlike([1.0, 2.0, math.nan]).z).all()
-    scores = unlike(np.append(np.arange(20.0), math.nan))
+    assert outliers(np.full(20, 3.0)).devices.size == 0
+    assert outliers(np.append(np.full(20, 3.0), 4.0)).devices.tolist() == [20]
+    assert np.isnan(outliers([1.0, 2.0, math.nan]).z).all()
+    scores = outliers(np.append(np.arange(20.0), math.nan))
     assert math.isnan(scores.z[20])
     assert scores.devices.size == 0
-    assert unlike([-math.inf] * 20 + [1.0] * 5).devices.size == 0
-    assert unlike([]).devices.size == 0
+    assert outliers([-math.inf] * 20 + [1.0] * 5).devices.size == 0
+    assert outliers([]).devices.size == 0
 
 
 @each(
@@ -102,4 +102,4 @@ def test_equal_missing_few_and_mostly_zero_values_are_no_alarm():
 )
 def test_wrong_arguments_are_refused(options):
     with pytest.raises(BadSetting, match="must"):
-        unlike(**options)
+        outliers(**options)

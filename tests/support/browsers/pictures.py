@@ -27,7 +27,7 @@ from screen import FIND, Screen, dashboard
 from shared_page import SharedPage, shared_page
 
 from kalscope.cli.tune.options import TuneOptions
-from kalscope.tuning.fleet.work.asked import Asked
+from kalscope.fleet.read import FleetOptions
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -138,7 +138,7 @@ def fleet_of_the_guide(folder: Path) -> None:
     assert program is not None
     with contextlib.chdir(folder):
         exec(compile(program[1], "fleet.md", "exec"), {})
-    FleetRun(folder / "logs", folder / "result", Asked(TuneOptions(momentum=0.0))).do().finish()
+    FleetRun(folder / "logs", folder / "result", FleetOptions(TuneOptions(momentum=0.0))).do().finish()
 
 
 def live(screen: Screen) -> None:

@@ -29,7 +29,7 @@ from kalscope import (
     smooth,
 )
 from kalscope.analysis.alternatives import compare_alternatives
-from kalscope.estimation.fleet.held_out import held_out
+from kalscope.estimation.fleet.losses import held_out
 from kalscope.estimation.fleet.pool import pool_of
 from kalscope.export.board.fusion import fuse_float32
 from kalscope.export.float32 import filter_float32

@@ -12,7 +12,7 @@ from kalscope_app.session.opening import adapted
 from kalscope_app.session.state import Change, State
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 MAX_FIND = 200
 """Characters of a text to find, at most."""
@@ -78,14 +78,14 @@ def at_device(fleet: Fleet, i: int) -> Change:
 
     A device without q and r keeps its starting values; the note says why.
     """
-    from kalscope.tuning.fleet.results.reopen import own_tuning, shared_tuning
+    from kalscope.fleet.results import device_tuning, shared_tuning
 
     def change(state: State) -> State:
         name = one_line(fleet.devices.name(i))[:80]
         shared = shared_tuning(fleet, i) if state.fleet is not None and state.fleet.at_shared else None
         if shared is None and fleet.reasons[i]:
             return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.reasons[i])[:200]}.")
-        after = adapted(state, shared or own_tuning(fleet, i))
+        after = adapted(state, shared or device_tuning(fleet, i))
         which = "its own filter" if shared is None else "the filter for all"
         if after.fleet is not None and after.fleet.picked is not None:
             after = replace(after, fleet=replace(after.fleet, picked=None))

@@ -29,7 +29,7 @@ from kalscope_app.views.map.picture import MapPictureInput, chips, draw_map_pict
 from kalscope_app.views.window.page.page_script import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 SIZE = (400.0, 800.0)
 """Width and height of the picture, px. Each browser fits it into the space between its panels."""

@@ -30,7 +30,7 @@ from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fl
 from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 log = logging.getLogger(__name__)
 
@@ -115,7 +115,7 @@ class FleetView:
         self._jobs.run(work, Failed.FLEET)
 
     def _read(self, folder: Path, *, whole: bool) -> Fleet:
-        from kalscope.tuning.fleet.results.fleet import read_fleet  # with the fits of a fleet
+        from kalscope.fleet.results import read_fleet  # with the fits of a fleet
 
         return self._worker.run(partial(read_fleet, folder, whole=whole), one_line(folder.name)[:100])
 

@@ -13,7 +13,7 @@ from kalscope_app.session.fleet import OpenFleet, loss_text
 from kalscope_app.views.markdown import escape_markdown
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 MAX_NAME = 16
 """Characters of a name in the table."""
@@ -23,7 +23,7 @@ def about_fleet(fleet: Fleet) -> str:
     """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
     said = [f"{fleet.devices.counted}."]
     if fleet.done is not None:
-        known = "" if fleet.begun.units is None else f" of {count(fleet.begun.units)}"
+        known = "" if fleet.note.units is None else f" of {count(fleet.note.units)}"
         said.append(f"**Not finished: {count(fleet.done)}{known} files or row groups done.**")
     if fleet.shared is not None:
         params, devices = fleet.shared.params, fleet.devices
@@ -37,7 +37,7 @@ def about_fleet(fleet: Fleet) -> str:
                 f"For {percent(fleet.served)} of {count(judged)} its error on unseen samples is at most 10 % above"
                 " that of the device's own filter."
             )
-    odd = int(fleet.unlike.sum())
+    odd = int(fleet.outlier.sum())
     if odd:
         said.append(f"{plural(odd, 'device')} unlike the others in r or q.")
     return " ".join(said)
@@ -58,7 +58,7 @@ def fleet_table(shown: OpenFleet) -> str:
     for place, i in enumerate(rows, 1):
         growth = float(fleet.growth[i])
         loss = "–" if math.isnan(growth) else loss_text(growth).replace(" ", "\u00a0")
-        name = f"**{_name(fleet, i)}**" if fleet.unlike[i] else _name(fleet, i)
+        name = f"**{_name(fleet, i)}**" if fleet.outlier[i] else _name(fleet, i)
         lines.append(f"| {place} | {name} | {_variance(devices.q[i])} | {_variance(devices.r[i])} | {loss} |")
     return "\n".join(lines)
 

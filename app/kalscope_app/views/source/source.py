@@ -45,7 +45,7 @@ from kalscope_app.views.window.css import PRIMARY
 from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
-    from kalscope.tuning.fleet.results.fleet import Fleet
+    from kalscope.fleet.results import Fleet
 
 Reader = Callable[..., Recording]
 """Reads the present file in the worker: options, then progress by name."""
@@ -132,10 +132,10 @@ class SourceView:
 
     def open_device(self, fleet: Fleet, device: int) -> None:
         """Open the recording of a device of a fleet, as the fleet read it."""
-        from kalscope.tuning.fleet.results.reopen import kept_at, reopen
+        from kalscope.fleet.results import reopen, source_of
 
-        reader = partial(reopen, kept_at(fleet, device))
-        self._read(reader, fleet.devices.ids[device], fleet.begun.reading, then=at_device(fleet, device))
+        reader = partial(reopen, source_of(fleet, device))
+        self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=at_device(fleet, device))
 
     def _upload(self, name: str, content: bytes) -> None:
         if name.lower().endswith(ENDING):

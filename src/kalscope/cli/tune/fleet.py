@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,12 +15,10 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.estimation.fleet.pool import Pool
-    from kalscope.tuning.fleet.answer.answer import Answer
-    from kalscope.tuning.fleet.run import Tally
-    from kalscope.tuning.fleet.work.asked import Asked
+    from kalscope.fleet.run import Tally
 
 
-@with_options(reading=read_options, asked=tune_options)
+@with_options(reading=read_options, question=tune_options)
 def fleet_command(
     sources: Annotated[
         list[str],
@@ -45,7 +42,7 @@ def fleet_command(
         float | None,
         number_option("Longest time for one device in s, more for a file above 16 MiB; default: 120."),
     ] = None,
-    asked: TuneOptions = NOTHING,
+    question: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
@@ -53,43 +50,25 @@ def fleet_command(
 
     Writes a table with one row per recording, also for those that cannot be read, and one filter for all.
     """
-    from kalscope.cli.console import write_output
-    from kalscope.tuning.fleet.answer.answer import answer_for
-    from kalscope.tuning.fleet.answer.devices import read_devices
-    from kalscope.tuning.fleet.answer.own import check_tuning
-    from kalscope.tuning.fleet.answer.save import save_answer
-    from kalscope.tuning.fleet.answer.words import summary
-    from kalscope.tuning.fleet.libraries import check_libraries
-    from kalscope.tuning.fleet.work.asked import DEVICE_LIMIT_S, Asked, any_recording
+    from kalscope.cli.console import TerminalLine, say, write_output
+    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.text import count
+    from kalscope.fleet.answer import Answer, answer_for, devices_of, save_answer, summary
+    from kalscope.fleet.read import DEVICE_LIMIT_S, FleetOptions, any_recording
+    from kalscope.fleet.run import run_fleet
+    from kalscope.fleet.store import LIBRARIES, check_tuning, library
 
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    check_libraries()
-    if asked.still is None:  # a stretch lies in each recording or not
-        asked.request(any_recording()).checked_momentum()
+    for module in LIBRARIES:
+        library(module)
+    options = FleetOptions(
+        question, reading, sample_period, channel, every, row_groups, device_limit or DEVICE_LIMIT_S
+    )
+    if question.still is None:  # a stretch lies in each recording or not
+        question.request(any_recording()).checked_momentum()
     check_tuning(output)
-    answers: list[Answer] = []
-
-    def finish(pool: Pool) -> None:
-        answers.append(answer_for(read_devices(output), pool, asked))
-        save_answer(answers[0], output)
-
-    options = Asked(asked, reading, sample_period, channel, every, row_groups, device_limit or DEVICE_LIMIT_S)
-    tally = _run_on_screen(sources, options, output, cluster, finish)
-    write_output(iter([summary(answers[0], tally, output)]), None)
-    say_what_is_tried_again(tally)
-
-
-def _run_on_screen(
-    sources: list[str], options: Asked, output: Path, cluster: str | None, finish: Callable[[Pool], None]
-) -> Tally:
-    """`run_fleet`, with its progress on a line of the terminal."""
-    from kalscope.cli.console import TerminalLine
-    from kalscope.common.stopping import said_at_stop
-    from kalscope.common.text import count
-    from kalscope.tuning.fleet.run import run_fleet
-
-    line = TerminalLine(sys.stderr)
+    answers, line = list[Answer](), TerminalLine(sys.stderr)
     latest: Tally | None = None
 
     def show(tally: Tally) -> None:
@@ -97,14 +76,24 @@ def _run_on_screen(
         latest = tally
         line.show(progress_text(tally))
 
-    def looked(found: int) -> None:
-        line.show(f"looking for recordings: {count(found)} found")
+    def on_files(files: int) -> None:
+        line.show(f"looking for recordings: {count(files)} found")
+
+    def finish(table: Any, pool: Pool) -> None:
+        answers.append(answer_for(devices_of(table), pool, question))
+        save_answer(answers[0], table, output)
 
     try:
         with said_at_stop(lambda: kept_text(latest)):
-            return run_fleet(sources, options, output, cluster, show, finish, looked)
+            tally = run_fleet(sources, options, output, cluster, show, finish, on_files)
     finally:
         line.clear()
+    write_output(iter([summary(answers[0], tally, output)]), None)
+    if tally.again:
+        say(
+            f"{tally.again} of {tally.units} files or row groups failed for a reason that may pass, such as access,"
+            " memory or time: run the same command to retry"
+        )
 
 
 def kept_text(tally: Tally | None) -> str:
@@ -113,17 +102,6 @@ def kept_text(tally: Tally | None) -> str:
     if tally is not None:
         done = f"{tally.kept + tally.done} of {tally.units} done, all kept"
     return f"{done}: run the same command again to continue"
-
-
-def say_what_is_tried_again(tally: Tally) -> None:
-    """How many recordings another run may read; nothing where there are none."""
-    from kalscope.cli.console import say
-
-    if tally.again:
-        say(
-            f"{tally.again} of {tally.units} files or row groups failed for a reason that may pass, such as access,"
-            " memory or time: run the same command to retry"
-        )
 
 
 def progress_text(tally: Tally) -> str:

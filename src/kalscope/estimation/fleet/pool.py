@@ -1,10 +1,4 @@
-"""The parts of a pooled likelihood: sums over the devices of a batch, which add up to those of a fleet of any size.
-
-Each device gives its log-likelihood with r = 1 at every ln λ of one grid; a batch keeps only the sums over its
-devices, five numbers a λ, so a million devices need as much memory as one. Between the points of the grid the sums
-are smooth (analytic within ±π of the real axis): a polynomial through the nearest 24 points finds ln λ of the
-maximum to 1e-6 of that of a direct search.
-"""
+"""One filter for a whole fleet, by the sum of its likelihoods: what each batch adds, and the maximum."""
 
 from __future__ import annotations
 
@@ -16,10 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.array import Array
+from kalscope.common.checks import above_zero
+from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation.fleet import pool_kernels as kernels
+from kalscope.estimation.fleet import kernels
 from kalscope.estimation.fleet.many.series import Series, series_of
 from kalscope.estimation.likelihood.profile import DEFAULT_LOG_RATIOS
+from kalscope.estimation.likelihood.search import Peak, find_peak
+from kalscope.estimation.verdict.conclude import exp
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 
 _NEAREST = 24
 """Points of the grid that the polynomial between two of them goes through."""
@@ -34,8 +33,8 @@ class Pool:
     """
 
     sums: Array
-    """Σ m ln r̂, Σ ln r̂, ΣΣv²/f (unit²), ΣΣln f and Σ(slope)² at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at
-    λ = 0 and at λ = ∞ (where q̂ replaces r̂), shape (5, 123)."""
+    """Σ m ln r̂, Σ ln r̂, ΣΣln f and Σ(slope)² at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at
+    λ = 0 and at λ = ∞ (where q̂ replaces r̂), shape (4, 123)."""
     devices: int
     """Series that count: those that can be fitted."""
     innovations: int
@@ -49,15 +48,14 @@ class Pool:
         """The pool of no device: where a sum of pools begins."""
         return Pool(np.zeros((kernels.SUMS, len(DEFAULT_LOG_RATIOS) + 2)), 0, 0)
 
-    def loglik(self, log_ratios: Array, common: bool) -> Array:
-        """The summed log-likelihood at each ln λ, ∓inf allowed: with the best common r, or the best r of each."""
-        return self._between(self._logliks(common), log_ratios)
+    def loglik(self, log_ratios: Array) -> Array:
+        """The summed log-likelihood at each ln λ, ∓inf allowed, with the best r of each device."""
+        terms = self.innovations * (math.log(2.0 * math.pi) + 1.0)
+        return self._between(-0.5 * (terms + self.sums[kernels.M_LOG_R] + self.sums[kernels.LOGDET]), log_ratios)
 
-    def noise(self, log_ratio: float, common: bool) -> float:
-        """The best r at ln λ, unit²: the common one, or the geometric mean of those of the devices; q at inf."""
-        with np.errstate(divide="ignore"):
-            total = np.log(self.sums[kernels.CHI2] / self.innovations)
-        level = total if common else self.sums[kernels.LOG_R] / self.devices
+    def noise(self, log_ratio: float) -> float:
+        """The geometric mean of the best r of the devices at ln λ, unit²; that of q at inf."""
+        level = self.sums[kernels.LOG_R] / self.devices
         level[:-2] += np.logaddexp(0.0, DEFAULT_LOG_RATIOS)  # ln r(1 + λ) is level at both ends
         size = float(self._between(level, np.array([log_ratio]))[0])
         return math.exp(size - (np.logaddexp(0.0, log_ratio) if math.isfinite(log_ratio) else 0.0))
@@ -65,12 +63,6 @@ class Pool:
     def slopes(self, log_ratio: float) -> float:
         """The sum over the devices of their squared slopes of the log-likelihood by ln λ, each with its best r."""
         return max(float(self._between(self.sums[kernels.SLOPES], np.array([log_ratio]))[0]), 0.0)
-
-    def _logliks(self, common: bool) -> Array:
-        m, sums = self.innovations, self.sums
-        with np.errstate(divide="ignore"):
-            scales = m * np.log(sums[kernels.CHI2] / m) if common else sums[kernels.M_LOG_R]
-        return -0.5 * (m * (math.log(2.0 * math.pi) + 1.0) + scales + sums[kernels.LOGDET])
 
     def _between(self, row: Array, log_ratios: Array) -> Array:
         """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
@@ -111,12 +103,6 @@ def pool_of(
     return Pool(pool.sums, int(counts[0]), int(counts[1]))
 
 
-def refuse_empty(pool: Pool) -> None:
-    """BadSetting where no device counts."""
-    if pool.devices == 0:
-        raise BadSetting("the fleet must hold at least one series that can be fitted (got none)")
-
-
 def _interpolated(values: Array, where: Array) -> Array:
     """Values at 0, 1, 2 …, read between them: the polynomial through the nearest points, barycentric."""
     first = np.clip(np.floor(where).astype(np.int64) - _NEAREST // 2 + 1, 0, len(values) - _NEAREST)
@@ -128,3 +114,91 @@ def _interpolated(values: Array, where: Array) -> Array:
     base = values[points[:, :1]]
     smooth = np.sum(terms * (values[points] - base), axis=1) / np.sum(terms, axis=1) + base[:, 0]
     return np.where(exact.any(axis=1), values[points[np.arange(len(points)), exact.argmax(axis=1)]], smooth)
+
+
+@dataclass(frozen=True)
+class PooledFit:
+    """One filter for all devices of a fleet: one λ, and the geometric mean of the r that suit the devices best."""
+
+    q: float
+    """Process-noise variance per nominal sample period, unit²; 0 for "no_movement"."""
+    r: float
+    """Measurement-noise variance, unit²; 0 for "no_noise"."""
+    ratio: float
+    """λ = q/r that all share, 0 … inf."""
+    loglik: float
+    """Summed log-likelihood there."""
+    ratio_interval: tuple[float, float]
+    """The λ that another fleet of such devices may have as its best one, 95 %: profile likelihood, wider where the
+    devices differ. It is narrow for a large fleet, and does not show how far its devices differ: see `outliers`."""
+    verdict: str
+    """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
+
+    @property
+    def params(self) -> FilterParams | None:
+        """The filter that all get, diffuse start; None where q or r is 0."""
+        return FilterParams(q=self.q, r=self.r) if self.q > 0.0 and self.r > 0.0 else None
+
+
+def fit_pool(pool: Pool) -> PooledFit:
+    """The most likely λ for all devices of a fleet, every device with its r, concentrated out.
+
+    Args:
+        pool: of the fleet, the sum of the pools of its batches.
+
+    Raises:
+        BadSetting: no device counts.
+    """
+    _refuse_empty(pool)
+    at_infinity = float(pool.loglik(np.array([math.inf]))[0])
+    peak = find_peak(pool.loglik, DEFAULT_LOG_RATIOS[::2], at_infinity, Progress())
+    low, high = _interval(pool, peak, at_infinity)
+    noise = pool.noise(peak.log_ratio)
+    q, r = exp(peak.log_ratio) * noise, noise
+    verdict = "flat" if (low, high) == (-math.inf, math.inf) else "ok"
+    if peak.log_ratio == math.inf:
+        q, r, verdict = noise, 0.0, "no_noise"
+    elif peak.log_ratio == -math.inf:
+        q, verdict = 0.0, "no_movement"
+    return PooledFit(q, r, exp(peak.log_ratio), peak.loglik, (exp(low), exp(high)), verdict)
+
+
+def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]:
+    """The interval of ln λ, which accounts for how much the devices differ.
+
+    The slopes of the devices at the top scatter by the curvature where all share λ, by more where they do not; the
+    likelihood is flattened by that factor.
+
+    Source: Kent (1982), Biometrika 69, 19, for the likelihood ratio of a model that is not quite true.
+    """
+    if not (math.isfinite(peak.log_ratio) and peak.curvature < 0.0):
+        return peak.interval
+    factor = pool.slopes(peak.log_ratio) / -peak.curvature
+    if factor <= 1.0:
+        return peak.interval
+
+    def flattened(at: Array) -> Array:
+        return pool.loglik(at) / factor
+
+    return find_peak(flattened, DEFAULT_LOG_RATIOS[::2], at_infinity / factor, Progress()).interval
+
+
+def pool_at(pool: Pool, ratio: float) -> PooledFit:
+    """The filter of a given λ (of `ratio_for` a lag, say) for all devices of a fleet, with the r that fits it best.
+
+    Args:
+        pool: of the fleet.
+        ratio: λ = q/r, > 0.
+
+    Raises:
+        BadSetting: no device counts; ratio is not above 0.
+    """
+    _refuse_empty(pool)
+    chosen = above_zero("ratio", ratio, MAX_VARIANCE)
+    r, loglik = pool.noise(math.log(chosen)), float(pool.loglik(np.array([math.log(chosen)]))[0])
+    return PooledFit(chosen * r, r, chosen, loglik, fit_pool(pool).ratio_interval, "given")
+
+
+def _refuse_empty(pool: Pool) -> None:
+    if pool.devices == 0:
+        raise BadSetting("the fleet must hold at least one series that can be fitted (got none)")

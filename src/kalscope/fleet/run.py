@@ -1,0 +1,448 @@
+"""A run on Dask: batches of units that are missing, workers that die, and the merged table.
+
+A batch is one task and one part. Batches are laid out over the whole fleet in the order of the table, and what an
+earlier run has finished is taken out of them, so that a part never reaches beyond its batch.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import queue
+import signal
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing import active_children, resource_tracker
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kalscope.common.files import temporary_folder
+from kalscope.common.stopping import done_at_stop, is_ending
+from kalscope.common.text import trimmed
+from kalscope.errors import BadDevice, BadSetting, KalscopeError
+from kalscope.estimation.fleet.pool import Pool
+from kalscope.fleet.find import Unit, find_units
+from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.store import (
+    FAILED,
+    TIMED_OUT,
+    check_folder,
+    find_parts,
+    library,
+    locked,
+    merge,
+    part_path,
+    sweep,
+    write_note,
+    write_part,
+)
+from kalscope.fleet.work import Done, TimedOut, lost_row, run_batch, time_limit, timed_out_unit
+
+MAX_BATCH_BYTES = 64 << 20
+"""Most bytes of a batch of several units: with them a worker needs about 0.5 GB."""
+MIN_BATCH_BYTES = 256 << 10
+"""Least bytes, so that a task takes much longer than its share of the scheduler, 2 ms."""
+MAX_UNITS = 2000
+"""Most units of a batch: empty files have no bytes."""
+BATCHES = 1000
+"""Batches of a large fleet: a kill loses a thousandth of the work for each worker."""
+MAX_IN_FLIGHT = 2000
+"""Most tasks that the scheduler knows at a time, however large the fleet is."""
+LOOK_S = 0.2
+"""How often the driver shows its progress, s."""
+PATIENCE_S = 15.0
+"""Time for a scheduler to answer, and for its first worker to connect, s."""
+WORKER_BYTES = 1 << 30
+"""Memory that a worker of this machine may need; with less per core, fewer workers are started."""
+LOST = "its worker died each time that it was read, perhaps out of memory"
+"""Reason of a recording that kills every worker."""
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 1,  # tried again once: another batch may have killed the worker
+    "distributed.worker.daemon": True,  # workers end with the driver, even after kill -9
+    "distributed.comm.timeouts.connect": PATIENCE_S,
+    "distributed.admin.tick.limit": "1 h",  # no warnings about an event loop that waited for a fit
+    # A worker holds nothing between two batches, so that waiting or writing its memory to disk would not help:
+    # paused workers would never resume. One that is about to exceed its share is ended, and its batch halved.
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+}
+"""Settings of Dask for the driver, and for the workers that it starts."""
+
+
+def lay_out(sizes: Sequence[int]) -> list[range]:
+    """The batches of a fleet, as ranges of its units.
+
+    Args:
+        sizes: Bytes of each unit, in the order of the table.
+    """
+    limit = min(max(sum(sizes) // BATCHES, MIN_BATCH_BYTES), MAX_BATCH_BYTES)
+    first, filled, batches = 0, 0, list[range]()
+    for i, size in enumerate(sizes):
+        if i > first and (filled + size > limit or i - first >= MAX_UNITS):
+            batches.append(range(first, i))
+            first, filled = i, 0
+        filled += size
+    return [*batches, range(first, len(sizes))] if sizes else []
+
+
+class Batch(NamedTuple):
+    """Units that one task does."""
+
+    units: Sequence[int]
+    """Their indices in the fleet, ascending."""
+    suspect: bool = False
+    """Whether it has perhaps killed its workers: it is tried with nothing else in flight."""
+
+    def halves(self, *, suspect: bool) -> list[Batch]:
+        """Two batches with the same units, or one where there is only one unit."""
+        middle = len(self.units) // 2
+        return [Batch(part, suspect) for part in (self.units[:middle], self.units[middle:]) if part]
+
+
+@dataclass
+class Dispatcher:
+    """Gives out batches until each unit is done or lost.
+
+    A batch over which workers died is halved, and the halves are tried with nothing else in flight: if a worker
+    dies then, that batch has killed it.
+    """
+
+    waiting: deque[Batch]
+    """Those that are not suspects."""
+    suspects: deque[Batch] = field(default_factory=deque[Batch])
+    running: int = 0
+    """Batches in flight."""
+
+    @property
+    def active(self) -> bool:
+        """Whether anything is not done."""
+        return bool(self.waiting or self.suspects or self.running)
+
+    def next(self) -> Batch | None:
+        """The next batch, now in flight; None where none may start before another has ended."""
+        if not self.waiting and (self.running or not self.suspects):
+            return None
+        self.running += 1
+        return (self.waiting or self.suspects).popleft()
+
+    def ended(self, batch: Batch, rest: Sequence[int] = ()) -> None:
+        """A batch has ended; the `rest` of its units goes to several workers, in halves."""
+        self.running -= 1
+        target = self.suspects if batch.suspect else self.waiting
+        target.extendleft(reversed(Batch(rest).halves(suspect=batch.suspect)))
+
+    def died(self, batch: Batch) -> Sequence[int]:
+        """The workers of a batch have died; the units that are lost."""
+        self.running -= 1
+        if batch.suspect and len(batch.units) == 1:
+            return batch.units
+        self.suspects.extend(batch.halves(suspect=True))
+        return ()
+
+
+class WorkerDied(Exception):
+    """The workers of a task are gone, killed or out of memory."""
+
+
+class TaskLost(Exception):
+    """The task was forgotten: the scheduler was lost, or another one took its place."""
+
+
+class Workers:
+    """Workers that take batches and return their results, in any order."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._batches: dict[Any, Batch] = {}
+        self._threads, self._counted = 0, -math.inf
+
+    @property
+    def threads(self) -> int:
+        """Tasks that run at a time, as of a second ago at most: workers come and go."""
+        if time.monotonic() > self._counted + 1.0:
+            with suppress(Exception):  # a scheduler that is gone is noticed by its tasks
+                self._threads = sum(self._client.nthreads().values())
+            self._counted = time.monotonic()
+        return self._threads
+
+    def submit(self, batch: Batch, *call: Any) -> None:
+        """Start a batch: call[0] with the other arguments, on some worker."""
+        future = self._client.submit(*call, pure=False)
+        self._batches[future] = batch
+        future.add_done_callback(self._ended.put)
+
+    def ended(self, timeout: float) -> tuple[Batch, Any] | None:
+        """A batch that has ended and what its call returned, or the exception that it raised; None on timeout.
+
+        Raises:
+            BadDevice: the scheduler is gone.
+        """
+        try:
+            future = self._ended.get(timeout=timeout)
+        except queue.Empty:
+            if self._client.status in ("closed", "closing"):
+                raise BadDevice("the scheduler must stay reachable (got no answer)") from None
+            return None
+        batch = self._batches.pop(future)
+        try:
+            result = future.result(timeout=PATIENCE_S)
+        except CancelledError:
+            result = TaskLost()
+        except Exception as error:
+            result = WorkerDied() if isinstance(error, library("distributed").KilledWorker) else error
+        future.release()
+        return batch, result
+
+    def cancel(self) -> None:
+        """Cancel all batches that have not ended."""
+        with suppress(Exception):  # a scheduler that is gone has forgotten it
+            self._client.cancel(list(self._batches), force=True)
+
+
+@contextmanager
+def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
+    """The workers of a scheduler, or those of this machine while the block runs, one for each core.
+
+    Args:
+        address: "tcp://HOST:PORT" of a scheduler; None = this machine.
+        tasks: How many there will be: more workers than that are not started.
+
+    Raises:
+        BadDevice: no scheduler answers there, or it has no worker.
+    """
+    dask, distributed = library("dask"), library("distributed")
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(SETTINGS))
+        place: Any = address
+        if address is None:
+            folder = stack.enter_context(temporary_folder())
+            place = stack.enter_context(_this_machine(distributed, workers_here(tasks), folder))
+        try:
+            client = stack.enter_context(distributed.Client(place, timeout=PATIENCE_S, set_as_default=False))
+            if address is not None:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise BadDevice(f"--cluster must name a scheduler with workers (got {address!r}: {reason})") from None
+        workers = Workers(client)
+        stack.callback(workers.cancel)
+        yield workers
+
+
+def workers_here(tasks: int) -> int:
+    """How many workers this machine has cores and memory for, at most one for each task."""
+    memory = library("distributed.system").MEMORY_LIMIT
+    return max(1, min(tasks, library("dask.system").CPU_COUNT, memory // WORKER_BYTES))
+
+
+@contextmanager
+def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
+    """Workers on this machine that keep their temporary files in `folder`."""
+    cluster: Any = None
+
+    def kill() -> None:  # a part is whole or absent, whenever this happens
+        for worker in () if cluster is None else [*cluster.workers.values()]:  # Dask changes them meanwhile
+            worker.status = distributed.Status.closing  # else Dask would start it again
+        for process in active_children():
+            process.kill()
+
+    with done_at_stop(kill):
+        with without_interrupts():
+            cluster = distributed.LocalCluster(
+                threads_per_worker=1,
+                n_workers=count,
+                processes=True,
+                dashboard_address=None,
+                # Dask serves metrics on this port, as 8787 may be taken; a scheduler keeps files in a folder, too.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": str(folder)},
+                local_directory=str(folder),
+                silence_logs=60,  # a worker that dies is handled here
+                preload=[__name__],  # for dask_setup
+            )
+        try:
+            yield cluster
+        finally:
+            if not is_ending():  # a worker would finish its recording first
+                cluster.close(timeout=10.0)
+
+
+def dask_setup(worker: Any) -> None:
+    """What Dask calls first in a worker: leave Ctrl+C to the driver, and temporary files, as it may be killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tempfile.tempdir = worker.local_directory
+
+
+@contextmanager
+def without_interrupts() -> Generator[None]:
+    """Block Ctrl+C while processes are started, which inherit that: a terminal sends it to them too.
+
+    Outside POSIX nothing is inherited.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = os.environ.get("PYTHONWARNINGS", "")
+    os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker:UserWarning"  # of what killed workers do not clean up
+    resource_tracker.ensure_running()  # it would unblock the signal when it starts
+    os.environ["PYTHONWARNINGS"] = before
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@dataclass
+class Tally:
+    """What a run has done so far."""
+
+    units: int
+    """Units of the fleet."""
+    kept: int
+    """Units that an earlier run had done."""
+    bytes: int
+    """Bytes of all units."""
+    kept_bytes: int
+    """Bytes of those that an earlier run had done."""
+    done: int = 0
+    """Units done."""
+    done_bytes: int = 0
+    """Their bytes."""
+    rows: int = 0
+    """Rows written."""
+    again: int = 0
+    """Units that failed for a reason outside of them, for which the next run tries them again."""
+    threads: int = 0
+    """Tasks that ran at a time."""
+    seconds: float = 0.0
+    """How long the batches took, s."""
+
+
+def run_fleet(
+    sources: Sequence[str],
+    options: FleetOptions,
+    folder: Path,
+    cluster: str | None = None,
+    show: Callable[[Tally], None] | None = None,
+    finish: Callable[[Any, Pool], None] | None = None,
+    on_files: Callable[[int], None] | None = None,
+) -> Tally:
+    """Do the missing work of a fleet.
+
+    It can be ended at any moment, by an exception or by kill -9: what is finished by then is kept.
+
+    Args:
+        sources: See `find_units`.
+        options: The options.
+        folder: Of the results; every worker must see it under this path.
+        cluster: Address of a scheduler; None = the cores of this machine.
+        show: Called with the tally whenever a task has ended, and a few times a second.
+        finish: Called with the merged rows and the sum of the pools, while no other run may write into the folder.
+        on_files: Called with the number of files so far, while the sources are scanned.
+
+    Returns:
+        What was done.
+
+    Raises:
+        BadSetting: a source names nothing, another run holds the folder, a library is missing, or what was
+            finished has been removed from the folder meanwhile.
+        BadDevice: the scheduler cannot be reached.
+        OSError: the disk is full, or the folder cannot be written; what is finished is kept.
+    """
+    folder = folder.absolute()
+    with locked(folder):
+        check_folder(folder)
+        sweep(folder)
+        if on_files is not None:
+            on_files(0)
+        units, fingerprint = find_units(sources, folder, options.row_groups, on_files), options.fingerprint()
+        write_note(
+            folder, len(units), fingerprint, options.reading, options.sample_period, pooled=options.is_pooled
+        )
+        keys, settled = [unit.key(fingerprint) for unit in units], find_parts(folder, settled=True)
+        batches = lay_out([unit.size for unit in units])
+        missing = [todo for batch in batches if (todo := [i for i in batch if keys[i] not in settled])]
+        count, total = sum(map(len, missing)), sum(unit.size for unit in units)
+        kept_bytes = total - sum(units[i].size for batch in missing for i in batch)
+        tally = Tally(len(units), len(units) - count, total, kept_bytes)
+        if missing:
+            with open_workers(cluster, len(missing)) as workers:
+                _Run(units, keys, options, folder, tally).do(missing, workers, show)
+        parts = find_parts(folder)
+        if (gone := sum(key not in parts for key in keys)) > 0:
+            raise BadSetting(f"-o must name a folder that nothing else changes ({gone} finished units are gone)")
+        sweep(folder, {parts[key] for key in keys})
+        if finish is not None:
+            finish(*merge([[keys[i] for i in batch] for batch in batches], parts))
+        return tally
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run of batches on the workers."""
+
+    units: Sequence[Unit]
+    keys: Sequence[str]
+    options: FleetOptions
+    folder: Path
+    tally: Tally
+
+    def do(self, missing: Sequence[Sequence[int]], workers: Workers, show: Callable[[Tally], None] | None) -> None:
+        """Do the units, given batch by batch."""
+        jobs, tally, start = Dispatcher(deque(map(Batch, missing))), self.tally, time.monotonic()
+        tally.threads = workers.threads
+        while jobs.active:
+            window = min(max(2 * max(tally.threads, workers.threads), 4), MAX_IN_FLIGHT)  # one runs, one waits
+            while jobs.running < window and (batch := jobs.next()) is not None:
+                units = [self.units[i] for i in batch.units]
+                workers.submit(batch, run_batch, units, self.options, str(self.folder))
+            if (ended := workers.ended(LOOK_S)) is not None:
+                self._ended(jobs, *ended)
+                tally.seconds = time.monotonic() - start
+            if show is not None:
+                show(tally)
+
+    def _ended(self, jobs: Dispatcher, batch: Batch, result: Any) -> None:
+        if isinstance(result, Done):
+            self._count(batch.units[: result.units], result.rows, result.again)
+            jobs.ended(batch, batch.units[result.units :])
+        elif isinstance(result, TaskLost):
+            jobs.ended(batch, batch.units)
+        elif isinstance(result, WorkerDied | TimedOut):
+            keys = [self.keys[i] for i in batch.units]
+            slow = timed_out_unit(self.folder, keys)
+            if slow not in keys:
+                for i in jobs.died(batch):
+                    self._give_up(i, LOST, FAILED)
+                return
+            i = batch.units[keys.index(slow)]
+            limit = trimmed(time_limit(self.units[i].size, self.options.device_limit))
+            reason = f"it must be read and fitted within {limit} s (got no result): --device-limit allows more"
+            self._give_up(i, reason, TIMED_OUT)
+            part_path(self.folder, keys, ".note").unlink(missing_ok=True)
+            jobs.ended(batch, [other for other in batch.units if other != i])
+        elif isinstance(result, ImportError):
+            raise KalscopeError(
+                f"every worker of --cluster must have kalscope installed, this version (got {result})"
+            )
+        else:  # not a recording's fault, so the run ends; what is finished is kept
+            raise result if isinstance(result, Exception) else RuntimeError(repr(result))
+
+    def _give_up(self, i: int, reason: str, verdict: str) -> None:
+        """A row for a unit that has none of its worker."""
+        key, row = self.keys[i], lost_row(self.units[i], reason, verdict)
+        write_part(self.folder, {key: ([row], Pool.empty())}, [key])
+        self._count([i], 1, 1)
+
+    def _count(self, units: Sequence[int], rows: int, again: int) -> None:
+        self.tally.done += len(units)
+        self.tally.done_bytes += sum(self.units[i].size for i in units)
+        self.tally.rows += rows
+        self.tally.again += again

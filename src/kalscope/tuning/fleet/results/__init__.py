@@ -1,1 +1,0 @@
-"""What is in the folder of a fleet, finished or not: arrays to look at, and the recordings to open again."""

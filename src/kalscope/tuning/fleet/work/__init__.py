@@ -1,1 +1,0 @@
-"""What a worker does: read a unit, fit its channels, write a part."""

@@ -1,0 +1,201 @@
+"""The answer for a simulated fleet whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_folder import table_of
+from required import not_here
+
+from kalscope.cli.tune.options import NOTHING, TuneOptions
+from kalscope.estimation.fleet.losses import held_out, loss_inputs
+from kalscope.estimation.fleet.many.estimate_many import estimate_many
+from kalscope.estimation.fleet.pool import Pool, fit_pool, pool_of
+from kalscope.filtering.filter import kalman_filter
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady_state import steady_state
+from kalscope.fleet.answer import Devices, answer_for, save_answer, summary
+from kalscope.fleet.run import Tally
+from kalscope.fleet.store import SUMMARY, TUNING
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import load_tuning, save_tuning
+
+try:
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("pyarrow is not installed")
+
+RNG = np.random.default_rng(2)
+TALLY = Tally(units=500, kept=0, bytes=1, kept_bytes=0, done=500, rows=500, seconds=2.0)
+NOISY, DRIFTING = range(5), range(5, 10)
+
+
+def devices_of(series, rate=100.0):
+    table = estimate_many(series)
+    n = len(series)
+    usable = table.usable
+    q, r = (np.where(usable, one, np.nan) for one in (table.q, table.r))
+    reasons = Counter(str(verdict) for verdict in table.verdict[~usable])
+    ids = [f"dev{i:03d}" for i in range(n)]
+    intervals = (table.q_interval, table.r_interval)
+    left = loss_inputs(q / r, np.zeros(n), held_out(series))
+    return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, *intervals, np.zeros(n), reasons, left)
+
+
+def simulated():
+    """500 devices with q = 0.04 and r = 1; five have ten times the noise, five move thirty times as much."""
+    q, r = np.full(500, 0.04), np.ones(500)
+    r[NOISY], q[DRIFTING] = 10.0, 1.2
+    steps, noise = RNG.normal(size=(500, 1000)), RNG.normal(size=(500, 1000))
+    return np.cumsum(np.sqrt(q)[:, None] * steps, axis=1) + np.sqrt(r)[:, None] * noise
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    series = simulated()
+    return devices_of(series), pool_of(series)
+
+
+@pytest.mark.slow
+def test_the_odd_devices_are_found_and_no_others(fleet):
+    answer = answer_for(*fleet, NOTHING)
+    assert set(answer.outliers["r"].devices) == set(NOISY)
+    assert set(answer.outliers["q"].devices) == set(DRIFTING)
+    assert len(answer.outliers["rate_hz"].devices) == 0
+    assert all(one.expected == 0.05 for one in answer.outliers.values())
+
+
+@pytest.mark.slow
+def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_find(fleet):
+    low, high = answer_for(*fleet, NOTHING).shared.fit.ratio_interval
+    several = Pool.empty()
+    for _ in range(10):
+        several = several + pool_of(simulated())
+    assert low < fit_pool(several).ratio < high
+    assert high / low < 1.15
+
+
+@pytest.mark.slow
+def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serve(fleet):
+    shared = answer_for(*fleet, NOTHING).shared
+    assert shared.fit.ratio == pytest.approx(0.04, rel=0.1)
+    assert set(shared.not_served) == set(DRIFTING) | set(NOISY) & set(shared.not_served)
+    assert shared.served >= 0.98
+
+
+def test_the_pair_of_a_fleet_of_one_kind_lies_in_its_interval():
+    series = np.cumsum(0.2 * RNG.normal(size=(200, 500)), axis=1) + RNG.normal(size=(200, 500))
+    shared = answer_for(devices_of(series), pool_of(series), NOTHING).shared
+    low, high = shared.fit.ratio_interval
+    assert low < 0.04 < high
+    assert shared.params.r == pytest.approx(1.0, rel=0.02)
+    assert shared.served == 1.0
+
+
+def test_what_is_lost_is_lag_noise_and_error_on_samples_that_no_fit_has_seen(fleet):
+    devices, _ = fleet
+    shared = answer_for(*fleet, NOTHING).shared
+    alone = [steady_state(FilterParams(q, r)) for q, r in zip(devices.q, devices.r, strict=True)]
+    lag, own = ([getattr(one, name) for one in alone] for name in ("lag_samples", "noise_reduction_db"))
+    settled = steady_state(shared.params)
+    np.testing.assert_allclose(shared.losses.lag_samples, settled.lag_samples - np.array(lag), rtol=1e-9)
+    np.testing.assert_allclose(shared.losses.noise_db, np.array(own) - settled.noise_reduction_db, atol=1e-9)
+    assert abs(np.median(shared.losses.error)) < 0.005
+    one_alone = growth_of_long_record(1.2, 0.04)
+    assert np.median(shared.losses.error[list(DRIFTING)]) == pytest.approx(one_alone, abs=0.06)
+
+
+def growth_of_long_record(own, given):
+    z = np.cumsum(math.sqrt(own) * RNG.normal(size=100_000)) + RNG.normal(size=100_000)
+    errors = [kalman_filter(z, FilterParams(ratio, 1.0)).innovation[1000:] for ratio in (given, own)]
+    return math.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)) - 1.0
+
+
+def test_a_goal_holds_for_the_filter_of_all(fleet):
+    shared = answer_for(*fleet, TuneOptions(numbers={"--lag-ms": 50.0})).shared
+    assert steady_state(shared.params, 0.01).lag_s == pytest.approx(0.05)
+    assert "a lag of 50 ms" in shared.how
+    assert shared.losses.lag_samples[0] * 10.0 == pytest.approx(50.0 - 10.0 * own_lag(fleet[0], 0))
+    assert answer_for(*fleet, TuneOptions(numbers={"--ratio": 0.5})).shared.fit.ratio == 0.5
+
+
+def own_lag(devices, i):
+    return steady_state(FilterParams(devices.q[i], devices.r[i])).lag_samples
+
+
+def test_the_answer_is_saved_as_a_tuning_and_for_programs(fleet, tmp_path):
+    answer = answer_for(*fleet, NOTHING)
+    table = table_of(answer.devices)
+    save_answer(answer, table, tmp_path)
+    (channel,) = load_tuning(tmp_path / TUNING).channels
+    assert (channel.name, channel.unit) == ("light", "lx")
+    assert channel.params == answer.shared.params
+    assert load_tuning(tmp_path / TUNING).sample_period == pytest.approx(0.01)
+    plain = json.loads((tmp_path / SUMMARY).read_text())
+    assert plain["rows"] == plain["usable"] == 500
+    assert {one["id"] for one in plain["unlike"]["r"]["devices"]} == {f"dev{i:03d}" for i in NOISY}
+
+
+def test_the_report_says_it_in_words(fleet, tmp_path):
+    text = summary(answer_for(*fleet, NOTHING), TALLY, tmp_path)
+    lines = text.splitlines()
+    assert lines[0] == "500 rows: 500 with q and r; 500 of 500 files or row groups done in 2 s, 250 rows/s"
+    assert lines[1].startswith("One filter for all: q = 0.04")
+    assert lines[2].startswith(
+        "  for 99 % of 500 its prediction error on unseen samples is at most 10 % above that"
+    )
+    assert " %, lag +" in lines[2]
+    assert lines[3].startswith("  nine of ten devices, against their own filters: error −")
+    assert "Unlike the others in r, 0.05 expected by chance: dev00" in text
+    assert text.count(" ×)") == 10
+    assert len(lines) <= 7
+
+
+def test_a_fleet_without_a_filter_says_why(tmp_path):
+    constant = np.ones((3, 100))
+    answer = answer_for(devices_of(constant), pool_of(constant), NOTHING)
+    table = table_of(answer.devices)
+    save_answer(answer, table, tmp_path)
+    assert not (tmp_path / TUNING).exists()
+    own = Tuning((ChannelTuning("mine", "", 1.0, 2.0),), source_name="log.csv")
+    save_tuning(own, tmp_path / TUNING)
+    save_answer(answer, table, tmp_path)
+    assert load_tuning(tmp_path / TUNING).source_name == "log.csv"
+    assert json.loads((tmp_path / SUMMARY).read_text())["one_filter"] is None
+    text = summary(answer, TALLY, tmp_path)
+    assert text.startswith("3 rows: 3 without; ")
+    assert "\nWhy not all have q and r:\n  3 × constant\n" in text
+    assert "No filter for all: the fleet must hold at least one series that can be fitted (got none)" in text
+    assert answer_for(devices_of(constant), Pool.empty(), NOTHING).shared is None
+
+
+def test_a_fleet_that_is_all_movement_is_refused_for_its_common_q_and_r():
+    z = np.cumsum(np.random.default_rng(1).normal(size=(3, 400)).cumsum(axis=1), axis=1)
+    refusal = answer_for(devices_of(z), pool_of(z), NOTHING).refusal
+    assert refusal == "q and r of all must both be above 0 (got r = 0): a goal such as --lag-ms 50 gives both"
+
+
+def test_rates_that_differ_by_a_clock_are_not_unlike():
+    devices = devices_of(RNG.normal(size=(20, 50)).cumsum(axis=1))
+    rates = np.full(20, 100.0)
+    rates[3], rates[4], rates[5], rates[6] = (
+        100.0 * (1.0 + 1e-9),
+        101.0,
+        100.0 * (1.0 + 0.9e-4),
+        100.0 * (1.0 + 3e-4),
+    )
+    usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
+    assert list(usable.outliers("rate_hz").devices) == [4, 6]
+
+
+def test_names_from_files_cannot_move_the_cursor(fleet, tmp_path):
+    devices, pool = fleet
+    named = replace(devices, ids=[f"{name}\x1b[2J\n" for name in devices.ids])
+    text = summary(answer_for(named, pool, TuneOptions(momentum=0.0)), TALLY, tmp_path)
+    assert "dev000 [2J" in text
+    assert all(line.replace("\u202f", " ").isprintable() for line in text.split("\n"))

@@ -1,0 +1,397 @@
+"""Parquet data sets: every series whole and once, however the rows lie in row groups and files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from required import not_here
+
+from kalscope.catalogue import open_source
+from kalscope.cli.tune.options import NOTHING, TuneOptions
+from kalscope.errors import BadFile, BadSetting
+from kalscope.fleet import find
+from kalscope.fleet.find import Piece, Unit, find_units
+from kalscope.fleet.read import FleetOptions, channels_of, read_block
+from kalscope.fleet.results import DeviceSource, _unit
+from kalscope.fleet.store import find_parts, merge, write_part
+from kalscope.fleet.work import fit_unit, run_batch
+from kalscope.sources.grammar.read_options import ReadOptions
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError:
+    not_here("pyarrow is not installed")
+
+RNG = np.random.default_rng(5)
+
+
+def fleet(devices=7, n=40, rate=100.0):
+    """{id: (time, value)} of some devices with different lengths."""
+    return {
+        f"dev{i:02d}": (np.arange(n + i) / rate, np.cumsum(RNG.normal(size=n + i)) + RNG.normal(size=n + i))
+        for i in range(devices)
+    }
+
+
+def long_table(series, **more):
+    ids = np.concatenate([[name] * len(time) for name, (time, _) in series.items()])
+    time, value = (np.concatenate([one[k] for one in series.values()]) for k in (0, 1))
+    return pa.table({"id": ids, "time": time, "value": value, **more})
+
+
+def read(folder, asked=None, **options):
+    """{(id, channel): (samples, rate)} of all series; each must come once."""
+    found = {}
+    asked = asked or FleetOptions(NOTHING, **options)
+    for unit in find_units([str(folder)], folder / "out", asked.row_groups):
+        block = read_block(unit, asked.reading)
+        for i, name in enumerate(block.ids):
+            for one in channels_of(block.recording(i, asked.reading, asked.sample_period), name, asked):
+                assert (one.id, one.name) not in found
+                found[one.id, one.name] = (one.recording.channel(one.name), one.recording.sample_period)
+    return found
+
+
+def equal(found, series, channel="value"):
+    assert set(found) == {(name, channel) for name in series}
+    return all(np.array_equal(found[name, channel][0], value) for name, (_, value) in series.items())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [1, 13, 40, 47, 100, 10_000])
+@pytest.mark.parametrize("files", [1, 3])
+def test_every_series_is_whole_and_once_wherever_row_groups_end(tmp_path, rows, files):
+    series = fleet()
+    table = long_table(series)
+    for i in range(files):
+        part = table.slice(i * len(table) // files, (i + 1) * len(table) // files - i * len(table) // files)
+        pq.write_table(part, tmp_path / f"part-{i}.parquet", row_group_size=rows)
+    assert equal(read(tmp_path), series)
+
+
+def test_a_row_group_a_series_is_read_once(tmp_path):
+    series = {f"d{i}": (time[:40], value[:40]) for i, (time, value) in enumerate(fleet().values())}
+    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    assert [unit.pieces[0].groups for unit in units] == [(i,) for i in range(len(series))]
+
+
+@pytest.mark.slow
+@given(st.randoms(use_true_random=False))
+def test_mixed_rows_within_a_row_group_are_sorted(tmp_path_factory, draw):
+    folder = tmp_path_factory.mktemp("mixed")
+    series = fleet()
+    table = long_table(series)
+    order = list(range(len(table)))
+    draw.shuffle(order)
+    pq.write_table(table.take(order), folder / "x.parquet")
+    assert equal(read(folder), series)
+
+
+def test_a_small_data_set_may_be_in_any_order(tmp_path):
+    series = fleet()
+    table = long_table(series).sort_by([("time", "ascending")])
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=10)
+    assert equal(read(tmp_path), series)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "units"), [(1, 8), (1 << 20, 1)])
+@pytest.mark.parametrize("files", [1, 3])
+def test_a_data_set_in_any_order_is_cut_by_its_ids(tmp_path, monkeypatch, size, units, files):
+    """As pandas writes one that it has shuffled: each series whole and once, each row group read a few times."""
+    series = {f"dev{i:03d}": (np.arange(3.0), RNG.normal(size=3)) for i in range(300)}
+    table = long_table(series)
+    table = table.take(RNG.permutation(len(table)))
+    n = -(-len(table) // files)
+    for i in range(files):
+        pq.write_table(table.slice(i * n, n), tmp_path / f"{i}.pq", row_group_size=60)
+    monkeypatch.setattr(find, "MIXED_BYTES", size)
+    found = find_units([str(tmp_path)], tmp_path / "out")
+    assert len(found) == units
+    assert sum(len(piece.groups) for unit in found for piece in unit.pieces) <= 8 * 15
+    assert equal(read(tmp_path), series)
+
+
+def test_long_series_and_large_row_groups_are_no_mixed_ids(tmp_path, monkeypatch):
+    table = long_table(fleet(6, n=400))
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=100)
+    (tmp_path / "large").mkdir()
+    pq.write_table(table, tmp_path / "large" / "x.parquet", row_group_size=900)
+    for name in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
+        monkeypatch.setattr(find, name, 1000)
+    assert reasons(tmp_path) == {}
+
+
+def reasons(folder):
+    return {unit.id: unit.reason for unit in find_units([str(folder)], folder / "out") if unit.reason}
+
+
+def test_ids_mixed_over_too_many_bytes_are_a_row_that_says_how_to_sort_them(tmp_path, monkeypatch):
+    (tmp_path / "site").mkdir()
+    table = long_table(fleet()).sort_by([("time", "ascending")])
+    for name in "ab":
+        pq.write_table(table, tmp_path / "site" / f"{name}.parquet", row_group_size=50)
+    (tmp_path / "fine.csv").write_text("1\n2\n3\n")
+    for limit in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
+        monkeypatch.setattr(find, limit, 1000)
+    (said,) = reasons(tmp_path).items()
+    command = f"COPY (FROM '{tmp_path}/site/*.parquet' ORDER BY id) TO 'sorted.parquet'"
+    assert said[0] == "site"
+    assert said[1].endswith(f' GB with mixed ids): duckdb -c "{command}"')
+    assert len(find_units([str(tmp_path)], tmp_path / "out")) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["text", "number", "date"])
+@pytest.mark.parametrize("statistics", [True, False])
+def test_rows_without_an_id_are_counted(tmp_path, kind, statistics):
+    table = long_table(fleet(3))
+    ids = table["id"].to_pylist()
+    if kind != "text":
+        ids = [float(one[3:]) for one in ids]
+    if kind == "date":
+        ids = [date(2026, 1, 1 + int(one)) for one in ids]
+    nothing = float("nan") if kind == "number" else None
+    ids[5:9] = [nothing] * 4
+    ids[-60:] = [nothing] * 60  # a row group of its own, and more
+    table = table.set_column(0, "id", pa.array(ids))
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=20, write_statistics=statistics)
+    assert reasons(tmp_path) == {"rows without an id": "64 rows have no id, so that no series can take them"}
+    units = [unit for unit in find_units([str(tmp_path)], tmp_path / "out") if not unit.reason]
+    held = sum(int(block.starts[-1]) for unit in units if (block := read_block(unit, ReadOptions())))
+    assert held == len(table) - 64
+
+
+def test_files_that_hold_each_id_once_come_together(tmp_path):
+    """A file a day, and an id that only one file has: what its neighbours hold decides."""
+    for k in range(9):
+        table = pa.table({"id": ["a", "b", "c"], "time": [k / 10] * 3, "value": [1.0 * k, 2.0 * k, 7.0]})
+        pq.write_table(table, tmp_path / f"{k}.parquet")
+    pq.write_table(pa.table({"id": ["d", "a"], "time": [0.0, 0.9], "value": [5.0, 9.0]}), tmp_path / "x.parquet")
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    blocks = [block for unit in units if (block := read_block(unit, ReadOptions()))]
+    names = [name for block in blocks for name in block.ids]
+    samples = [part for one in blocks for part in np.split(one.table.columns[0], one.starts[1:-1])]
+    found = {name: list(z) for name, z in zip(names, samples, strict=True)}
+    days = list(range(9))
+    assert found == {"a": [*days, 9.0], "b": [2.0 * k for k in days], "c": [7.0] * 9, "d": [5.0]}
+    assert len(names) == 4
+
+
+def test_recordings_that_number_their_rows_stay_apart(tmp_path):
+    for name in "ab":
+        table = pa.table({"id": np.arange(50), "value": RNG.normal(size=50)})
+        pq.write_table(table, tmp_path / f"{name}.parquet")
+    assert [unit.id for unit in find_units([str(tmp_path)], tmp_path / "out")] == ["a.parquet", "b.parquet"]
+
+
+def test_ids_that_a_footer_cuts_short_give_no_row_of_their_own(tmp_path, monkeypatch):
+    """A writer may round the ends of long ids: the spans then hold no id at all."""
+    series = fleet(4)
+    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
+    plain = find._known_ends
+    monkeypatch.setattr(find, "_known_ends", lambda known: (plain(known)[0][:-1], plain(known)[1] + "~", 0))
+    units = find_units([str(tmp_path)], tmp_path / "out")
+    units.append(replace(units[0], span=("x", "y")))
+    rows = [row for unit in units for row in fit_unit(unit, FleetOptions(PLAIN)).rows]
+    assert [row.id for row in rows] == list(series)
+    assert all(not row.reason for row in rows)
+
+
+def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
+    series = {str(i): one for i, one in enumerate(fleet().values())}
+    table = long_table(series)
+    numbers = table.set_column(0, "id", table["id"].cast(pa.int32()))
+    for name, one, options in (
+        ("int", numbers, {}),
+        ("dictionary", table.set_column(0, "id", table["id"].dictionary_encode()), {}),
+        ("bare", table, {"write_statistics": False}),
+    ):
+        (tmp_path / name).mkdir()
+        pq.write_table(one, tmp_path / name / "x.parquet", row_group_size=50, **options)
+        assert equal(read(tmp_path / name), series), name
+
+
+def test_two_folders_are_two_data_sets(tmp_path):
+    series = fleet(3)
+    for site in ("north", "south"):
+        (tmp_path / site).mkdir()
+        pq.write_table(long_table(series), tmp_path / site / "x.parquet")
+    assert {name for name, _ in read(tmp_path)} == {
+        f"{site}/{name}" for site in ("north", "south") for name in series
+    }
+
+
+def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):
+    series = fleet(3)
+    time = np.concatenate([one for one, _ in series.values()])
+    dates = np.datetime64("2026-01-01T00:00:00", "us") + (time * 1e6).round().astype("timedelta64[us]")
+    for name, column in (("time", time), ("time_ms", 1000 * time), ("ds", dates)):
+        table = long_table(series)
+        (tmp_path / name).mkdir()
+        pq.write_table(table.set_column(1, name, pa.array(column)), tmp_path / name / "x.parquet")
+        assert {round(period, 12) for _, period in read(tmp_path / name).values()} == {0.01}, name
+
+
+@pytest.mark.slow
+def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
+    """Jitter, a gap and missing values: the quick way for even stamps must not be taken."""
+    time = np.arange(200) / 50 + RNG.uniform(-0.002, 0.002, size=200)
+    time[120:] += 3.0
+    value = np.cumsum(RNG.normal(size=200))
+    value[[5, 6, 90]] = np.nan
+    (tmp_path / "set").mkdir()
+    pq.write_table(long_table({"a": (time, value)}), tmp_path / "set" / "x.parquet")
+    pq.write_table(pa.table({"time (s)": time, "value": value}), tmp_path / "one.parquet")
+    for options in (ReadOptions(), ReadOptions(gaps="missing"), ReadOptions(rate=40.0)):
+        alone = open_source(str(tmp_path / "one.parquet"), options)
+        ((samples, period),) = read(tmp_path / "set", reading=options).values()
+        assert np.array_equal(samples, alone.channel("value"), equal_nan=True)
+        assert period == pytest.approx(alone.sample_period, rel=1e-9)
+
+
+PLAIN = TuneOptions(momentum=0.0, robust=False)
+
+
+@pytest.mark.parametrize("asked", [PLAIN, TuneOptions(momentum=0.0)], ids=["all samples", "spikes set aside"])
+def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_path, monkeypatch, asked):
+    """Even stamps take the compiled way, others not; a constant and a short series have a reason in both."""
+    series = fleet(8, n=200)
+    series["dev02"] = (series["dev02"][0], np.full(202, 3.0))
+    series["dev03"] = (series["dev03"][0][:2], series["dev03"][1][:2])
+    series["dev04"] = (series["dev04"][0] * RNG.uniform(1.0, 1.001, size=204), series["dev04"][1])
+    series["dev05"][1][7] = np.inf
+    series["dev06"] = (series["dev06"][0], np.round(series["dev06"][1]))
+    series["dev07"][1][[40, 90, 150]] += 40.0
+    pq.write_table(long_table(series), tmp_path / "x.parquet")
+    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
+    quick = fit_unit(unit, FleetOptions(asked))
+    monkeypatch.setattr("kalscope.fleet.work.PLAIN", ())
+    slow = fit_unit(unit, FleetOptions(asked))
+    assert (quick.rows[7].spikes > 0) == (asked is not PLAIN)
+    assert [row.id for row in quick.rows] == list(series)
+    assert [row.verdict for row in quick.rows][2:4] == ["constant", "too_few"]
+    for one, other in zip(quick.rows, slow.rows, strict=True):
+        for name in ("id", "channel", "unit", "samples", "verdict", "spikes", "rejected_lines", "gate", "reason"):
+            assert getattr(one, name) == getattr(other, name), (one.id, name)
+        for name in ("rate_hz", "q", "r", "momentum", "lag_samples", "nis"):
+            value, expected = getattr(one, name), getattr(other, name)
+            assert (value is None) == (expected is None), (one.id, name)
+            assert value is None or value == pytest.approx(expected, rel=1e-6), (one.id, name)
+    assert quick.pool.devices == slow.pool.devices
+    assert quick.pool.sums == pytest.approx(slow.pool.sums, rel=1e-9)
+
+
+def test_columns_beside_id_and_time_are_channels(tmp_path):
+    series = fleet(2)
+    more = -np.concatenate([value for _, value in series.values()])
+    pq.write_table(long_table(series, **{"hum (%)": more}), tmp_path / "x.parquet")
+    found = read(tmp_path, every=True)
+    assert {channel for _, channel in found} == {"value", "hum"}
+    assert np.array_equal(found["dev00", "hum"][0], -found["dev00", "value"][0])
+    assert set(read(tmp_path, channel="hum")) == {("dev00", "hum"), ("dev01", "hum")}
+
+
+def test_each_row_group_is_a_recording_where_that_is_said(tmp_path):
+    series = [value[:40] for _, value in fleet(4).values()]
+    table = pa.table({"time": np.tile(np.arange(40) / 10, 4), "value": np.concatenate(series)})
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=40)
+    found = read(tmp_path, row_groups=True)
+    assert [name for name, _ in found] == [f"x.parquet#{i}" for i in range(4)]
+    assert all(np.array_equal(z, value) for (z, _), value in zip(found.values(), series, strict=True))
+
+
+def test_a_recording_that_numbers_its_rows_is_no_data_set(tmp_path):
+    pq.write_table(pa.table({"id": np.arange(100), "value": RNG.normal(size=100)}), tmp_path / "x.parquet")
+    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
+    assert unit.span is None
+
+
+def test_whole_numbers_that_no_double_holds_keep_their_digits(tmp_path):
+    stamps = 1_700_000_000_000_000_001 + np.arange(40) * 10_000_000
+    values = np.append(np.arange(39), 2**60 + 1)
+    pq.write_table(pa.table({"id": ["a"] * 40, "time_ns": stamps, "value": values}), tmp_path / "a.parquet")
+    samples, period = read(tmp_path)["a", "value"]
+    assert period == pytest.approx(0.01, rel=1e-12)
+    assert np.array_equal(samples, values.astype(float))
+
+
+def test_a_missing_date_costs_only_its_own_row(tmp_path):
+    stamps = np.tile(np.datetime64("2024-05-01", "ns") + np.arange(40) * np.timedelta64(10, "ms"), 2)
+    stamps[0] = np.datetime64("NaT")
+    ids = ["a"] * 40 + ["b"] * 40
+    column = pa.array(stamps, from_pandas=True)
+    pq.write_table(pa.table({"id": ids, "ts": column, "value": np.arange(80.0)}), tmp_path / "a.parquet")
+    found = read(tmp_path)
+    assert [len(found[name, "value"][0]) for name in "ab"] == [39, 40]
+    assert found["b", "value"][1] == pytest.approx(0.01)
+
+
+def test_a_file_without_a_footer_is_a_row_where_row_groups_are_asked_for(tmp_path):
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and no more")
+    pq.write_table(long_table(fleet(1)), tmp_path / "good.parquet")
+    units = find_units([str(tmp_path)], tmp_path / "out", row_groups=True)
+    assert [(unit.id, bool(unit.pieces[0].groups)) for unit in units] == [
+        ("bad.parquet", False),
+        ("good.parquet#0", True),
+    ]
+
+
+def test_ids_of_two_types_are_refused(tmp_path):
+    for name, ids in (("a", ["x"] * 4), ("b", [3] * 4)):
+        pq.write_table(
+            pa.table({"id": ids, "time": np.arange(4.0), "value": np.arange(4.0)}), tmp_path / f"{name}.pq"
+        )
+    ((name, reason),) = reasons(tmp_path).items()
+    assert name == tmp_path.name
+    assert "must be of one type in all files (got int and str)" in reason
+
+
+@pytest.mark.parametrize("ids", [[b"a", b"b"], [1.0, 2.5], [True, False], [np.datetime64("2024-05-01", "us")] * 2])
+def test_a_series_is_found_again_by_its_name_of_any_type(tmp_path, ids):
+    column = pa.array([one for one in ids for _ in range(40)])
+    table = pa.table({"id": column, "time": np.tile(np.arange(40) / 100, 2), "value": np.arange(80.0)})
+    pq.write_table(table, tmp_path / "a.parquet")
+    for unit in find_units([str(tmp_path)], tmp_path / "out"):
+        for name in read_block(unit, ReadOptions()).ids:
+            assert len(read_block(unit, ReadOptions(), name).recording(0, ReadOptions(), None)) % 40 == 0
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path):
+    (tmp_path / ".lock").touch()
+    with pytest.raises(BadSetting, match=r"every worker of --cluster must have kalscope 9 \(got "):
+        run_batch([], FleetOptions(NOTHING, program="kalscope 9"), str(tmp_path))
+
+
+def test_an_id_that_is_too_long_for_the_table_is_cut_and_found_again(tmp_path):
+    (one, other) = series = {"x" * 10_000 + end: (np.arange(40) / 10, RNG.normal(size=40)) for end in "ab"}
+    pq.write_table(long_table(series), tmp_path / "x.parquet")
+    for unit in find_units([str(tmp_path)], tmp_path / "out"):
+        fitted = fit_unit(unit, FleetOptions(PLAIN))
+        write_part(tmp_path / "out", {"k": (fitted.rows, fitted.pool)})
+        names = merge([["k"]], find_parts(tmp_path / "out"))[0]["id"].to_pylist()
+        assert len(set(names)) == 2
+        for name, key in zip(names, (one, other), strict=True):
+            again = read_block(unit, ReadOptions(), name).recording(0, ReadOptions(), None)
+            assert np.array_equal(again.channel("value"), series[key][1])
+
+
+def test_a_source_names_runs_of_row_groups(tmp_path):
+    """A thousand row groups that a unit reads take no thousand numbers in the table."""
+    path = tmp_path / "x.parquet"
+    path.write_bytes(b"")
+    groups = (*range(1000), 2000)
+    unit = Unit("a", (Piece(str(path), groups=groups),), span=(None, "z"), data_set="site/")
+    assert unit.source == f'["site/", [["{path}", [[0, 999], [2000, 2000]]]]]'
+    assert _unit(DeviceSource("a", unit.source, ReadOptions(), None)).pieces[0].groups == groups
+    for runs in ([[0, 10**9]], [[3, 1]], [[0, 5], [5, 6]], [7], ["ab"]):
+        with pytest.raises(BadFile, match="must name row groups"):
+            _unit(DeviceSource("a", json.dumps(["site/", [[str(path), runs]]]), ReadOptions(), None))

@@ -1,0 +1,141 @@
+"""What SOURCE names: every file below it once, and what is no file with its reason."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+
+import pytest
+
+from kalscope.errors import BadFile, BadSetting
+from kalscope.fleet.find import find_units, read_list
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """Two files, one in a folder named as a file, an empty folder, a hidden file, a dead link and a pipe."""
+    (tmp_path / "logs" / "x.csv").mkdir(parents=True)
+    (tmp_path / "logs" / "none").mkdir()
+    (tmp_path / "logs" / "a.csv").write_text("1\n2\n3\n")
+    (tmp_path / "logs" / "x.csv" / "b.csv").write_text("1\n2\n3\n")
+    (tmp_path / "logs" / ".DS_Store").write_text("")
+    os.symlink(tmp_path / "nowhere", tmp_path / "logs" / "link.csv")
+    os.mkfifo(tmp_path / "logs" / "pipe.csv")
+    return tmp_path / "logs"
+
+
+def found(*sources, output="out"):
+    return {(unit.id, unit.channel): unit for unit in find_units([str(one) for one in sources], output)}
+
+
+def reasons(*sources):
+    return {name: unit.reason for (name, _), unit in found(*sources).items()}
+
+
+def test_everything_in_a_folder_is_accounted_for(tree):
+    assert reasons(tree) == {
+        "a.csv": "",
+        "link.csv": f"'{tree / 'link.csv'}': No such file or directory",
+        "none": "the folder is empty",
+        "pipe.csv": "it must be a file (got a folder, a device or a pipe)",
+        "x.csv/b.csv": "",
+    }
+
+
+def test_a_pattern_stands_for_the_files_and_folders_that_it_meets(tree):
+    assert set(reasons(tree / "*.csv")) == {"a.csv", "link.csv", "pipe.csv", "x.csv/b.csv"}
+
+
+def test_a_file_named_twice_is_one_unit(tree):
+    assert set(reasons(tree / "x.csv", tree / "x.csv" / "b.csv", tree / "a.csv")) == {"a.csv", "x.csv/b.csv"}
+
+
+def test_the_folder_of_the_results_is_no_source(tree):
+    (tree / "out").mkdir()
+    (tree / "out" / "fleet.parquet").write_bytes(b"PAR1")
+    assert "out/fleet.parquet" not in {name for name, _ in found(tree, output=tree / "out")}
+    assert "out/fleet.parquet" in {name for name, _ in found(tree)}
+
+
+def test_a_loop_of_links_ends(tree):
+    os.symlink(tree, tree / "x.csv" / "again")
+    assert ("x.csv/again", None) in found(tree)
+
+
+@pytest.mark.parametrize("source", ["nowhere.csv", "nowhere/*.csv", ""])
+def test_a_source_that_names_nothing_is_refused(tmp_path, source):
+    with pytest.raises(BadSetting, match=r"SOURCE must be a folder, a file, a pattern .*\(got "):
+        find_units([str(tmp_path / source) if source else ""], tmp_path)
+
+
+def test_a_list_names_files_and_channels(tree):
+    (tree.parent / "list.txt").write_text('# devices\nlogs/a.csv\nlogs/a.csv, light\n\n"logs/x.csv/b.csv"\tq, r\n')
+    assert set(found(f"@{tree.parent / 'list.txt'}")) == {
+        ("a.csv", None),
+        ("a.csv", "light"),
+        ("x.csv/b.csv", "q, r"),
+    }
+
+
+def test_only_the_end_of_a_line_ends_the_path_in_a_list(tree):
+    names = ["form\ffeed.csv", "line\u2028separator.csv", "next\x85line.csv", "group\x1dmark.csv"]
+    (tree / "list.txt").write_bytes("\r\n".join(names).encode() + b"\nlast.csv\n")
+    assert read_list(str(tree / "list.txt")) == [(str(tree / name), None) for name in (*names, "last.csv")]
+
+
+def test_a_file_that_a_list_names_and_that_is_gone_has_a_reason(tree):
+    (tree / "list.txt").write_text("a.csv\ngone.csv\n")
+    assert reasons(f"@{tree / 'list.txt'}")["gone.csv"].endswith("No such file or directory")
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "a,b,c\n", ",light\n"])
+def test_a_list_without_files_is_refused(tmp_path, text):
+    (tmp_path / "list.txt").write_text(text)
+    with pytest.raises(BadFile, match=r"must (name at least one file|be PATH or PATH,CHANNEL)"):
+        read_list(str(tmp_path / "list.txt"))
+
+
+def test_a_key_changes_with_all_that_the_result_depends_on(tree):
+    (unit,) = found(tree / "a.csv").values()
+    keys = {unit.key("options"), unit.key("others")}
+    os.utime(tree / "a.csv", ns=(1, 1))
+    keys |= {next(iter(found(tree / "a.csv").values())).key("options")}
+    (tree / "a.csv").write_text("1\n2\n")
+    os.utime(tree / "a.csv", ns=(1, 1))
+    keys |= {next(iter(found(tree / "a.csv").values())).key("options")}
+    assert len(keys) == 4
+
+
+def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
+    for name in ("logs/a.csv", "logs/out/fleet.json", "logs/out/parts/ab/x.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("1\n2\n3\n")
+    units = find_units([str(tmp_path / "logs" / "**")], tmp_path / "logs" / "out")
+    assert [unit.id for unit in units] == ["a.csv"]
+
+
+def test_a_line_of_a_list_that_is_longer_than_any_path_is_refused(tmp_path):
+    (tmp_path / "list.txt").write_text("x" * 200_000)
+    with pytest.raises(BadFile, match="line 1 of"):
+        read_list(str(tmp_path / "list.txt"))
+
+
+@pytest.mark.slow
+def test_folders_may_be_nested_deeper_than_python_calls(tmp_path):
+    (tmp_path / "/".join("d" * 100)).mkdir(parents=True)
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(len(inspect.stack()) + 70)
+    try:
+        ((name, _), unit) = next(iter(found(tmp_path).items()))
+    finally:
+        sys.setrecursionlimit(limit)
+    assert (name.count("d"), unit.reason) == (100, "the folder is empty")
+
+
+def test_loops_of_links_under_a_pattern_end(tree):
+    for name in ("one", "two", "three"):
+        os.symlink(tree, tree / "x.csv" / name)
+    assert {name for name in reasons(tree / "**") if name.endswith("b.csv")} == {"x.csv/b.csv"}
+    os.symlink("self", tree / "self")
+    assert "symbolic links" in reasons(tree / "self")["self"]

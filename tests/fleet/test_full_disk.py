@@ -1,0 +1,53 @@
+"""A disk that is really full: a small file system in memory, which only root may mount."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+from fleet_runs import files_of, parts, run_here, table, write_devices
+from required import not_here
+
+from kalscope.fleet.store import units_of
+
+try:
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("pyarrow is not installed")
+
+PLAIN = ["--momentum", "0", "--no-robust"]
+
+
+@contextmanager
+def disk_of(folder, kilobytes):
+    """A file system of this size at the folder; the test is skipped where it cannot be mounted."""
+    folder.mkdir()
+    argv = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(folder)]
+    if sys.platform != "linux" or os.geteuid() != 0 or subprocess.run(argv, capture_output=True).returncode:
+        pytest.skip("only root may mount a file system")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_path, at_once, capsys):
+    logs, disk = tmp_path / "logs", tmp_path / "disk"
+    write_devices(logs, 30, n=40, comment=20_000)
+    with disk_of(disk, 128):
+        out = disk / "out"
+        full = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)
+        assert full.err.startswith("kalscope: ")
+        assert full.err.endswith("No space left on device\n")
+        assert files_of(out) == {".lock", "run.json"}
+        kept = sum(len(units_of(part)) for part in parts(out))
+        assert 0 < kept < 30
+        assert all(units_of(part) for part in parts(out)), "a part is torn"
+        assert "No space left" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+        subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
+        said = run_here(capsys, logs, "-o", out, *PLAIN).out
+        assert f"; {30 - kept} of 30 files or row groups done" in said
+        assert [row["id"] for row in table(out)] == sorted(path.name for path in logs.iterdir())

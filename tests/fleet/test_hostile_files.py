@@ -1,0 +1,45 @@
+"""Whatever the files of a fleet hold, each ends in one row, and the counts of all that is said add up."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+
+import pytest
+from fleet_runs import run_here, table
+from hostile_folder import write_hostile
+from required import not_here
+
+from kalscope.common import unpacking
+from kalscope.common.text import CONTROL
+from kalscope.fleet.results import FleetReader
+from kalscope_app.views.source.fleet_words import about_fleet
+
+try:
+    import distributed  # noqa: F401
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("dask, distributed or pyarrow is not installed")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="neither links nor pipes")
+def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, monkeypatch):
+    monkeypatch.setattr(unpacking, "MAX_UNPACKED", 1 << 20)
+    count, out = write_hostile(tmp_path / "logs", 2 << 20), tmp_path / "out"
+    said = run_here(capsys, tmp_path / "logs", "-o", out)
+    rows = table(out)
+    assert len(rows) == len({row["id"] for row in rows}) == count > 60
+    for row in rows:
+        assert (row["q"] is None) == bool(row["reason"]), row
+        assert not re.match(r"\w+(Error|Warning|Exception): ", row["reason"]), row
+    assert sum("must unpack to at most" in row["reason"] for row in rows) == 2
+    failed = sum(row["verdict"] == "failed" for row in rows)
+    fitted = sum(row["q"] is not None for row in rows)
+    counted = f"{count} rows: {fitted} with q and r, {count - fitted - failed} without, {failed} failed"
+    assert said.out.startswith(f"{counted}; {count} of {count} files or row groups done in ")
+    assert about_fleet(FleetReader(out).read()).startswith(f"{counted}. ")
+    plain = json.loads((out / "fleet.json").read_text(encoding="utf-8"))
+    assert (plain["rows"], plain["usable"], plain["failed"]) == (count, fitted, failed)
+    assert not CONTROL.search(said.out + said.err)

@@ -1,0 +1,79 @@
+"""Files of the user in the folder of a fleet are never written over."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from fleet_runs import run_here, write_devices
+from required import not_here
+
+from kalscope.fleet.store import SUMMARY, TUNING
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning_file import load_tuning, save_tuning
+
+try:
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("pyarrow is not installed")
+
+PLAIN = ["--momentum", "0", "--no-robust"]
+OWN = Tuning((ChannelTuning("mine", "", 1.0, 2.0),), source_name="fleet of 2")
+
+
+@pytest.fixture
+def fleet(tmp_path, at_once, capsys):
+    """Two devices, and the folder of their results."""
+    write_devices(tmp_path / "logs", 2)
+    return tmp_path / "logs", tmp_path / "out"
+
+
+@pytest.mark.parametrize("name", [".lock", "run.json", "fleet.json", "fleet.parquet", "tuning.toml"])
+def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, capsys, name):
+    logs, out = fleet
+    out.mkdir()
+    (out / name).write_text("mine")
+    refused = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)
+    assert refused.err.startswith("kalscope: -o must name a ")
+    assert name in refused.err
+    assert (out / name).read_text() == "mine"
+    assert not (out / "parts").exists()
+
+
+@pytest.mark.slow
+def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    save_tuning(OWN, out / TUNING)
+    refused = run_here(capsys, logs, "-o", out, "--lag-ms", "50", expect=2)
+    assert refused.err == (
+        f"kalscope: -o must name a folder without a {TUNING} of your own (got {str(out / TUNING)!r}, which no fleet"
+        " wrote or which was changed since): move it and run the same command again\n"
+    )
+    assert load_tuning(out / TUNING).channels == OWN.channels
+    (out / TUNING).rename(out / "mine.toml")
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
+
+
+@pytest.mark.slow
+def test_the_own_tuning_is_known_by_its_values_whatever_died(fleet, capsys):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    first = (out / TUNING).read_text()
+    (out / TUNING).write_text(f"# a word of mine\n{first}")
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    assert "# a word of mine" in (out / TUNING).read_text()
+    (out / TUNING).write_text(first)  # as a kill between the two files leaves them
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
+    assert len(json.loads((out / SUMMARY).read_text())["tuning_sha256"]) == 2
+
+
+def test_a_tuning_that_the_user_saves_during_the_run_is_kept(fleet, capsys, monkeypatch):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    place = "kalscope.fleet.store.check_tuning"
+    monkeypatch.setattr(place, lambda folder: save_tuning(OWN, folder / TUNING))  # after the check of the start
+    assert "of your own" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+    assert load_tuning(out / TUNING).channels == OWN.channels

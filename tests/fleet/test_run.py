@@ -1,0 +1,270 @@
+"""Whole runs: every file accounted for, only what is missing done, each id once whatever dies.
+
+What needs no process has workers that do a batch at once, in this process; the rest runs as a user starts it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+import pytest
+from fleet_runs import files_of, fits, parts, run_here, table, write_devices
+from forked import Forked
+from program import command, next_line
+from required import not_here
+from waiting import PATIENCE, wait_until
+
+from kalscope.cli.app import run as kalscope
+from kalscope.errors import BadSetting
+from kalscope.fleet import answer, run, work
+from kalscope.fleet.run import TaskLost
+from kalscope.fleet.store import locked
+
+try:
+    import distributed
+    import psutil
+    import pyarrow  # noqa: F401
+except ImportError:
+    not_here("dask, distributed or pyarrow is not installed")
+
+PLAIN = ["--momentum", "0", "--no-robust"]
+
+
+@pytest.mark.slow
+def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
+    """Generated recordings, an empty file, a picture, an unreadable file, a dead link, a folder named x.csv."""
+    logs = tmp_path / "logs"
+    write_devices(logs, 12)
+    (logs / "empty.csv").write_text("")
+    (logs / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
+    (logs / "x.csv").mkdir()
+    os.symlink(tmp_path / "nowhere", logs / "gone.csv")
+    (logs / "locked.csv").write_text("1\n2\n3\n")
+    (logs / "locked.csv").chmod(0)  # root reads it all the same: it has a row in both cases
+    done = run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
+    rows = {row["id"]: row for row in table(tmp_path / "out")}
+    assert set(rows) == {path.name for path in logs.iterdir()}
+    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
+    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
+    for name, reason in said.items():
+        assert rows[name]["verdict"] == "failed"
+        assert reason in rows[name]["reason"]
+    assert done.out.startswith("17 rows: 12 with q and r, ")
+    assert "failed; 17 of 17 files or row groups done in " in done.out
+    assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
+    assert "One filter for all: q = " in done.out
+    assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
+
+
+@pytest.mark.slow
+def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys):
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    write_devices(logs, 12)
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    whole = {row["id"]: row for row in fits(out)}
+    (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
+    (logs / "dev0008.csv").unlink()
+    write_devices(logs / "new", 1)
+    assert "; 2 of 12 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    rows = {row["id"]: row for row in fits(out)}
+    assert rows.pop("dev0007.csv")["samples"] == 3
+    assert rows.pop("new/dev0000.csv")["samples"] == 200
+    assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}
+    again = run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert again.startswith("12 rows: 11 with q and r, 1 without; nothing was missing\n")
+    assert "; 12 of 12 files" in run_here(capsys, logs, "-o", out, "--lag-ms", "50").out
+    assert {row["verdict"] for row in table(out)} == {"chosen"}
+
+
+@pytest.mark.slow
+def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys):
+    write_devices(tmp_path / "logs", 3)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--lag-ms", "30", "--rate", "200", "--gate", "9")
+    for row in table(tmp_path / "out"):
+        assert row["rate_hz"] == pytest.approx(200.0)
+        assert row["lag_samples"] == pytest.approx(6.0)
+        assert row["gate"] == 9.0
+    refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--channel", "dark")
+    assert "3 × channel must be one of light (got 'dark')" in refused.out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
+        (["--all", "--channel", "light"], "--all must be used without --channel (got --channel 'light')"),
+        (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
+    ],
+)
+def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once, capsys, options, said):
+    write_devices(tmp_path / "logs", 1)
+    refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *options, expect=2)
+    assert refused.err.startswith(f"kalscope: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("missing", ["dask", "distributed", "pyarrow"])
+def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsys, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    refused = run_here(capsys, tmp_path, "-o", tmp_path / "out", expect=2)
+    assert refused.err == (
+        f'kalscope: a fleet needs dask, distributed and pyarrow: pip install "kalscope[fleet]" (got no {missing})\n'
+    )
+
+
+@pytest.mark.slow
+def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsys):
+    faults, made = at_once
+    write_devices(tmp_path / "logs", 5)
+    lost = [TaskLost(), TaskLost()]
+    faults.append(lambda _units: lost.pop() if lost else None)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(table(tmp_path / "out")) == 5
+    assert made[0].most <= 4
+
+
+# From here on on Dask.
+
+
+@pytest.fixture(scope="module")
+def devices(tmp_path_factory):
+    """Files in 20 batches."""
+    folder = tmp_path_factory.mktemp("fleet")
+    write_devices(folder, 40, n=60, comment=130_000)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(devices, tmp_path_factory):
+    """The table of an undisturbed run over them, on a scheduler that is named by its address."""
+    out = tmp_path_factory.mktemp("whole")
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        distributed.LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            protocol="tcp://",
+            silence_logs=60,
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        ) as other,
+    ):
+        patch.setattr(work, "MAX_SECONDS", PATIENCE)  # on a busy machine a batch would be shared out, in two parts
+        there = ["--cluster", other.scheduler_address]
+        assert kalscope(["fleet", str(devices), "-o", str(out), *there, *PLAIN]) == 0
+    assert len(parts(out)) == 20
+    return table(out)
+
+
+DRIVER = """
+import os, time
+import dask.system
+from kalscope.fleet import run
+os.setsid()  # signals to all of its processes reach no other
+dask.system.CPU_COUNT = 2
+ended = run.Dispatcher.ended
+def waits(self, batch, rest=()):
+    ended(self, batch, rest)
+    while os.path.exists("killed") and not os.path.exists("go on"):
+        time.sleep(0.01)
+run.Dispatcher.ended = waits
+"""
+"""A run with two workers that waits for a file once one of them was killed and a batch has ended."""
+
+
+def workers_of(driver):
+    """The processes below the driver that run tasks."""
+    try:
+        below = psutil.Process(driver.pid).children(recursive=True)
+        return [one for one in below if "spawn_main" in " ".join(one.cmdline())]
+    except psutil.Error:  # one ended meanwhile
+        return []
+
+
+@pytest.mark.slow
+def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
+    tmp_path, devices, whole, at_once, capsys, monkeypatch
+):
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
+    out = tmp_path / "out"
+    with command("fleet", devices, "-o", out, *PLAIN, cwd=tmp_path, change=DRIVER) as driver:
+        wait_until(lambda: parts(out), "a part")
+        workers = wait_until(lambda: workers_of(driver))
+        (tmp_path / "killed").touch()
+        workers[0].kill()
+        second = run_here(capsys, devices, "-o", out, *PLAIN, expect=2)
+        assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
+        assert f"process {driver.pid} on " in second.err
+        assert second.err.count("\n") == 1
+        below = psutil.Process(driver.pid).children(recursive=True)
+        os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
+        (tmp_path / "go on").touch()
+        stdout, stderr = driver.communicate(timeout=PATIENCE)
+        assert (driver.returncode, stdout) == (130, "")
+    assert psutil.wait_procs(below, timeout=PATIENCE)[1] == []
+    assert stderr.startswith("kalscope: stopped by Ctrl+C: ")
+    assert stderr.endswith("run the same command again to continue\n")
+    assert stderr.count("\n") == 1, stderr
+    assert [*(tmp_path / "tmp").iterdir()] == []
+    assert not (out / "fleet.parquet").exists()
+    kept = len(parts(out))
+    assert 0 < kept < 20
+    (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
+    run_here(capsys, devices, "-o", out, *PLAIN)
+    assert table(out) == whole
+    assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
+    assert len(parts(out)) > kept
+
+
+HOLDER = """
+import time
+from pathlib import Path
+from kalscope.fleet.run import open_workers
+from kalscope.fleet.store import locked
+with locked(Path()), open_workers(None, 1):
+    print("workers", flush=True)
+    time.sleep(1e6)
+"""
+
+
+def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
+    with Forked(HOLDER, tmp_path, os.environ) as driver:
+        assert next_line(driver) == "workers\n"
+        below = psutil.Process(driver.pid).children(recursive=True)
+        assert workers_of(driver)
+    _, alive = psutil.wait_procs(below, timeout=PATIENCE)
+    assert alive == []
+    with locked(tmp_path):
+        pass
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(run, "PATIENCE_S", 0.1)
+    write_devices(tmp_path / "logs", 1)
+    nobody = "tcp://127.0.0.1:9"
+    done = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--cluster", nobody, expect=2)
+    assert done.err.startswith(f"kalscope: --cluster must name a scheduler with workers (got '{nobody}'")
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
+
+    write_devices(tmp_path / "logs", 2)
+    plain, refused = answer.save_answer, []
+
+    def checked(found, rows, folder):
+        with pytest.raises(BadSetting, match="no other run writes") as caught, locked(folder):
+            pass
+        refused.append(caught)
+        plain(found, rows, folder)
+
+    monkeypatch.setattr(answer, "save_answer", checked)
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    assert len(refused) == 1
