@@ -115,39 +115,88 @@ __all__ = [
 ]
 
 _NAMES = {
-    "analysis.estimators": "compare_methods",
-    "analysis.diagnostics": "Diagnostics diagnose diagnose_held_out",
-    "analysis.fused": "FusionJudgement judge_fusion",
-    "catalogue": "open_source",
-    "errors": "BadDevice BadFile BadSetting Cancelled KalscopeError",
-    "estimation.estimate": "estimate",
-    "estimation.fleet.many.estimate_many": "estimate_many",
-    "estimation.fleet.many.table": "EstimateTable",
-    "estimation.fusion.estimate_fusion": "estimate_fusion",
-    "estimation.fusion.result": "FusionEstimate",
-    "estimation.known": "estimate_fixed_r estimate_fixed_ratio params_for_specification",
-    "estimation.likelihood.profile": "log_likelihood",
-    "estimation.momentum.profile": "likelihood_profile",
-    "estimation.result": "Estimate",
-    "estimation.sensor.noise": "noise_from_datasheet noise_from_still",
-    "estimation.sensor.starting": "starting_params",
-    "export.registry": "export_tuning",
-    "filtering.classic.chain": "Chain",
-    "filtering.classic.stages": "Butterworth Exponential Median MovingAverage OneEuro PowerOfTwo",
-    "filtering.filter": "FilterResult KalmanFilter SmootherResult denoise fuse kalman_filter smooth",
-    "filtering.params": "FilterParams",
-    "filtering.steady_state": "SteadyState ratio_for steady_state",
-    "recording": "LineIssue ReadReport Recording",
-    "sources.grammar.read_options": "ReadOptions",
-    "sources.readers.recording_file": "read_recording",
-    "sources.samples": "list_samples",
-    "sources.synthetic": "synthesize",
-    "tuning.tuning": "ChannelTuning Tuning",
-    "tuning.tuning_file": "load_tuning save_tuning",
+    "analysis.estimators": ("compare_methods",),
+    "analysis.diagnostics": (
+        "Diagnostics",
+        "diagnose",
+        "diagnose_held_out",
+    ),
+    "analysis.fused": (
+        "FusionJudgement",
+        "judge_fusion",
+    ),
+    "catalogue": ("open_source",),
+    "errors": (
+        "BadDevice",
+        "BadFile",
+        "BadSetting",
+        "Cancelled",
+        "KalscopeError",
+    ),
+    "estimation.estimate": ("estimate",),
+    "estimation.fleet.many.estimate_many": ("estimate_many",),
+    "estimation.fleet.many.table": ("EstimateTable",),
+    "estimation.fusion.estimate_fusion": ("estimate_fusion",),
+    "estimation.fusion.result": ("FusionEstimate",),
+    "estimation.known": (
+        "estimate_fixed_r",
+        "estimate_fixed_ratio",
+        "params_for_specification",
+    ),
+    "estimation.likelihood.profile": ("log_likelihood",),
+    "estimation.momentum.profile": ("likelihood_profile",),
+    "estimation.result": ("Estimate",),
+    "estimation.sensor.noise": (
+        "noise_from_datasheet",
+        "noise_from_still",
+    ),
+    "estimation.sensor.starting": ("starting_params",),
+    "export.registry": ("export_tuning",),
+    "filtering.classic.chain": ("Chain",),
+    "filtering.classic.stages": (
+        "Butterworth",
+        "Exponential",
+        "Median",
+        "MovingAverage",
+        "OneEuro",
+        "PowerOfTwo",
+    ),
+    "filtering.filter": (
+        "FilterResult",
+        "KalmanFilter",
+        "SmootherResult",
+        "denoise",
+        "fuse",
+        "kalman_filter",
+        "smooth",
+    ),
+    "filtering.params": ("FilterParams",),
+    "filtering.steady_state": (
+        "SteadyState",
+        "ratio_for",
+        "steady_state",
+    ),
+    "recording": (
+        "LineIssue",
+        "ReadReport",
+        "Recording",
+    ),
+    "sources.grammar.read_options": ("ReadOptions",),
+    "sources.readers.recording_file": ("read_recording",),
+    "sources.samples": ("list_samples",),
+    "sources.synthetic": ("synthesize",),
+    "tuning.tuning": (
+        "ChannelTuning",
+        "Tuning",
+    ),
+    "tuning.tuning_file": (
+        "load_tuning",
+        "save_tuning",
+    ),
 }
 """The names by the module that they come from."""
 
-_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names.split()}
+_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
 
 
 if not TYPE_CHECKING:  # with it, a type checker would accept every mistyped name
