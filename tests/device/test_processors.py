@@ -99,7 +99,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
     processor.compile(sketch)
     if processor.machine:
         names = tuple(f"kalscope_tuning_{name}" for name in job.identifiers)
-        constant = f"kalscope_fusion_tuning_{fusion.identifier}"
+        constant = f"kalscope_fusion_tuning_{fusion.identifiers[-1]}"
         answers, _ = processor.emulate(made, names, z, (fused, constant))
         for answer, channel in zip(answers[:-1], CHAINS, strict=True):
             np.testing.assert_array_equal(answer, filter_channel_float32(z, channel), err_msg=channel.name)

@@ -47,11 +47,10 @@ def targets() -> Any:
 
 
 def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:
-    """The filter for a whole fleet: each device with its own r, and one r for all."""
-    from kalscope.estimation.fleet.pool import pool_of
-    from kalscope.estimation.fleet.pooled import fit_pool
+    """The filter for a whole fleet, each device with its own r."""
+    from kalscope.estimation.fleet.pool import fit_pool, pool_of
 
-    yield from ((scale, fit_pool(pool_of(series, dt), scale)) for scale in ("each", "common"))
+    yield "each", fit_pool(pool_of(series, dt))
 
 
 def judged_states() -> Iterator[tuple[str, Any]]:
@@ -341,7 +340,8 @@ def tunings(level: ks.Recording) -> Iterator[tuple[str, Any]]:
     made = {"tool": "kalscope", "date": "2026-01-01T00:00:00Z", "sample_period": 0.05}
     one, names, chain = partial(ks.ChannelTuning, unit="mm"), level.names, ks.Chain(5, ks.OneEuro(0.01, 0.1, 0.1))
     several = (one(names[0], q=0.02, r=1.5, gate=16.0), one(names[1], q=1e-5, r=0.3, p0=2.0, x0=40.0))
-    fusion = ks.FusionTuning("level", "mm", names, 0.01, (1.0, 2.0, 0.5), (0.0, 1.5, -1.0), (1.0, 0.9, 1.1))
+    scales = {"offset": (0.0, 1.5, -1.0), "gain": (1.0, 0.9, 1.1)}
+    fusion = one("level", q=0.01, r=(1.0, 2.0, 0.5), sensors=names, **scales)
     yield "channels", ks.Tuning(several, **made)
     yield "momentum", ks.Tuning((one(names[0], q=0.001, r=1.5, momentum=12.5),), **made)
     yield "chain", ks.Tuning((one(names[0], q=0.02, r=1.5, chain=chain),), **made)

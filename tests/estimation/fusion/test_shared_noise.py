@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effort import FUZZ
-from kalscope.filtering.momentum.kernels import transition
+from kalscope.filtering.kernels import transition
 
 from kalscope import estimate_fusion, judge_fusion
 
