@@ -268,7 +268,7 @@ def fleets() -> Iterator[Case]:
             series[3], series[5], series[7] = np.full(len(series[3]), 2.5), series[5] * np.nan, np.round(series[7])
         yield from table(name, series, dt, **options)
         for scale, fit in pooled_fits(series, dt):
-            names = "q r ratio loglik ratio_interval verdict devices innovations"
+            names = "q r ratio loglik ratio_interval verdict"
             yield {"id": f"fleets#{name}, pooled, {scale}", "tuned": fields(fit, names)}
         if name == "uneven":
             yield from table("r known", series, dt, r=1.0)
