@@ -23,9 +23,9 @@ import serial
 from numpy.typing import NDArray
 
 from kalscope import ChannelTuning, Tuning, export_tuning
-from kalscope.estimation.sensor.noise import noise_from_still
-from kalscope.export.board.calibration import Calibrated, NotCalibrated, read_answer
-from kalscope.export.board.still_rule import BoardNoise, BoardRange, measure_on_board, rows_of
+from kalscope.estimation.noise import noise_from_still
+from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
+from kalscope.export.still_rule import BoardNoise, BoardRange, measure_on_board, rows_of
 
 STEPS = (0.25, 1.0, 2.0, 4.0, 8.0)
 """Resolution of each channel, unit."""
@@ -99,7 +99,7 @@ def measured(port: serial.Serial) -> list[Cell]:
     port.write(f"c {SECONDS}\n".encode())
     while len(cells) < len(STEPS):
         line = port.readline().decode()
-        answer = read_answer(line.strip())
+        answer = read_calibration(line.strip())
         if not line.startswith("#"):
             rows.append([float(cell) for cell in line.split(",")[::2]])
         elif isinstance(answer, Calibrated | NotCalibrated):

@@ -74,7 +74,7 @@ def watch_viser() -> None:
 def serve_kalscope(arguments: list[str]) -> None:
     from kalscope_app.commands import run
     from kalscope_app.engine import engine
-    from kalscope_app.guard.message_filter import MessageFilter
+    from kalscope_app.guard.messages import MessageFilter
     from kalscope_app.session.session import Session
 
     marked(MessageFilter, "_dispatch", before="arrived")

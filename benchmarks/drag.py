@@ -36,8 +36,8 @@ from targets import Target
 
 from kalscope import FilterParams, denoise, kalman_filter, starting_params
 from kalscope.catalogue import open_source
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.views.scales import scale_for
+from kalscope_app.engine.filter_runs import choose_samples
+from kalscope_app.views.charts import scale_for
 
 Line = NDArray[np.float64]
 

@@ -34,8 +34,8 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kalscope.cli.tune.options import TuneOptions
-from kalscope.estimation.fleet.pool import Pool
+from kalscope.cli.tune_options import TuneOptions
+from kalscope.estimation.pool import Pool
 from kalscope.fleet.answer import answer_for, devices_of, save_answer
 from kalscope.fleet.find import find_units
 from kalscope.fleet.read import FleetOptions

@@ -14,11 +14,10 @@ from collections import Counter
 
 import numpy as np
 
-from kalscope.cli.tune.options import NOTHING
-from kalscope.common.array import Array
-from kalscope.estimation.fleet.losses import held_out, loss_inputs
-from kalscope.estimation.fleet.many.estimate_many import estimate_many
-from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.cli.tune_options import NOTHING
+from kalscope.common.numbers import Array
+from kalscope.estimation.many import estimate_many
+from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.fleet.answer import Answer, Devices, answer_for
 
 Q, R = 0.04, 1.0

@@ -24,14 +24,14 @@ from pathlib import Path
 import numpy as np
 
 import kalscope
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg
+from kalscope.common.numbers import Array
 from kalscope.common.text import number
-from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, options_from_text
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from kalscope.errors import KalscopeError
-from kalscope.sources.layout.sniffer import sniff
+from kalscope.sources.reading.sniffer import sniff
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 HEAD_BYTES, TURNS, MAX_MS = 65536, 5, 50.0

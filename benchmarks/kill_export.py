@@ -27,7 +27,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from kalscope import export_tuning, load_tuning
-from kalscope.export.write import write_files
+from kalscope.export.registry import write_files
 base, targets = Path(sys.argv[1]), sys.argv[2].split(",")
 tunings = {target: [load_tuning(base / f"{target}-{i}.toml") for i in range(2)] for target in targets}
 print("ready", flush=True)

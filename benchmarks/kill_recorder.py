@@ -29,8 +29,8 @@ from pathlib import Path
 
 from starved import Probe, waited
 
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.recorder.repair import repair
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.recorded_files import repair
 
 MAX_LOST_S = 0.25
 """The promise: seconds of received lines that a kill may cost."""

@@ -30,8 +30,7 @@ from press_clock import Times, milliseconds, press, press_often, rotated, settle
 from targets import Target
 
 from kalscope import FilterParams, denoise, open_source
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 
 TICK = 0.001
 """Seconds between two writes of the board, as a USB chip hands over."""

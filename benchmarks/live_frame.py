@@ -26,16 +26,15 @@ from typing import cast
 import numpy as np
 
 from kalscope.recording import Recording
-from kalscope.sources.live.live_samples import Snapshot
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.live.live_status import LiveStatus
-from kalscope.sources.live.sample_store import SampleStore
-from kalscope.sources.port.port_spec import port_of
+from kalscope.sources.live.samples import SampleStore, Snapshot
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.live.status import LiveStatus
+from kalscope.sources.port.registry import port_of
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.parts import DELAYS
+from kalscope_app.engine.engine import DELAYS
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.changes.live import opened_live, set_span
-from kalscope_app.session.live_state import BoardId
+from kalscope_app.session.live_changes import opened_live, set_span
+from kalscope_app.session.state import BoardId
 
 RATE = 1000.0
 NAMES = ("wave", "number", "noise")

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from kalscope import FilterParams, estimate
 from kalscope.common.progress import Progress
-from kalscope.estimation.likelihood.profile import differences
-from kalscope.estimation.momentum.fit import MomentumFit
-from kalscope.estimation.momentum.free import fit_around
-from kalscope.estimation.momentum.search import search
+from kalscope.estimation.likelihood import differences
+from kalscope.estimation.momentum import fit_around, search
+from kalscope.estimation.result import MomentumFit
 from kalscope.filtering.kernels import transition
 
 LENGTHS = (300, 3000)

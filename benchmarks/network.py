@@ -23,7 +23,7 @@ import numpy as np
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 
 SUPPORT = Path(__file__).parents[1] / "tests" / "support"
 """Where the tests keep their broker."""

@@ -33,7 +33,7 @@ from starved import BareReader, Starved
 
 from kalscope import read_recording
 from kalscope.errors import KalscopeError
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 from kalscope_app.session.opening import opened
 from kalscope_app.worker.worker import Worker
 

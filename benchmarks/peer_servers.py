@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope import FilterParams, denoise, open_source
-from kalscope_app.engine.decimation import DrawnSamples, choose_samples
+from kalscope_app.engine.filter_runs import DrawnSamples, choose_samples
 
 PEERS = Path(__file__)
 """What to start with `viser` or `dash`."""

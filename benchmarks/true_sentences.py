@@ -22,12 +22,10 @@ from numpy.typing import NDArray
 
 from kalscope import Recording, read_recording
 from kalscope.analysis.channel_kinds import default_channel
-from kalscope.cli.tune.answer import answer_for
-from kalscope.cli.tune.details import details_of
-from kalscope.cli.tune.summary import summary_of
+from kalscope.cli.tune_answer import answer_for, details_of, summary_of
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
-from kalscope.estimation.finding import Request
+from kalscope.estimation.request import Request
 
 Samples = NDArray[np.float64]
 Rng = np.random.Generator

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import kalscope
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg
+from kalscope.common.numbers import Array
 
 PERIOD = 0.02
 """Sample period of the recording, s."""

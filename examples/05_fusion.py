@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import kalscope
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg
+from kalscope.common.numbers import Array
 
 SIGMAS = (1.0, 1.3, 0.5)
 OFFSETS = (0.3, 0.0, -0.3)

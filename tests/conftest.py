@@ -22,8 +22,8 @@ from markers import mark
 from traced import trace
 from waiting import PATIENCE
 
-from kalscope.export.board import measuring
-from kalscope.sources.live import command_channel
+from kalscope.export import board
+from kalscope.sources.live import commands
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -123,8 +123,8 @@ def one_command_line() -> Iterator[None]:
 def patient_with_boards() -> Iterator[None]:
     """Wait for the answer of a board as long as for everything else: a busy machine is no board that is silent."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command_channel, "ANSWER_S", PATIENCE)
-        patch.setattr(measuring, "_CANCEL_S", PATIENCE)
+        patch.setattr(commands, "ANSWER_S", PATIENCE)
+        patch.setattr(board, "_CANCEL_S", PATIENCE)
         yield
 
 

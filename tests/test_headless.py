@@ -42,7 +42,7 @@ import kalscope_app.dashboard
 print(*sys.modules)
 import kalscope_app.guard.server
 from kalscope.catalogue import open_source
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 state = opened(open_source("demo"))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from kalscope.cli.app import app, run
-from kalscope.cli.offers import Function, offers
+from kalscope.cli.app import Function, app, offers, run
 
 __all__ = ["app", "run"]
 

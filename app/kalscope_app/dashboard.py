@@ -13,63 +13,33 @@ from typing import Any
 import viser
 
 from kalscope.errors import KalscopeError, describe
-from kalscope.sources.live.live_source import LiveSource
-from kalscope_app.engine.engine import Engine
+from kalscope.sources.live.source import LiveSource
+from kalscope_app.engine.engine import Engine, Part, Studies, Study
 from kalscope_app.engine.frame import Frame
-from kalscope_app.engine.idle_studies import Studies, Study
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.engine.parts import Part
-from kalscope_app.live.connection import BoardConnection
-from kalscope_app.live.recording import BoardRecording
-from kalscope_app.program.kept_tunings import KeptTunings
-from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes.settings_file import as_it_was_left
+from kalscope_app.live import BoardConnection, BoardRecording
+from kalscope_app.program.user_settings import KeptTunings, UserSettings
+from kalscope_app.session.changes import as_it_was_left
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.alternatives import AlternativesStudy
-from kalscope_app.studies.channels_overview import Overviews
-from kalscope_app.studies.checks import compute_checks
-from kalscope_app.studies.fusion import FusionJudge
-from kalscope_app.studies.spectra import compute_allan, compute_spectra
-from kalscope_app.studies.still_stretch import StillStretches
+from kalscope_app.studies.checks import FusionJudge, StillStretches, compute_allan, compute_checks, compute_spectra
+from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.charts.alternatives import AlternativesView
-from kalscope_app.views.charts.channels import ChannelsView
-from kalscope_app.views.charts.phone_picture import PhonePictures
-from kalscope_app.views.charts.range_control import WindowView
-from kalscope_app.views.charts.signal import SignalView
-from kalscope_app.views.charts.spectra import AllanView, SpectrumView
-from kalscope_app.views.export.board import BoardView, compared
-from kalscope_app.views.export.choice import device_notes
-from kalscope_app.views.export.code import CodeView
-from kalscope_app.views.export.command_line import CommandLineView
-from kalscope_app.views.export.report import ReportView
-from kalscope_app.views.export.tuning_file import TuningFileView
-from kalscope_app.views.help import HelpView
-from kalscope_app.views.map.view import TuningMapView
-from kalscope_app.views.source.live import LiveView
-from kalscope_app.views.source.source import SourceView
-from kalscope_app.views.tour import Tour
-from kalscope_app.views.tune.checks import ChecksView
-from kalscope_app.views.tune.controls.chain import ChainView
-from kalscope_app.views.tune.controls.paper_filter import PaperFilterView
-from kalscope_app.views.tune.fusion import FusionView
-from kalscope_app.views.tune.goal.estimators import EstimatorsView
-from kalscope_app.views.tune.goal.goal import GoalView
-from kalscope_app.views.tune.momentum_profile import MomentumProfileView
-from kalscope_app.views.tune.numbers import NumbersView
-from kalscope_app.views.tune.parameters import ParametersView
-from kalscope_app.views.tune.presets import PresetsView
-from kalscope_app.views.tune.start import StartView
-from kalscope_app.views.tune.variants import VariantsView
-from kalscope_app.views.tune.verdict import VerdictView
-from kalscope_app.views.window.commands import Commands
-from kalscope_app.views.window.guarded import GuardedViews
-from kalscope_app.views.window.header import HeaderView
-from kalscope_app.views.window.layout import Panels
-from kalscope_app.views.window.notifications import Notifications
-from kalscope_app.views.window.view_tab import ViewTab
+from kalscope_app.views.board import BoardView, compared
+from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
+from kalscope_app.views.checks import ChecksView, EstimatorsView, MomentumProfileView, VerdictView
+from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
+from kalscope_app.views.fusion import FusionView
+from kalscope_app.views.goal import GoalView
+from kalscope_app.views.help import HelpView, Tour
+from kalscope_app.views.live import LiveView
+from kalscope_app.views.map import TuningMapView
+from kalscope_app.views.phone import PhonePictures
+from kalscope_app.views.signal import SignalView, WindowView
+from kalscope_app.views.source import SourceView
+from kalscope_app.views.tune import ChainView, NumbersView, PaperFilterView, ParametersView, PresetsView, StartView
+from kalscope_app.views.variants import VariantsView
+from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
 
 log = logging.getLogger(__name__)

@@ -21,12 +21,12 @@ from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
 from kalscope.common.text import one_line
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.port.transports.registry import address_examples
+from kalscope.sources.port.registry import address_examples
 
 if TYPE_CHECKING:
-    from kalscope.sources.live.live_source import LiveSource
+    from kalscope.sources.live.source import LiveSource
     from kalscope_app.guard.server import GuardedServer
-    from kalscope_app.program.log_file import Log
+    from kalscope_app.program.log import Log
     from kalscope_app.session.state import State
 
 MAX_RECORDING_S = 2.5
@@ -71,12 +71,12 @@ def open_dashboard(
     chain: Annotated[str | None, typer.Option(help='Its filters, such as "median 5, kalman", or kalman.')] = None,
 ) -> None:
     """Open the dashboard in a browser."""
+    from kalscope_app.guard.requests import kept_token
     from kalscope_app.guard.server import guarded_server
-    from kalscope_app.guard.token_file import kept_token
-    from kalscope_app.program.kept_tunings import KeptTunings
-    from kalscope_app.program.log_file import logging_to
+    from kalscope_app.program.log import logging_to
+    from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.share import apply_options
-    from kalscope_app.views.window.page.page_script import page_script
+    from kalscope_app.views.window import page_script
 
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
@@ -104,11 +104,11 @@ def serve(
 ) -> None:
     """Show `state` and its board in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
-    from kalscope_app.guard.token_file import opening_page
+    from kalscope_app.guard.requests import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
-    from kalscope_app.program.error_reporting import ErrorReporter
+    from kalscope_app.program.log import ErrorReporter
     from kalscope_app.session.session import Failed
-    from kalscope_app.views.window.compiling import CompilingNote
+    from kalscope_app.views.window import CompilingNote
 
     errors, opened, folder = ErrorReporter(), contextlib.ExitStack(), Path.cwd()
     dashboard: Dashboard | None = None
@@ -157,11 +157,11 @@ def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> tuple[State, LiveSource | None]:
     """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
-    from kalscope.sources.live.live_source import LiveSource
-    from kalscope.sources.port.port_spec import is_live
-    from kalscope.tuning.tuning_file import load_tuning
-    from kalscope_app.session.changes.live import opened_live
-    from kalscope_app.session.live_state import BoardId
+    from kalscope.sources.live.source import LiveSource
+    from kalscope.sources.port.registry import is_live
+    from kalscope.tuning.file import load_tuning
+    from kalscope_app.session.live_changes import opened_live
+    from kalscope_app.session.state import BoardId
 
     if not is_live(source):
         return recorded_state(source, options, config, sample_period), None
@@ -173,8 +173,8 @@ def first_state(
 def followed(source: str) -> str:
     """The address of a file that is read as it grows; a live source is returned as it is."""
     from kalscope.errors import BadSetting
-    from kalscope.sources.port.port_spec import is_live
-    from kalscope.sources.port.transports.local_file import PREFIX
+    from kalscope.sources.port.local_file import PREFIX
+    from kalscope.sources.port.registry import is_live
 
     if is_live(source):
         return source
@@ -187,7 +187,7 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     """A recording, with the values of the tuning file if there is one."""
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
-    from kalscope.tuning.tuning_file import load_tuning
+    from kalscope.tuning.file import load_tuning
     from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
     if source.startswith("experiment:") and config is None:

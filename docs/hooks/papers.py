@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mkdocs.structure.files import File, Files
 
-from kalscope.common.html import table
+from kalscope.common.charts import markup_of_table
 from kalscope.papers.page import list_disagreements
 from kalscope.papers.parts import Chapter, Figure, ResultTable
 from kalscope.papers.reproduction import Reproduction, reproduce
@@ -38,7 +38,7 @@ def _chapter(chapter: Chapter) -> str:
 
 def _shown(block: Figure | ResultTable) -> str:
     if isinstance(block, ResultTable):
-        return table(block.head, block.rows)
+        return markup_of_table(block.head, block.rows)
     return '<figure class="wide">{}</figure>'.format(block.svg.replace("\n", " "))  # an empty line ends HTML
 
 
@@ -52,9 +52,9 @@ def _checks(done: Reproduction) -> str:
         [
             "# Contradictions and checks",
             "## Where a document disagrees with itself",
-            table(("document", "where", "it says", "it also says", "done here"), where),
+            markup_of_table(("document", "where", "it says", "it also says", "done here"), where),
             f"## {len(checks)} reproduced numbers, {len(done.failed)} of them outside of their tolerance",
-            table(("number", "reproduced", "expected", "within its tolerance"), checks),
+            markup_of_table(("number", "reproduced", "expected", "within its tolerance"), checks),
             _paragraph("Expected is what the document prints, or what follows from its equations."),
         ]
     )

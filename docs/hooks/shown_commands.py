@@ -23,8 +23,8 @@ import numpy as np
 
 from kalscope import Recording, kalman_filter, load_tuning, open_source
 from kalscope.cli.app import run
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
+from kalscope.common.numbers import Array
 from kalscope.common.text import number
 
 BLOCK = re.compile(r"^```(sh|python) run\n(.*?)^```$", re.MULTILINE | re.DOTALL)

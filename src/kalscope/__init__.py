@@ -15,21 +15,17 @@ if TYPE_CHECKING:
     from kalscope.analysis.fused import FusionJudgement, judge_fusion
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-    from kalscope.estimation.estimate import estimate
-    from kalscope.estimation.fleet.many.estimate_many import estimate_many
-    from kalscope.estimation.fleet.many.table import EstimateTable
-    from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
-    from kalscope.estimation.fusion.result import FusionEstimate
-    from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio, params_for_specification
-    from kalscope.estimation.likelihood.profile import log_likelihood
-    from kalscope.estimation.momentum.profile import likelihood_profile
+    from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio, params_for_specification
+    from kalscope.estimation.fusion import FusionEstimate, estimate_fusion
+    from kalscope.estimation.likelihood import log_likelihood
+    from kalscope.estimation.many import EstimateTable, estimate_many
+    from kalscope.estimation.momentum import likelihood_profile
+    from kalscope.estimation.noise import noise_from_datasheet, noise_from_still, starting_params
     from kalscope.estimation.result import Estimate
-    from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
-    from kalscope.estimation.sensor.starting import starting_params
     from kalscope.export.registry import export_tuning
-    from kalscope.filtering.classic.chain import Chain
-    from kalscope.filtering.classic.stages import (
+    from kalscope.filtering.classic import (
         Butterworth,
+        Chain,
         Exponential,
         Median,
         MovingAverage,
@@ -46,14 +42,14 @@ if TYPE_CHECKING:
         smooth,
     )
     from kalscope.filtering.params import FilterParams
-    from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
+    from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
     from kalscope.recording import LineIssue, ReadReport, Recording
     from kalscope.sources.grammar.read_options import ReadOptions
-    from kalscope.sources.readers.recording_file import read_recording
+    from kalscope.sources.reading.recording_file import read_recording
     from kalscope.sources.samples import list_samples
     from kalscope.sources.synthetic import synthesize
+    from kalscope.tuning.file import load_tuning, save_tuning
     from kalscope.tuning.tuning import ChannelTuning, Tuning
-    from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 __all__ = [
     "BadDevice",
@@ -115,12 +111,12 @@ __all__ = [
 ]
 
 _NAMES = {
-    "analysis.estimators": ("compare_methods",),
     "analysis.diagnostics": (
         "Diagnostics",
         "diagnose",
         "diagnose_held_out",
     ),
+    "analysis.estimators": ("compare_methods",),
     "analysis.fused": (
         "FusionJudgement",
         "judge_fusion",
@@ -133,28 +129,32 @@ _NAMES = {
         "Cancelled",
         "KalscopeError",
     ),
-    "estimation.estimate": ("estimate",),
-    "estimation.fleet.many.estimate_many": ("estimate_many",),
-    "estimation.fleet.many.table": ("EstimateTable",),
-    "estimation.fusion.estimate_fusion": ("estimate_fusion",),
-    "estimation.fusion.result": ("FusionEstimate",),
-    "estimation.known": (
+    "estimation.fit": (
+        "estimate",
         "estimate_fixed_r",
         "estimate_fixed_ratio",
         "params_for_specification",
     ),
-    "estimation.likelihood.profile": ("log_likelihood",),
-    "estimation.momentum.profile": ("likelihood_profile",),
-    "estimation.result": ("Estimate",),
-    "estimation.sensor.noise": (
+    "estimation.fusion": (
+        "FusionEstimate",
+        "estimate_fusion",
+    ),
+    "estimation.likelihood": ("log_likelihood",),
+    "estimation.many": (
+        "EstimateTable",
+        "estimate_many",
+    ),
+    "estimation.momentum": ("likelihood_profile",),
+    "estimation.noise": (
         "noise_from_datasheet",
         "noise_from_still",
+        "starting_params",
     ),
-    "estimation.sensor.starting": ("starting_params",),
+    "estimation.result": ("Estimate",),
     "export.registry": ("export_tuning",),
-    "filtering.classic.chain": ("Chain",),
-    "filtering.classic.stages": (
+    "filtering.classic": (
         "Butterworth",
+        "Chain",
         "Exponential",
         "Median",
         "MovingAverage",
@@ -171,7 +171,7 @@ _NAMES = {
         "smooth",
     ),
     "filtering.params": ("FilterParams",),
-    "filtering.steady_state": (
+    "filtering.steady": (
         "SteadyState",
         "ratio_for",
         "steady_state",
@@ -182,16 +182,16 @@ _NAMES = {
         "Recording",
     ),
     "sources.grammar.read_options": ("ReadOptions",),
-    "sources.readers.recording_file": ("read_recording",),
+    "sources.reading.recording_file": ("read_recording",),
     "sources.samples": ("list_samples",),
     "sources.synthetic": ("synthesize",),
+    "tuning.file": (
+        "load_tuning",
+        "save_tuning",
+    ),
     "tuning.tuning": (
         "ChannelTuning",
         "Tuning",
-    ),
-    "tuning.tuning_file": (
-        "load_tuning",
-        "save_tuning",
     ),
 }
 """The names by the module that they come from."""

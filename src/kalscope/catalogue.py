@@ -22,9 +22,9 @@ from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.port.port_spec import is_live
-from kalscope.sources.port.transports.words import quoted
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.port.registry import is_live
+from kalscope.sources.port.transport import quoted
+from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample
 from kalscope.sources.synthetic import SignalSettings, synthesize
 
@@ -69,7 +69,7 @@ def open_source(
     if match and scheme == "synthetic":
         return _open_synthetic(match[2], sample_period)
     if match and scheme == "experiment":
-        from kalscope.papers.experiments import open_experiment  # which reads the samples through this module
+        from kalscope.papers.reproduction import open_experiment  # which reads the samples through this module
 
         return open_experiment(match[2])[0]
     is_url = match is not None and match[2].startswith("//")

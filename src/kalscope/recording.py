@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 
 Gaps = Literal["rows", "missing", "dt"]

@@ -12,10 +12,7 @@ from kalscope.analysis import candidates
 from kalscope.analysis.alternatives import MAX_SAMPLES, compare_alternatives, is_matched, stretch_of
 from kalscope.analysis.candidates import at_lag, at_noise
 from kalscope.analysis.filter_errors import difference, spikes_in, verdict
-from kalscope.filtering.classic.bench import Bench, bench_of
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.stages import Exponential
+from kalscope.filtering.classic import Bench, Chain, ChainFilter, Exponential, bench_of
 
 RNG = np.random.default_rng(20)
 WINDOWED = {"Moving average", "Median", "Delayed Savitzky-Golay"}

@@ -14,7 +14,7 @@ from kalscope.analysis import alternatives, candidates
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.candidates import at_lag
 from kalscope.analysis.filter_errors import difference, overshoot_words
-from kalscope.filtering.classic.bench import Bench
+from kalscope.filtering.classic import Bench
 
 RNG = np.random.default_rng(31)
 

@@ -16,8 +16,8 @@ from kalscope.analysis.correction import find_change
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.findings import STATUSES
 from kalscope.analysis.judge import advice_words, halves_differ, judge, needs_noise
-from kalscope.estimation.finding import Request, find_parameters
-from kalscope.estimation.momentum.profile import likelihood_profile
+from kalscope.estimation.momentum import likelihood_profile
+from kalscope.estimation.request import Request, find_parameters
 
 N = 2000
 RIGHT = FilterParams(0.01, 1.0)

@@ -24,7 +24,7 @@ from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.findings import KEEP, Known, request_in, still_met
 from kalscope.analysis.judge import judge
 from kalscope.common.text import decibels, number
-from kalscope.estimation.finding import Noise, Request, find_parameters
+from kalscope.estimation.request import Noise, Request, find_parameters
 
 pytestmark = pytest.mark.slow
 

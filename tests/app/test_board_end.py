@@ -116,7 +116,7 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
 
 SWALLOWING = f"""
 import pathlib, time
-from kalscope.sources.port.transports.serial_port import SerialEndpoint
+from kalscope.sources.port.serial_port import SerialEndpoint
 openings, connect = [], SerialEndpoint.open
 def slow(*arguments):
     openings.append(1)

@@ -10,7 +10,7 @@ from effort import FUZZ
 from headless import headless
 
 from kalscope import Recording, open_source
-from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes import pin_present
 from kalscope_app.session.opening import opened
 
 RNG = np.random.default_rng(36)

@@ -21,20 +21,19 @@ from required import node, not_here
 
 from kalscope import ChannelTuning, Recording, Tuning, export_tuning, load_tuning, read_recording, save_tuning
 from kalscope.common.text import CONTROL
-from kalscope.export.filtered_csv import csv_header
+from kalscope.export.csv import csv_header
 from kalscope.export.names import identifiers
-from kalscope.export.report.content import make_report
-from kalscope.export.report.page import as_html
+from kalscope.export.report import as_html, make_report
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.layout.columns import Column
-from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.recorder.format import header_line, preamble, rejects_lines
-from kalscope_app.program.log_file import Lines
+from kalscope.sources.reading.columns import Column
+from kalscope.sources.reading.sniffer import Layout
+from kalscope.sources.recorded_files import header_line, preamble, rejects_lines
+from kalscope_app.program.log import Lines
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line
-from kalscope_app.views.export.command_line import with_tuning_file
-from kalscope_app.views.window.css import COMMAND
+from kalscope_app.views.export import with_tuning_file
+from kalscope_app.views.window import COMMAND
 
 SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
 """The sketch reads at most six channels."""

@@ -12,19 +12,22 @@ from effort import FUZZ
 from waiting import PATIENCE
 
 from kalscope import Recording
-from kalscope.export.report.content import make_report
-from kalscope.export.report.page import as_html
-from kalscope.export.report.picture import as_png
+from kalscope.export.report import as_html, as_png, make_report
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app import dashboard as dashboard_module
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine import idle_studies as studies
+from kalscope_app.engine import engine
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.changes.parameters import use_paper_filter
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_map_colour, set_match_by, set_velocity, set_window
+from kalscope_app.session.changes import (
+    pin_present,
+    set_map_colour,
+    set_match_by,
+    set_velocity,
+    set_window,
+    use_paper_filter,
+)
 from kalscope_app.session.opening import opened
-from kalscope_app.views.map import view as map_view
+from kalscope_app.views import map
 
 RNG = np.random.default_rng(71)
 
@@ -122,9 +125,9 @@ class Bench:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
-        patch.setattr(studies, "idle_delay", lambda _: 0.0)
+        patch.setattr(engine, "idle_delay", lambda _: 0.0)
         patch.setattr(dashboard_module, "WARM_UP_AFTER_S", 1e6)  # nothing is read in the worker
-        patch.setattr(map_view, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
+        patch.setattr(map, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()
         yield Bench(dashboard)

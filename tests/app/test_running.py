@@ -14,7 +14,7 @@ from waiting import PATIENCE, wait_until
 from wire import Guest
 
 from kalscope_app.session.session import Failed
-from kalscope_app.views.window.page.page_script import MAP_POINTED
+from kalscope_app.views.window import MAP_POINTED
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSIX has them")
 
@@ -69,7 +69,7 @@ def test_behind_a_proxy_the_link_and_the_origin_are_the_proxys(tmp_path):
 
 def test_a_guard_that_lets_something_through_prints_no_link(tmp_path):
     """As after an upgrade of viser that goes round the guard."""
-    change = "from kalscope_app.guard import rules\nrules.host_allowed = lambda *_: True"
+    change = "from kalscope_app.guard import requests as rules\nrules.host_allowed = lambda *_: True"
     with start(tmp_path, "--port", "0", "--no-browser", change=change) as program:
         out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, out) == (2, "")
@@ -103,11 +103,11 @@ def test_a_log_that_cannot_be_written_is_refused_in_one_line(tmp_path):
 
 RAISING = """
 import threading
-from kalscope_app.views.export import report
-from kalscope_app.views.export.code import CodeView
-from kalscope_app.views.export.tuning_file import TuningFileView
-from kalscope_app.views.map.view import TuningMapView
-from kalscope_app.views.source.source import SourceView
+from kalscope_app.views import export as report
+from kalscope_app.views.export import CodeView
+from kalscope_app.views.export import TuningFileView
+from kalscope_app.views.map import TuningMapView
+from kalscope_app.views.source import SourceView
 
 def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)

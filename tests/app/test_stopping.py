@@ -24,7 +24,7 @@ TAKEN = 1 << 17
 """Bytes after which a command is in the middle of what comes in."""
 FROM_SOCKET = """
 import os, socket
-import kalscope.cli.filter.command as command
+import kalscope.cli.filter as command
 os.dup2(socket.create_connection(("127.0.0.1", {port})).detach(), 0)
 sys.stdin, lines_of = open(0), command._bounded_lines
 command._bounded_lines = lambda stream: (os.write(1, b"reads\\n"), lines_of(stream))[1]
@@ -107,7 +107,7 @@ def test_a_recording_whose_board_does_not_answer_ends_before_it_began(by, tmp_pa
             one = waiting.enter_context(socket.socket())
             one.setblocking(False)
             one.connect_ex(full.getsockname())
-        change = "from kalscope.sources.port.port_reader import PortReader\nopened = PortReader.open\n"
+        change = "from kalscope.sources.port.reader import PortReader\nopened = PortReader.open\n"
         change += "PortReader.open = lambda self: (print('opening', flush=True), opened(self))[1]"
         port = f"socket://127.0.0.1:{full.getsockname()[1]}"
         with start(tmp_path, "record", port, "-o", "run.csv", source=None, change=change) as program:

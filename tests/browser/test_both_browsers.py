@@ -11,8 +11,8 @@ from screen import FIND, Screen, dashboard
 
 from kalscope import FilterParams, kalman_filter, open_source, starting_params, steady_state
 from kalscope.common.text import lag_text
-from kalscope.tuning.tuning_file import load_tuning
-from kalscope_app.views.charts.style import DARK
+from kalscope.tuning.file import load_tuning
+from kalscope_app.views.charts import DARK
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")

@@ -11,8 +11,8 @@ from axe import findings
 from waiting import wait_until
 
 from kalscope.export.registry import export_tuning
+from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 pytestmark = pytest.mark.browser
 

@@ -14,12 +14,11 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
 from kalscope.common.text import lag_text
-from kalscope.estimation.finding import Noise, Request, find_parameters
-from kalscope.estimation.methods.still_stretch import find_still_stretch
-from kalscope.papers.experiments import list_experiments, open_experiment
-from kalscope_app.views.charts.style import DARK, LIGHT
-from kalscope_app.views.scales import range_text
-from kalscope_app.views.source.samples import experiment_label
+from kalscope.estimation.request import Noise, Request, find_parameters
+from kalscope.estimation.still import find_still_stretch
+from kalscope.papers.reproduction import list_experiments, open_experiment
+from kalscope_app.views.charts import DARK, LIGHT, range_text
+from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]

@@ -11,11 +11,10 @@ from required import not_here
 from waiting import wait_until
 
 from kalscope.fleet.results import FleetReader, reopen, source_of
-from kalscope_app.session.changes.fleet import at_device, open_fleet
+from kalscope_app.session.changes import at_device, open_fleet
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.map_geometry import frame_for
-from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.views.map.view import SIZE
+from kalscope_app.studies.tuning_map import MapMaker, frame_for
+from kalscope_app.views.map import SIZE
 
 try:
     import pyarrow  # noqa: F401

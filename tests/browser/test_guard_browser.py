@@ -15,9 +15,9 @@ import viser
 from chromium import CHROMIUM, FLAGS
 from waiting import PATIENCE
 
-from kalscope_app.guard.rules import Policy
+from kalscope_app.guard.requests import Policy
 from kalscope_app.guard.server import GuardedServer, guarded_server
-from kalscope_app.views.window.page.page_script import page_script
+from kalscope_app.views.window import page_script
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

@@ -7,7 +7,7 @@ import re
 import pytest
 from axe import findings
 
-from kalscope_app.views.tour import STEPS
+from kalscope_app.views.help import STEPS
 
 pytestmark = pytest.mark.browser
 

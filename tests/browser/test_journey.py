@@ -12,10 +12,10 @@ from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for
-from kalscope.papers.experiments import list_experiments, open_experiment
+from kalscope.papers.reproduction import list_experiments, open_experiment
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.views.source.samples import experiment_label
-from kalscope_app.views.tour import STEPS
+from kalscope_app.views.help import STEPS
+from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")

@@ -9,7 +9,7 @@ import pytest
 
 pytestmark = [pytest.mark.browser]
 
-SCRIPT = files("kalscope_app.views.window.page").joinpath("keep_up.js").read_text("utf-8")
+SCRIPT = files("kalscope_app.views").joinpath("page", "keep_up.js").read_text("utf-8")
 
 SERVER = """
 window.Worker = class {

@@ -9,7 +9,7 @@ from waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter, open_source, starting_params, steady_state
 from kalscope.common.text import lag_text
-from kalscope.tuning.tuning_file import load_tuning
+from kalscope.tuning.file import load_tuning
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")

@@ -12,10 +12,9 @@ from waiting import wait_until
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.map_geometry import frame_for
-from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.views.map.view import SIZE
-from kalscope_app.views.window.layout import LEFT_WIDTH
+from kalscope_app.studies.tuning_map import MapMaker, frame_for
+from kalscope_app.views.map import SIZE
+from kalscope_app.views.window import LEFT_WIDTH
 
 pytestmark = pytest.mark.browser
 LONG = "synthetic:random_walk?n=40000&sample_period=0.001"

@@ -7,7 +7,7 @@ from screen import FIND
 from waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter, open_source, starting_params
-from kalscope_app.session.changes.momentum import momentum_at
+from kalscope_app.session.changes import momentum_at
 
 
 @pytest.fixture

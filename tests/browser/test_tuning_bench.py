@@ -10,11 +10,10 @@ from screen import FIND
 from waiting import wait_until
 
 from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes import select_channel, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line
-from kalscope_app.studies.channels_overview import HALF_LANE
+from kalscope_app.studies.comparisons import HALF_LANE
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo").values[:, 0]

@@ -17,9 +17,9 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.open_command import first_state
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
-from kalscope_app.session.changes.parameters import set_text
-from kalscope_app.views.binding import typed
-from kalscope_app.views.window.page.page_script import page_script
+from kalscope_app.session.changes import set_text
+from kalscope_app.views.widgets import typed
+from kalscope_app.views.window import page_script
 
 pytestmark = pytest.mark.browser
 Q, R = "process noise q", "measurement noise r"

@@ -10,8 +10,8 @@ from measuring_board import MeasuringBoard
 from program import command
 from waiting import PATIENCE, wait_until
 
+from kalscope.cli import board as calibrate
 from kalscope.cli.app import run
-from kalscope.cli.board import calibrate
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
 
 
 def test_ctrl_c_ends_it_and_the_board_keeps_its_values(board):
-    patient = "from kalscope.export.board import measuring; measuring._CANCEL_S = 120\n"
+    patient = "from kalscope.export import board as measuring; measuring._CANCEL_S = 120\n"
     with command("calibrate", board.port, "--seconds", "1000", change=patient) as process:
         wait_until(lambda: "c 1000" in board.asked)
         process.send_signal(signal.SIGINT)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from kalscope.cli.app import run
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import Exponential, OneEuro
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.filtering.classic import Chain, Exponential, OneEuro
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 EURO = Chain(5, OneEuro(0.02, 0.7, 0.1))
 CHANNELS = (

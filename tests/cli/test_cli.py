@@ -18,18 +18,15 @@ from program import command
 from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
-from kalscope.cli.app import run
-from kalscope.cli.filter.command import MAX_LINE_BYTES
-from kalscope.cli.filter.line_filter import LineFilter
-from kalscope.cli.offers import OFFERS
+from kalscope.cli.app import OFFERS, run
+from kalscope.cli.filter import MAX_LINE_BYTES, LineFilter
 from kalscope.errors import describe
-from kalscope.estimation.sensor.starting import starting_params
-from kalscope.filtering.filter import KalmanFilter, kalman_filter
+from kalscope.estimation.noise import starting_params
+from kalscope.filtering.filter import KalmanFilter, StandardFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.protocol import StandardFilter
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.tuning.file import save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import save_tuning
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="POSIX pipes and devices")
 PROGRAM = [sys.executable, "-m", "kalscope.cli"]

@@ -12,10 +12,9 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import BadDevice, BadSetting, Recording, synthesize
 from kalscope.cli import app as cli
-from kalscope.cli.board.demo_board import BOOT_S, Board, BoardLines
-from kalscope.cli.board.wires import PtyWire, SocketWire
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.cli.board import BOOT_S, Board, BoardLines, PtyWire, SocketWire
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.reading.line_parser import LineParser
 
 
 def recording(time, values, names=("a", "b"), units=("", "mV"), period=0.1):

@@ -16,8 +16,7 @@ from waiting import wait_until
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
 from kalscope.cli.export import CHOICES
-from kalscope.export.registry import TARGETS
-from kalscope.export.write import existing_files, in_sketch_folder, write_files
+from kalscope.export.registry import TARGETS, existing_files, in_sketch_folder, write_files
 
 
 @pytest.fixture
@@ -232,7 +231,7 @@ def test_no_name_leaves_the_folder(tmp_path):
 FULL = """\
 import resource, signal, sys
 from pathlib import Path
-from kalscope.export.write import write_files
+from kalscope.export.registry import write_files
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))  # less than what Python keeps in memory
 write_files({"a.txt": "new" * 1000, "b.txt": "new"}, Path(sys.argv[1]), force=True)
@@ -252,7 +251,7 @@ def test_on_a_full_disk_no_file_takes_its_name(tmp_path):
 ENDLESS = """\
 import sys
 from pathlib import Path
-from kalscope.export.write import write_files
+from kalscope.export.registry import write_files
 files = [{f"{i}.txt": f"{turn} " * 200_000 for i in range(3)} for turn in ("old", "new")]
 print("ready", flush=True)
 while True:

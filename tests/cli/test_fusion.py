@@ -14,12 +14,12 @@ import pytest
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
-from kalscope.cli.filter.line_filter import LineFilter
-from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+from kalscope.cli.filter import LineFilter
+from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
+from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 Captured = pytest.CaptureFixture[str]
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from line_sender import line_sender
 
+from kalscope.cli import board
 from kalscope.cli.app import run
-from kalscope.cli.board import ports
-from kalscope.cli.board.ports import ports_text
+from kalscope.cli.board import ports_text
 from kalscope.cli.console import plain_diagnostics
 from kalscope.common.text import CONTROL
-from kalscope.sources.port.plugged_in import PortInfo
+from kalscope.sources.port.serial_port import PortInfo
 
 HOSTILE = "a\x1b]52;c;ZXZpbA==\x07\x1b[2J\x9b31m\x7f\u202e\u2028b"
 """Sets the clipboard, clears the screen, changes the colour, turns the direction, ends a line."""
@@ -59,7 +59,7 @@ def test_what_a_usb_device_says_of_itself_is_plain():
 
 def test_the_ports_as_json_are_plain_and_whole(capsys, monkeypatch):
     port = PortInfo("/dev/ttyACM0", HOSTILE, HOSTILE)
-    monkeypatch.setattr(ports, "list_ports", lambda: (port,))
+    monkeypatch.setattr(board, "list_ports", lambda: (port,))
     assert run(["ports", "--json"]) == 0
     said = capsys.readouterr().out
     assert not CONTROL.search(said)

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from kalscope.cli import app as cli
-from kalscope.cli.board.ports import NONE_FOUND, ports_text
-from kalscope.sources.port.plugged_in import PortInfo
+from kalscope.cli.board import NONE_FOUND, ports_text
+from kalscope.sources.port.serial_port import PortInfo
 
 PORTS = (
     PortInfo("/dev/ttyS0", "", ""),
@@ -29,13 +29,13 @@ def test_without_a_port_it_says_what_to_do():
 
 @pytest.mark.parametrize("ports", [(), PORTS])
 def test_json_holds_what_the_table_shows(monkeypatch, capsys, ports):
-    monkeypatch.setattr("kalscope.cli.board.ports.list_ports", lambda: ports)
+    monkeypatch.setattr("kalscope.cli.board.list_ports", lambda: ports)
     assert cli.run(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["device"], row["serial_number"]) for row in rows] == [(p.device, p.serial_number) for p in ports]
 
 
 def test_the_command_prints_the_table(monkeypatch, capsys):
-    monkeypatch.setattr("kalscope.cli.board.ports.list_ports", lambda: PORTS)
+    monkeypatch.setattr("kalscope.cli.board.list_ports", lambda: PORTS)
     assert cli.run(["ports"]) == 0
     assert capsys.readouterr().out == ports_text(PORTS) + "\n"

@@ -23,8 +23,8 @@ from terminal import link_to
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.recorder.repair import repair
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.recorded_files import repair
 
 pytest.importorskip("termios", reason="there are no pseudo-terminals here")
 
@@ -160,7 +160,7 @@ class Flood:
                 self.late += 1
 
 
-SMALL_QUEUE = "from kalscope.sources.port import overload; overload.MAX_WAITING_BYTES = 2**18"
+SMALL_QUEUE = "from kalscope.sources.port import events as overload; overload.MAX_WAITING_BYTES = 2**18"
 
 
 def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp_path):

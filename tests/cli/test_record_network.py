@@ -10,7 +10,7 @@ import numpy as np
 from program import command, free_port
 from waiting import PATIENCE, wait_until
 
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 
 def test_datagrams_are_recorded_and_the_recording_opens_again(tmp_path):

@@ -19,15 +19,15 @@ from kalscope.catalogue import open_source
 from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
-from kalscope.cli.tune.options import still_samples
+from kalscope.cli.tune_options import still_samples
 from kalscope.common import compiled
 from kalscope.common.compiled import Compiling
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
-from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.finding import Noise, Request, find_parameters
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.tuning_file import load_tuning
+from kalscope.estimation.fit import METHODS, estimate
+from kalscope.estimation.request import Noise, Request, find_parameters
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.tuning.file import load_tuning
 
 SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"
 Captured = pytest.CaptureFixture[str]
@@ -690,7 +690,7 @@ def test_ctrl_c_is_status_130_and_says_nothing(monkeypatch: pytest.MonkeyPatch, 
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("kalscope.cli.tune.answer.compare_methods", interrupted)
+    monkeypatch.setattr("kalscope.cli.tune_answer.compare_methods", interrupted)
     assert run(["tune", "demo"]) == 130
     out, err = capsys.readouterr()
     assert (out, err) == ("", "")
@@ -699,7 +699,7 @@ def test_ctrl_c_is_status_130_and_says_nothing(monkeypatch: pytest.MonkeyPatch, 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
     change = (
-        "import os, signal; from kalscope.cli.tune import answer\n"
+        "import os, signal; from kalscope.cli import tune_answer as answer\n"
         "answer.compare_methods = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
     )
     with command("tune", "demo", change=change) as program:
@@ -721,7 +721,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
 def test_help_answers_at_once() -> None:
     probe = (
         "import sys; from kalscope.cli.app import run; run(['tune', '--help'])\n"
-        "heavy = 'kalscope.estimation.finding', 'kalscope.cli.tune.answer', 'scipy.stats'\n"
+        "heavy = 'kalscope.estimation.request', 'kalscope.cli.tune_answer', 'scipy.stats'\n"
         "print([n for n in heavy if n in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)

@@ -7,7 +7,7 @@ import serial
 from board import FLAT_OUT, read_lines
 from waiting import PATIENCE, wait_until
 
-from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.reading.line_parser import LineParser
 
 pytestmark = pytest.mark.device
 BANNER = b"# kalscope_stream\r\n"

@@ -8,15 +8,13 @@ import serial
 from board import FLAT_OUT, read_lines
 from waiting import PATIENCE
 
-from kalscope.export.board.chain import filter_channel_float32, float32_tuning
-from kalscope.export.board.check import check_board
-from kalscope.export.board.commands import FixedFilter, is_refusal, read_answer
-from kalscope.export.device_limits import UNO_CLASSIC, update_us
+from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
+from kalscope.export.float32 import filter_channel_float32, float32_tuning
 from kalscope.export.job import ExportJob
+from kalscope.export.limits import UNO_CLASSIC, update_us
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.stages import channel_bytes
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device

@@ -11,19 +11,13 @@ from board import FLAT_OUT, read_lines
 from waiting import PATIENCE
 
 from kalscope import FilterParams
-from kalscope.export.board.commands import commands, is_refusal, read_answer
-from kalscope.export.device_limits import (
-    UNO,
-    UNO_FIXED_US,
-    UNO_FIXED_WITH_MOMENTUM_US,
-    UNO_READ_US,
-    UNO_WITH_MOMENTUM,
-)
+from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params, without_momentum
 from kalscope.export.job import ExportJob
+from kalscope.export.limits import UNO, UNO_FIXED_US, UNO_FIXED_WITH_MOMENTUM_US, UNO_READ_US, UNO_WITH_MOMENTUM
 from kalscope.export.targets.arduino import files
-from kalscope.export.targets.fixed_gains import arduino_files
-from kalscope.sources.lines.line_parser import LineParser
+from kalscope.export.targets.c import arduino_files
+from kalscope.sources.reading.line_parser import LineParser
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device

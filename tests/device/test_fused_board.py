@@ -8,13 +8,12 @@ from board import SKETCHES
 from waiting import wait_until as wait_for
 
 from kalscope import estimate_fusion, fuse
-from kalscope.sources.live.live_source import LiveSource
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope.sources.live.source import LiveSource
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes.fusion import apply_estimate, candidates, set_taking_part
-from kalscope_app.session.changes.live import opened_live, refreshed
-from kalscope_app.session.live_state import BoardId
+from kalscope_app.session.changes import apply_estimate, candidates, set_taking_part
+from kalscope_app.session.live_changes import opened_live, refreshed
+from kalscope_app.session.state import BoardId
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"

@@ -9,8 +9,8 @@ import pytest
 from board import FLAT_OUT, read_lines
 
 from kalscope import ChannelTuning, Tuning, export_tuning
-from kalscope.export.board.fusion import fuse_float32
-from kalscope.export.device_limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
+from kalscope.export.float32 import fuse_float32
+from kalscope.export.limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
 
 pytestmark = pytest.mark.device
 

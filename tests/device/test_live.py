@@ -8,8 +8,8 @@ from board import FLAT_OUT, SKETCHES
 from waiting import PATIENCE
 from waiting import wait_until as wait_for
 
-from kalscope.sources.live import live_lines
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live import lines
+from kalscope.sources.live.source import LiveSource
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
@@ -19,7 +19,7 @@ RATE = (r"(?<=SAMPLES_PER_SECOND = )200", "900")
 @pytest.fixture
 def never_reset(monkeypatch):
     """A simulator that stalls inside a line looks, soon after the opening, like a board that was reset there."""
-    monkeypatch.setattr(live_lines, "_SILENCE", PATIENCE)
+    monkeypatch.setattr(lines, "_SILENCE", PATIENCE)
 
 
 @pytest.mark.usefixtures("never_reset")

@@ -11,12 +11,12 @@ from board import EEPROM, FLAT_OUT, read_lines
 from waiting import PATIENCE
 
 from kalscope.cli.app import run
-from kalscope.estimation.sensor.noise import noise_from_still
-from kalscope.export.board.calibration import Calibrated, Calibrating, NotCalibrated, read_answer
-from kalscope.export.board.commands import read_answer as read_values
-from kalscope.export.board.still_rule import BoardRange, measure_on_board, rows_of
-from kalscope.export.device_limits import UNO, UNO_MEASURING
+from kalscope.estimation.noise import noise_from_still
+from kalscope.export.board import Calibrated, Calibrating, NotCalibrated, read_calibration
+from kalscope.export.board import read_answer as read_values
 from kalscope.export.job import ExportJob
+from kalscope.export.limits import UNO, UNO_MEASURING
+from kalscope.export.still_rule import BoardRange, measure_on_board, rows_of
 from kalscope.export.targets.arduino import calibrated_files
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -112,14 +112,14 @@ def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_with
     """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
     board, _ = talk(*four_channels)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
-    begun = [read_answer(text) for _, text in board.said[-4:]]
+    begun = [read_calibration(text) for _, text in board.said[-4:]]
     assert begun == [Calibrating(channel.name, ROWS) for channel in FOUR]
     first = board.said[-1][0]
     board.until(" calibrated r=", 4)
     answers = {
         answer.name: (row, answer)
         for row, text in board.said
-        if isinstance(answer := read_answer(text), Calibrated)
+        if isinstance(answer := read_calibration(text), Calibrated)
     }
     z = np.array(board.rows)[:, ::2]
     for i, channel in enumerate(FOUR):
@@ -165,7 +165,7 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(ta
     said = {
         answer.name: answer.reason
         for _, text in board.said
-        if isinstance(answer := read_answer(text), NotCalibrated)
+        if isinstance(answer := read_calibration(text), NotCalibrated)
     }
     measured = 8 * ((ROWS - 16) // 9)
     assert said == {
@@ -216,7 +216,7 @@ def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothe
         return texts[:-2]
 
     board.until("# kept 1 channel")
-    found = next(answer for _, text in board.said if isinstance(answer := read_answer(text), Calibrated))
+    found = next(answer for _, text in board.said if isinstance(answer := read_calibration(text), Calibrated))
     (used,) = board.values(1)
     assert (used.q, used.r, used.momentum) == (np.float32(0.0625) * found.r, found.r, 20.0)
     assert used.q != channel.q

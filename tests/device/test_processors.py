@@ -12,13 +12,10 @@ from processor import PROCESSORS, Processor
 from required import not_here
 
 from kalscope import ChannelTuning
-from kalscope.export.board.chain import filter_channel_float32
-from kalscope.export.board.fusion import fuse_float32
-from kalscope.export.float32 import filter_float32
+from kalscope.export.float32 import filter_channel_float32, filter_float32, fuse_float32
 from kalscope.export.job import ExportJob
-from kalscope.export.targets import arduino, c, fixed_gains
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.export.targets import arduino, c
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 
 pytestmark = pytest.mark.device
 CHANNELS = (
@@ -111,9 +108,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
 def test_the_cpp_class_and_fixed_gains_compile_without_a_warning(processor, tmp_path, channels):
     sketch = tmp_path / "sketch.cpp"
     (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(channels))["KalscopeFilter.h"])
-    (tmp_path / "kalscope_fixed_gains.h").write_text(
-        fixed_gains.c_files(ExportJob(channels[:1]))["kalscope_fixed_gains.h"]
-    )
+    (tmp_path / "kalscope_fixed_gains.h").write_text(c.c_files(ExportJob(channels[:1]))["kalscope_fixed_gains.h"])
     sketch.write_text(
         '#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_PLAIN);\n'
         "float update(float z);\nfloat update(float z) { return filter.update(z); }\n"

@@ -10,14 +10,14 @@ from board import read_lines
 from waiting import wait_until
 
 from kalscope import export_tuning
-from kalscope.export.board.check import check_board
+from kalscope.export.board import check_board
 from kalscope.export.float32 import float32_params
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.live.sending import send_setting
-from kalscope_app.session.changes.live import opened_live, refreshed, set_sent
-from kalscope_app.session.live_state import BoardId
-from kalscope_app.studies.board import compare_with_board
+from kalscope_app.live import send_setting
+from kalscope_app.session.live_changes import opened_live, refreshed, set_sent
+from kalscope_app.session.state import BoardId
+from kalscope_app.studies.checks import compare_with_board
 
 pytestmark = pytest.mark.device
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from board import FLAT_OUT, SKETCHES, read_lines
 
-from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.reading.line_parser import LineParser
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"

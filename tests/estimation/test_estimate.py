@@ -17,10 +17,9 @@ from hypothesis import strategies as st
 from kalscope import BadSetting, FilterParams
 from kalscope.analysis.estimators import compare_methods, is_within
 from kalscope.errors import Cancelled
-from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.known import estimate_fixed_r, estimate_fixed_ratio
-from kalscope.estimation.likelihood.profile import differences
-from kalscope.estimation.methods.expectation_maximization import passes
+from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
+from kalscope.estimation.likelihood import differences
+from kalscope.estimation.methods import passes
 from kalscope.filtering.filter import kalman_filter
 
 

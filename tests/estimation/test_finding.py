@@ -10,8 +10,8 @@ import pytest
 from each import each
 
 from kalscope.errors import BadSetting, Cancelled
-from kalscope.estimation.estimate import METHODS, estimate
-from kalscope.estimation.finding import (
+from kalscope.estimation.fit import METHODS, estimate
+from kalscope.estimation.request import (
     METHOD_NAMES,
     TARGETS,
     Found,
@@ -20,7 +20,7 @@ from kalscope.estimation.finding import (
     find_parameters,
     shows_no_noise,
 )
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 
 PERIOD = 0.02
 WISHED = {"lag_s": 0.1, "lag_samples": 7.0, "cutoff_hz": 2.5, "noise_reduction_db": 12.0, "gain": 0.15}

@@ -9,13 +9,8 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, FilterParams, steady_state
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.known import (
-    estimate_fixed_r,
-    estimate_fixed_ratio,
-    params_for_specification,
-)
-from kalscope.estimation.likelihood.profile import log_likelihood
+from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio, params_for_specification
+from kalscope.estimation.likelihood import log_likelihood
 
 
 def walk(n, ratio, seed=0):

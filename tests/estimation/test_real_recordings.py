@@ -10,7 +10,7 @@ import pytest
 from effort import FUZZ
 
 from kalscope import KalscopeError, read_recording
-from kalscope.estimation.estimate import METHODS, estimate
+from kalscope.estimation.fit import METHODS, estimate
 from kalscope.estimation.result import USABLE
 
 pytestmark = pytest.mark.slow

@@ -9,18 +9,10 @@ import pytest
 
 from kalscope import ChannelTuning, FilterParams, Tuning
 from kalscope.errors import BadSetting
-from kalscope.export.device_limits import (
-    UNO,
-    UNO_READ_US,
-    UNO_WITH_MOMENTUM,
-    device_limits,
-    tuning_limits,
-    update_us,
-)
 from kalscope.export.float32 import filter_float32
-from kalscope.export.write import limits_of
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import Butterworth, OneEuro
+from kalscope.export.limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits, tuning_limits, update_us
+from kalscope.export.registry import limits_of
+from kalscope.filtering.classic import Butterworth, Chain, OneEuro
 
 
 def kinds(*args, **settings):

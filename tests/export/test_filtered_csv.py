@@ -12,15 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.export.filtered_csv import (
-    ROWS_PER_CHUNK,
-    csv_header,
-    filtered_csv_chunks,
-)
+from kalscope.export.csv import ROWS_PER_CHUNK, csv_header, filtered_csv_chunks
 from kalscope.filtering.filter import fuse, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.recording import Recording
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning
 
 PARAMS = FilterParams(q=1e-3, r=1.0)

@@ -7,7 +7,7 @@ import pytest
 from kalscope import BadSetting, ChannelTuning, Tuning, steady_state
 from kalscope.export.job import ExportJob, job_of, step_of
 from kalscope.filtering.kernels import transition
-from kalscope.tuning.device_period import rescaled_to_period
+from kalscope.tuning.tuning import rescaled_to_period
 
 TUNING = Tuning(
     (ChannelTuning("Temp °C", "°C", 0.01, 1.0), ChannelTuning("temp degc", "°C", 1.0, 2.0)), sample_period=0.5

@@ -24,7 +24,7 @@ from waiting import PATIENCE
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
-from kalscope.tuning.tuning_file import dumps
+from kalscope.tuning.file import dumps
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ import pytest
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter
 from kalscope.export.job import job_of
-from kalscope.export.vectors import DEFAULT_ROWS, vector_files
+from kalscope.export.registry import DEFAULT_ROWS, vector_files
 
 
 def read(text, *more):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from kalscope import FilterParams, kalman_filter, smooth
 from kalscope.filtering import kernels
 from kalscope.filtering.filter import FilterResult, FilterRows, SmootherResult
-from kalscope.filtering.momentum.settled import settle
+from kalscope.filtering.steady import settle
 
 ROUNDING = 1e-14
 """Of the variance before any reading: the digits that the dense solution itself loses."""

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
-from kalscope.filtering import chosen, kernels
-from kalscope.filtering.chosen import filter_at
-from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_pieces
+from kalscope.filtering import filter, kernels
+from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_at, filter_pieces
 
 N, STREAMED = PIECE + 1137, 700
 SENSORS = {
@@ -233,21 +232,21 @@ def assert_lanes(z, params, at=DRAWN):
 @pytest.fixture
 def stretches(monkeypatch):
     """Every stretch that is filtered in lanes."""
-    found, real = [], chosen.filter_stretch
+    found, real = [], filter.filter_stretch
 
     def noted(*arguments):
         found.append(real(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(chosen, "filter_stretch", noted)
+    monkeypatch.setattr(filter, "filter_stretch", noted)
     return found
 
 
-@pytest.mark.parametrize("period", chosen.PERIODS)
+@pytest.mark.parametrize("period", filter.PERIODS)
 def test_lanes_whatever_the_period_of_the_variance(period, stretches):
     def period_of(params):
         rows = kalman_filter(RECORD[:PIECE], params)
-        cycle = chosen.cycle_of(rows.p, rows.k, rows.s)
+        cycle = filter.cycle_of(rows.p, rows.k, rows.s)
         return 0 if cycle is None else len(cycle.p)
 
     tried = (FilterParams(q, 0.3) for q in np.random.default_rng(9).uniform(0.2, 2.0, 4000))
@@ -284,13 +283,13 @@ def test_lanes_whatever_is_missing(missing, q):
 def test_a_missing_sample_at_the_edge_of_a_lane(lane, beside, stretches):
     stretches.clear()
     z, block = RECORD.copy(), kernels.LANE_BLOCK
-    z[PIECE + block + lane * chosen.MAX_LANE // block * block + beside] = np.nan
+    z[PIECE + block + lane * filter.MAX_LANE // block * block + beside] = np.nan
     assert_lanes(z, PLAIN)
     assert stretches[0].done < stretches[0].tried
 
 
 def test_lanes_that_do_not_meet_do_not_count(monkeypatch, stretches):
-    monkeypatch.setattr(chosen, "FORGOTTEN", 0.3)  # far too short a warm-up
+    monkeypatch.setattr(filter, "FORGOTTEN", 0.3)  # far too short a warm-up
     assert_lanes(RECORD + 1e6, FilterParams(1e-6, 0.25))
     assert any(0 < one.done < one.tried for one in stretches)
 

@@ -12,18 +12,17 @@ import pytest
 from fleet_folder import table_of
 from required import not_here
 
-from kalscope.cli.tune.options import NOTHING, TuneOptions
-from kalscope.estimation.fleet.losses import held_out, loss_inputs
-from kalscope.estimation.fleet.many.estimate_many import estimate_many
-from kalscope.estimation.fleet.pool import Pool, fit_pool, pool_of
+from kalscope.cli.tune_options import NOTHING, TuneOptions
+from kalscope.estimation.many import estimate_many
+from kalscope.estimation.pool import Pool, fit_pool, held_out, loss_inputs, pool_of
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.fleet.answer import Devices, answer_for, save_answer, summary
 from kalscope.fleet.run import Tally
 from kalscope.fleet.store import SUMMARY, TUNING
+from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 try:
     import pyarrow  # noqa: F401

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from required import not_here
 
 from kalscope.catalogue import open_source
-from kalscope.cli.tune.options import NOTHING, TuneOptions
+from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadFile, BadSetting
 from kalscope.fleet import find
 from kalscope.fleet.find import Piece, Unit, find_units

@@ -11,10 +11,10 @@ from fleet_runs import run_here, table
 from hostile_folder import write_hostile
 from required import not_here
 
-from kalscope.common import unpacking
+from kalscope.common import files
 from kalscope.common.text import CONTROL
 from kalscope.fleet.results import FleetReader
-from kalscope_app.views.source.fleet_words import about_fleet
+from kalscope_app.views.fleet import about_fleet
 
 try:
     import distributed  # noqa: F401
@@ -26,7 +26,7 @@ except ImportError:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="neither links nor pipes")
 def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, monkeypatch):
-    monkeypatch.setattr(unpacking, "MAX_UNPACKED", 1 << 20)
+    monkeypatch.setattr(files, "MAX_UNPACKED", 1 << 20)
     count, out = write_hostile(tmp_path / "logs", 2 << 20), tmp_path / "out"
     said = run_here(capsys, tmp_path / "logs", "-o", out)
     rows = table(out)

@@ -11,8 +11,8 @@ from fleet_folder import table_of
 from fleets import fleet
 
 from kalscope import estimate_many
-from kalscope.cli.tune.options import NOTHING
-from kalscope.estimation.fleet.pool import pool_of
+from kalscope.cli.tune_options import NOTHING
+from kalscope.estimation.pool import pool_of
 from kalscope.fleet.answer import Devices, answer_for, save_answer, split_date, summary
 from kalscope.fleet.run import Tally
 from kalscope.fleet.store import SUMMARY

@@ -9,8 +9,8 @@ from fleet_runs import run_here, write_devices
 from required import not_here
 
 from kalscope.fleet.store import SUMMARY, TUNING
+from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import load_tuning, save_tuning
 
 try:
     import pyarrow  # noqa: F401

@@ -13,15 +13,15 @@ from fleet_folder import NOISY, PLAIN, FleetRun, finished_fleet, write_logs
 from required import not_here
 
 from kalscope import estimate, kalman_filter, steady_state
-from kalscope.cli.tune.options import NOTHING, TuneOptions
+from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadFile, BadSetting
 from kalscope.fleet import results, store
 from kalscope.fleet.read import FleetOptions
 from kalscope.fleet.results import FleetReader, device_tuning, read_fleet, reopen, shared_tuning, source_of
 from kalscope.fleet.store import NOTE, SUMMARY, TABLE, TUNING, RunNote, read_note, write_note
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.tuning.tuning_file import load_tuning
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.tuning.file import load_tuning
 
 try:
     import pyarrow as pa

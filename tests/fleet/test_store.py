@@ -17,7 +17,7 @@ from required import not_here
 
 from kalscope.common import files
 from kalscope.errors import BadSetting
-from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.estimation.pool import Pool, pool_of
 from kalscope.fleet.store import LOCK, Row, find_parts, locked, merge, sweep, write_part
 
 try:

@@ -15,7 +15,7 @@ from program import command, end, next_line
 from required import not_here
 from waiting import wait_until
 
-from kalscope.cli.tune.fleet import progress_text
+from kalscope.cli.fleet import progress_text
 from kalscope.common.stopping import stop_signals
 from kalscope.fleet import find, work
 from kalscope.fleet.run import Tally, without_interrupts, workers_here

@@ -11,13 +11,13 @@ from each import each
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.papers import interactive_matter_2009 as lis302dl
 from kalscope.papers import khan as generalized
 from kalscope.papers import maarif_2019 as noise_reducer
-from kalscope.papers.experiments import list_experiments, open_experiment
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.papers.page import list_disagreements
+from kalscope.papers.reproduction import list_experiments, open_experiment
 
 pytestmark = pytest.mark.slow
 

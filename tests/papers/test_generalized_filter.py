@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import FilterResult, kalman_filter
+from kalscope.filtering.filter import FilterResult, StandardFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.protocol import StandardFilter
 from kalscope.papers.generalized import (
     GeneralizedFilter,
     GeneralizedParams,

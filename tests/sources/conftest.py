@@ -6,7 +6,7 @@ import threading
 import pytest
 from waiting import wait_until as wait_for
 
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 
 
 class FakeBoard:

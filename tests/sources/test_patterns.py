@@ -26,7 +26,7 @@ OWN_TEXT = (
     "kalscope.analysis.findings",
     "kalscope.common.charts",
     "kalscope.common.text",
-    "kalscope.export.header_text",
+    "kalscope.export.job",
 )
 """Modules whose patterns see the project's own charts, sentences, numbers and templates."""
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from kalscope.cli.tune.options import TuneOptions
+from kalscope.cli.tune_options import TuneOptions
 from kalscope.fleet.answer import answer_for, devices_of, save_answer
 from kalscope.fleet.find import find_units
 from kalscope.fleet.read import FleetOptions

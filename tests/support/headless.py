@@ -18,8 +18,7 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.program.user_settings import FOLDER_VARIABLE
 from kalscope_app.session.state import Change, State
-from kalscope_app.views.map import view as map_view
-from kalscope_app.views.source import live
+from kalscope_app.views import live, map
 
 OTHERS_IDLE_WORK = "Idle work failed and is not tried again"
 """Logged by the dashboards of other tests, whose servers are closed: this one has no idle work."""
@@ -85,7 +84,7 @@ def headless(state: State, folder: Path) -> Iterator[tuple[Headless, viser.Clien
         patch.setenv(FOLDER_VARIABLE, str(folder / "config"))  # commands change what is kept between starts
         patch.setattr(live, "list_ports", lambda: ())  # those of this machine have nothing to do with a test
         patch.setattr(live, "PORTS_INTERVAL", 1e6)
-        patch.setattr(map_view, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
+        patch.setattr(map, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
         bench = Headless(Dashboard(guarded.server, state, folder))
         logging.getLogger().addHandler(bench)
         with Guest(guarded.port, guarded.token) as guest:

@@ -48,7 +48,7 @@ def targets() -> Any:
 
 def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:
     """The filter for a whole fleet, each device with its own r."""
-    from kalscope.estimation.fleet.pool import fit_pool, pool_of
+    from kalscope.estimation.pool import fit_pool, pool_of
 
     yield "each", fit_pool(pool_of(series, dt))
 
@@ -65,7 +65,7 @@ def judged_fits() -> Iterator[tuple[str, Any]]:
     from verdict_states import SIGNALS
 
     from kalscope.analysis.judge import judge
-    from kalscope.estimation.finding import Request
+    from kalscope.estimation.request import Request
 
     for name, z in SIGNALS.items():
         fit = ks.estimate(z)

@@ -9,20 +9,20 @@ import pytest
 from each import each
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.stages import (
+from kalscope.filtering.classic import (
     Butterworth,
+    Chain,
+    ChainFilter,
     Exponential,
     Median,
     MovingAverage,
     OneEuro,
     PowerOfTwo,
 )
-from kalscope.filtering.protocol import StandardFilter
+from kalscope.filtering.filter import StandardFilter
 from kalscope.tuning.choose import rescaled
-from kalscope.tuning.device_period import rescaled_to_period
-from kalscope.tuning.tuning_file import dumps, loads
+from kalscope.tuning.file import dumps, loads
+from kalscope.tuning.tuning import rescaled_to_period
 
 PLAIN = Tuning((ChannelTuning("a", "V", 0.25, 2.0), ChannelTuning("b", "V", 1.0, 2.0)), sample_period=0.01)
 CHAINS = (

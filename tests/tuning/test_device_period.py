@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, steady_state
-from kalscope.estimation.finding import Noise, Request, find_parameters
-from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
+from kalscope.estimation.request import Noise, Request, find_parameters
+from kalscope.tuning.tuning import meeting_goal, rescaled_to_period
 
 Z = np.random.default_rng(1).normal(0.0, 3.0, 500).cumsum()
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.tuning.fused_channels import channels_to_fuse, for_each_sensor, named_numbers
+from kalscope.tuning.choose import channels_to_fuse, for_each_sensor, named_numbers
 
 UNITS = {"a": "°C", "b": "°C", "p, sea": "hPa", "p, top": "hPa", "flag": ""}
 

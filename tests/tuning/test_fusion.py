@@ -12,14 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
 from kalscope.recording import Recording
 from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
-from kalscope.tuning.device_period import meeting_goal, rescaled_to_period
+from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import FORMATS, updated
-from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, meeting_goal, rescaled_to_period
 
 FUSED = ChannelTuning(
     name="level",
@@ -126,7 +125,7 @@ def test_q_and_momentum_of_a_fusion_follow_the_sample_period_and_nothing_else_do
 
 
 def test_a_fusion_is_carried_along_where_a_channel_meets_a_goal() -> None:
-    from kalscope.estimation.finding import Request
+    from kalscope.estimation.request import Request
 
     met = meeting_goal(BOTH, "sonar", Request(target={"lag_s": 0.05}), 0.02)
     assert met.fusion == rescaled_to_period(BOTH, 0.02).fusion
@@ -157,7 +156,7 @@ def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -
 @pytest.mark.slow
 @given(fusions())
 def test_a_fusion_comes_back_from_its_text_bit_for_bit_and_over_any_other(fusion: ChannelTuning) -> None:
-    from kalscope.tuning.tuning_file import _plain
+    from kalscope.tuning.file import _plain
 
     tuning = replace(BOTH, fusion=fusion)
     for again in (loads(dumps(tuning)), loads(updated(dumps(BOTH), _plain(tuning)))):

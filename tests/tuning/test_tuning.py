@@ -16,12 +16,12 @@ from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.choose import adapt_tuning, filters_for_stdin, with_momentum
+from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope.tuning.tuning_file import dumps, load_tuning, loads, save_tuning
 
 variances = st.floats(0.0, MAX_VARIANCE)
 positive = st.floats(0.0, MAX_VARIANCE, exclude_min=True)
@@ -120,7 +120,7 @@ def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
 @pytest.mark.slow
 @given(tunings(), tunings())
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
-    from kalscope.tuning.tuning_file import _plain
+    from kalscope.tuning.file import _plain
 
     again = loads(updated(dumps(old), _plain(new)))
     assert again == new

@@ -1,29 +1,213 @@
-"""One worker thread: it applies the requests, computes one Frame for all of them, and passes it to the views.
-
-The latest request wins because requests are cheap and a Frame is computed only after all waiting ones. While a
-control moves, a part of each Frame is shown at once and the rest when there is time (`parts.py`). What is slower is
-left to the studies, which have their own thread.
-"""
+"""One worker thread: it applies the requests, computes one Frame for all views, and what is slower when idle."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
+from typing import Any
 
 from kalscope.errors import KalscopeError
-from kalscope_app.engine.cache import Cache
-from kalscope_app.engine.decimation import MAX_POINTS, DrawnSamples, choose_samples
-from kalscope_app.engine.filter_runs import FilterRuns, VariantCurves
+from kalscope_app.engine.filter_runs import (
+    MAX_POINTS,
+    Cache,
+    DrawnSamples,
+    FilterRuns,
+    RecordFacts,
+    VariantCurves,
+    choose_samples,
+)
 from kalscope_app.engine.frame import Frame, compute_frame
-from kalscope_app.engine.idle_studies import Studies
-from kalscope_app.engine.parts import Part, Schedule, is_move
-from kalscope_app.engine.record_facts import RecordFacts
-from kalscope_app.session.changes.live import live_window, studied
+from kalscope_app.session.live_changes import live_window, studied
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
+
+# Which part of the screen is drawn when: what the user watches at once, the rest as soon as there is time.
+#
+# If every part were drawn for every step of a slider, the line that the user watches would lag in the browser. So
+# some parts may lag behind the newest frame, each for a limited time. Pure: no clock and no thread.
+
+
+class Part(IntEnum):
+    """A part of the screen, in the order in which the parts are drawn."""
+
+    SIGNAL = 0
+    """The chart of the signal, with about two points to each pixel."""
+    NUMBERS = 1
+    """Header, boxes and sliders, the numbers, the goal, the mark in the map; the picture on a phone."""
+    CHARTS = 2
+    """The charts below that of the signal, and the line above it."""
+    OTHER = 3
+    """What is in other tabs and in closed folders. viser does not report which tab is open."""
+    FULL = 4
+    """The chart of the signal with all its points."""
+
+
+@dataclass(frozen=True)
+class Delay:
+    """How long a part may lag behind the newest frame, s."""
+
+    pause: float
+    """Without a newer frame; a slider that moves brings one every 0.05 s."""
+    longest: float
+    """While newer frames keep coming."""
+
+
+DELAYS: Mapping[Part, Delay] = {
+    Part.NUMBERS: Delay(0.06, 0.08),
+    Part.CHARTS: Delay(0.12, 0.13),
+    Part.OTHER: Delay(0.12, 1.0),
+    Part.FULL: Delay(0.12, math.inf),
+}
+"""Of the parts that may wait."""
+
+
+class Schedule:
+    """Which parts are behind the newest frame, and when each must be drawn. Times are in s, of one clock."""
+
+    def __init__(self) -> None:
+        self._newest = -math.inf
+        self._behind: dict[Part, float] = {}
+
+    def begin(self, now: float, *, whole: bool) -> tuple[Part, ...]:
+        """A new frame has arrived: which of its parts to draw now; `whole`: none may wait."""
+        self._newest = now
+        if whole:
+            self._behind.clear()
+            return tuple(Part)
+        for part in DELAYS:
+            self._behind.setdefault(part, now)
+        return (Part.SIGNAL,)
+
+    def next_due(self) -> float:
+        """When the next part is due if no newer frame comes; inf if none is behind."""
+        return min(map(self._due, self._behind), default=math.inf)
+
+    def take_due(self, now: float, *, moving: bool) -> tuple[Part, ...]:
+        """The parts of the newest frame to draw now, which then are no longer behind.
+
+        Args:
+            now: the time.
+            moving: whether a newer frame is due too: it takes precedence over parts that may still wait.
+        """
+        due = tuple(part for part in sorted(self._behind) if now >= (self._latest if moving else self._due)(part))
+        for part in due:
+            del self._behind[part]
+        return due
+
+    def _due(self, part: Part) -> float:
+        return min(self._newest + DELAYS[part].pause, self._latest(part))
+
+    def _latest(self, part: Part) -> float:
+        return self._behind[part] + DELAYS[part].longest
+
+
+def is_move(before: State, after: State) -> bool:
+    """Whether only values of the filter have changed, or a live record has grown; no line and no chart is new."""
+    return _what_is_drawn(before) == _what_is_drawn(after)
+
+
+def _what_is_drawn(state: State) -> tuple[object, ...]:
+    momentum = state.uses_parameters and state.tuning.momentum > 0.0
+    shown = state.record_key, state.measured, state.board, state.variants, state.view
+    return *shown, state.is_standard, state.tuning.chain, momentum, state.answers.note
+
+
+# Idle-time computations: checks, map, spectra.
+#
+# A study is a pure function of the State and a view that draws its answer. Studies run in the order given, on their
+# own thread; a newer state ends the round after the study that is running, so that the last state is always studied
+# and no old one is shown.
+
+
+IDLE_DELAY = 0.2
+"""Seconds without a new state after which the studies are computed, at least."""
+
+MAX_IDLE_DELAY = 1.0
+"""And at most."""
+
+
+def idle_delay(longest: float) -> float:
+    """Seconds without a new state to wait for before a round of studies.
+
+    A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
+    steps through values.
+
+    Args:
+        longest: seconds that the longest study of the last round took.
+    """
+    return min(max(IDLE_DELAY, longest), MAX_IDLE_DELAY)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One idle-time computation."""
+
+    compute: Callable[[State], Any]
+    """State -> answer; pure, and may take any time."""
+    show: Callable[[Any], None]
+    """Draws the answer; runs on the studies' thread."""
+    fail: Callable[[Exception], object]
+    """Called with what `compute` or `show` raised."""
+
+
+class Studies:
+    """Computes every study of the latest state once it has stopped changing, so that no frame waits for them."""
+
+    def __init__(self, studies: Sequence[Study]) -> None:
+        """Args: what to compute, in this order."""
+        self._studies = tuple(studies)
+        self._state: State | None = None
+        self._longest = MAX_IDLE_DELAY  # at first: the browser is still loading the page
+        self._news = threading.Event()
+        threading.Thread(target=self._run, name="kalscope-studies", daemon=True).start()
+
+    def of(self, state: State) -> None:
+        """This state is on screen now."""
+        if state is not self._state:
+            self._state = state
+            self._news.set()
+
+    def _run(self) -> None:
+        while True:
+            self._news.wait()
+            self._news.clear()
+            if self._news.wait(timeout=idle_delay(self._longest)):
+                continue
+            if self._state is not None:
+                self._round(self._state)
+
+    def _round(self, state: State) -> None:
+        took = [0.0]
+        for study in self._studies:
+            if state is not self._state:
+                break
+            start = time.monotonic()
+            self._one(study, state)
+            took.append(time.monotonic() - start)
+        else:
+            self._longest = 0.0  # a whole round: a shorter record may be open by now
+        self._longest = max(self._longest, *took)
+
+    def _one(self, study: Study, state: State) -> None:
+        try:
+            answer = study.compute(state)
+            if state is self._state:
+                study.show(answer)
+        except Exception as error:  # the thread must outlive any single state
+            study.fail(error)
+
+
+# One worker thread: it applies the requests, computes one Frame for all of them, and passes it to the views.
+#
+# The latest request wins because requests are cheap and a Frame is computed only after all waiting ones. While a
+# control moves, a part of each Frame is shown at once and the rest when there is time (`engine.py`). What is slower
+# is left to the studies, which have their own thread.
+
 
 MIN_INTERVAL = 0.04
 """Seconds between two frames, at least: in a slower browser frames would pile up."""

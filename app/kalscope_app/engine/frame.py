@@ -9,15 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.filtering.filter import FilterResult, smooth, was_rejected
-from kalscope.filtering.steady_state import SteadyState
-from kalscope.sources.live.live_status import LiveStatus
-from kalscope_app.engine.decimation import DrawnSamples
-from kalscope_app.engine.filter_runs import FilterRuns
-from kalscope_app.session.fusion import Fusion
-from kalscope_app.session.live_state import NO_CONNECTION, ConnectionState
-from kalscope_app.session.state import State
+from kalscope.filtering.steady import SteadyState
+from kalscope.sources.live.status import LiveStatus
+from kalscope_app.engine.filter_runs import DrawnSamples, FilterRuns
+from kalscope_app.session.state import NO_CONNECTION, ConnectionState, Fusion, State
 
 GAIN_POINTS = 500
 """Most points drawn of the gain; its start-up is smooth."""

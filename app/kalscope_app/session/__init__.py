@@ -1,1 +1,1 @@
-"""What the user has chosen, and the changes that may be asked for. No viser here."""
+"""What the user has chosen, as frozen values, and how it changes."""

@@ -11,18 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
-from kalscope.common.checks import check_sample_period
+from kalscope.common.numbers import check_sample_period
 from kalscope.common.text import one_line, sample_rate
-from kalscope.estimation.sensor.starting import starting_params
-from kalscope.filtering.protocol import Filter, StandardFilter
-from kalscope.papers.experiments import open_experiment
+from kalscope.estimation.noise import starting_params
+from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.papers.generalized import GeneralizedParams
+from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
-from kalscope.tuning.paper_tuning import with_paper_filter
-from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope_app.session.fusion import Fusion
-from kalscope_app.session.state import ChannelSettings, OpenRecording, State
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period, with_paper_filter
+from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, State
 
 MAX_NAMED = 3
 """Channels that a note names."""

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from kalscope.common.text import typed_number
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
-from kalscope.tuning.chain_text import chain_text, typed_chain
-from kalscope.tuning.paper_tuning import PaperTuning
-from kalscope_app.session.changes.live import defer_until_settled
-from kalscope_app.session.live_state import Setting
-from kalscope_app.session.state import State
+from kalscope.tuning.tuning import PaperTuning, chain_text, typed_chain
+from kalscope_app.session.live_changes import defer_until_settled
+from kalscope_app.session.state import Setting, State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 """The texts that mean no number."""

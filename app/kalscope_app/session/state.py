@@ -2,29 +2,516 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+import string
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.numbers import Array, Indices
+from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting
-from kalscope.estimation.finding import Request
+from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.protocol import Filter
+from kalscope.export.board import Calibrated, Measurement
+from kalscope.export.float32 import Float32Params
+from kalscope.filtering.classic import Chain, OneEuro
+from kalscope.filtering.filter import Filter
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.tuning.paper_tuning import PaperTuning, with_kalman_filter
-from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.fleet import OpenFleet
-from kalscope_app.session.fusion import Fusion
-from kalscope_app.session.linked_channels import UNLINKED, apply_to_linked
-from kalscope_app.session.live_state import BoardCalibration, Live, Sent
-from kalscope_app.session.variants import Variant
-from kalscope_app.session.view import AS_OPENED, View
+from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.status import LiveStatus
+from kalscope.tuning.tuning import ChannelTuning, PaperTuning, Tuning, with_kalman_filter
+
+if TYPE_CHECKING:
+    from kalscope.estimation.fusion import FusionEstimate
+    from kalscope.fleet.results import Fleet
+
+
+# How the open recording is shown.
+
+
+MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
+"""What the tuning map may be coloured by; RMSE where the truth is known."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How it is shown. It outlives the recording, and Undo does not change it."""
+
+    dark: bool = False
+    """Dark theme."""
+    map_shown: bool = False
+    """Whether the tuning map is shown where the window is wide enough."""
+    map_colour: str = "likelihood"
+    """What the tuning map is coloured by, one of MAP_COLOURS."""
+    smoother: bool = False
+    """Whether the best possible offline curve is drawn."""
+    velocity: bool = False
+    """Whether the velocity is drawn in place of the gain, where the filter has momentum."""
+    gain_shown: bool = False
+    """Whether the gain chart is drawn."""
+    why_shown: bool = False
+    """Whether the reasons for the verdict are shown."""
+    match_by: Literal["lag", "noise"] = "lag"
+    """What simpler filters are made equal in."""
+    drawn_alternative: str = "Moving average"
+    """The simpler filter that is drawn beside the present one; any other word draws all."""
+    search_method: str = "maximum lag"
+    """How q and r are searched, one of the search methods of the dashboard."""
+    preset: str = ""
+    """Title of the preset that is selected; "" = the first."""
+    window: tuple[float, float] | None = None
+    """First and last time on screen, s; None = the whole recording."""
+    resets: int = 0
+    """How often the view was reset: a new number makes the charts forget their zoom."""
+
+
+AS_OPENED = View()
+"""The view at first."""
+
+
+# Settings kept beside the current one: pinned as A, B, C … with a colour, at most eight a channel.
+
+
+MAX_VARIANTS = 8
+"""Variants of one channel: more lines cannot be told apart."""
+
+MAX_NAME_LENGTH = 20
+"""Characters of a name that fit into a legend."""
+
+DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
+"""What the chart and the table call their own lines."""
+
+LIGHT = ("#332288", "#41a392", "#aa4499", "#8c8c28", "#1e9be2", "#117733", "#882255", "#7a5c00")
+"""Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, four of
+them darkened."""
+
+DARK = ("#9687f0", "#5fd0bc", "#e07fd0", "#cccc55", "#88ccee", "#4fb76a", "#d4608f", "#c9a24a")
+"""The same hues on a dark background."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A setting of one channel that was pinned."""
+
+    name: str
+    """What it is called: a letter, or the name that the user gave it; distinct among those of its channel."""
+    colour: int
+    """Number of its colour, 0 … 7."""
+    tuning: ChannelTuning
+    """The setting; `tuning.name` is the channel it belongs to."""
+
+    def css(self, *, dark: bool = False) -> str:
+        """Its colour in a theme, #rrggbb."""
+        return (DARK if dark else LIGHT)[self.colour % MAX_VARIANTS]
+
+
+def next_name(taken: Iterable[str]) -> str:
+    """The first letter that no variant has; a freed letter is used again.
+
+    Raises:
+        BadSetting: all 26 are taken.
+    """
+    used = set(taken)
+    for letter in string.ascii_uppercase:
+        if letter not in used:
+            return letter
+    raise BadSetting("all letters from A to Z name pinned settings: delete one first")
+
+
+def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
+    """A new variant of a channel that has `variants` already.
+
+    Raises:
+        BadSetting: there are as many as can be told apart.
+    """
+    if len(variants) >= MAX_VARIANTS:
+        raise BadSetting(
+            f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
+        )
+    used = {variant.colour for variant in variants}
+    colour = next(number for number in range(MAX_VARIANTS) if number not in used)
+    return Variant(next_name(variant.name for variant in variants), colour, tuning)
+
+
+def checked_name(name: str, others: Iterable[str]) -> str:
+    """A name as it is kept, without blanks around it.
+
+    Raises:
+        BadSetting: it is empty, too long, not printable, that of another line of the chart, or one of the others'.
+    """
+    bare = " ".join(name.split())
+    if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
+        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} characters (got {name[:40]!r})")
+    if bare in DRAWN_NAMES:
+        raise BadSetting(f"the name must differ from those of the lines in the chart (got {bare!r})")
+    if bare in set(others):
+        raise BadSetting(f"the name must be new (got {bare!r}, which another pinned setting has)")
+    return bare
+
+
+# What the State knows about a live board: the record as of the last refresh, what it shows, what was sent.
+
+
+FIRST_SPAN = 10.0
+"""Length of the live window at first, s."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoardId:
+    """Names a board in the State; only the connection knows its running source. Compared by identity."""
+
+
+@dataclass(frozen=True)
+class ConnectionState:
+    """The state of the connection to the board."""
+
+    connected: bool = False
+    """Whether a board is connected, or is being waited for."""
+    recording: bool = False
+    """Whether that board is being recorded."""
+    status: LiveStatus | None = None
+    """Of the board on screen, or of one that is recorded in the background; None where there is none."""
+
+
+Setting = dict[str, float | Chain | None]
+"""Values of the command line by the names of the parameters."""
+
+NO_CONNECTION = ConnectionState()
+"""No board has been connected yet."""
+
+
+@dataclass(frozen=True)
+class Deferred:
+    """What the command line asked for, applied once the channels and the starting values of a board are known."""
+
+    tuning: Tuning | None = None
+    """A tuning file."""
+    channel: str | None = None
+    """The channel to look at, a name or a number from 1."""
+    values: tuple[tuple[str, float | Chain | None], ...] = ()
+    """Names and values of its parameters."""
+
+
+@dataclass(frozen=True)
+class Live:
+    """The live part of a State."""
+
+    board: BoardId
+    """Where the samples come from."""
+    snapshot: Snapshot | None = None
+    """The record as of the last refresh; None before the first samples."""
+    span: float = FIRST_SPAN
+    """Length of the window that follows the newest sample, s; inf = all that is kept."""
+    following: bool = True
+    """Whether the window follows; looking back ends that."""
+    paused: bool = False
+    """Whether the screen is frozen while samples still arrive."""
+    settled: bool = False
+    """Whether the starting values have been measured."""
+    deferred: Deferred | None = None
+    """What waits for them."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether the board has not sent enough to show: the record is a placeholder."""
+        return self.snapshot is None
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What stays the same while the record only grows: the board and its layout."""
+        return id(self.board), -1 if self.snapshot is None else self.snapshot.generation
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A setting that a board has taken."""
+
+    record: tuple[int, int]
+    """The live record that it belongs to."""
+    channel: str
+    """The channel that was tuned."""
+    filtered: str
+    """The channel in which the board sends the output of its filter."""
+    asked: FilterParams
+    """What was on screen when it was sent."""
+    params: Float32Params
+    """What the board says it uses, exact."""
+    row: int
+    """Number of the first sample after the board restarted its filter, counted since it began to send."""
+
+
+@dataclass(frozen=True)
+class BoardCalibration:
+    """The result of letting a board measure its own noise."""
+
+    record: tuple[int, int]
+    """The live record that it belongs to."""
+    channel: str
+    """The channel that was measured."""
+    found: Measurement | None = None
+    """What the board says, and the figure here; None where there was no answer."""
+    failed: str = ""
+    """Why there was none."""
+    kept: bool = False
+    """Whether the board keeps its values for its next start."""
+
+    @property
+    def values(self) -> Calibrated | None:
+        """What the board measured; None where it could not."""
+        answer = None if self.found is None else self.found.answer
+        return answer if isinstance(answer, Calibrated) else None
+
+
+# Tuning several channels at once: what the others become when one changes. Pure.
+
+
+UNLINKED, SAME_NUMBERS, SAME_LAG = "this channel alone", "all: same q and r", "all: same lag, own noise"
+
+LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
+"""How channels are linked, in the words on screen. Axes of one sensor share their numbers; a pressure and a
+temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise. Momentum, a number of
+samples, is the same for all."""
+
+Tunings = tuple[ChannelTuning, ...]
+
+
+def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -> Tunings:
+    """All tunings once the others follow the leading one; unchanged where each is tuned alone.
+
+    Args:
+        tunings: of all channels.
+        starts: what they began with; their r is each channel's own noise.
+        leader: index of the channel that was changed.
+        link: one of LINKS.
+    """
+    if link == UNLINKED:
+        return tunings
+    return tuple(
+        own if i == leader else scaled_copy(tunings[leader], own, _factor(starts, leader, i, link))
+        for i, own in enumerate(tunings)
+    )
+
+
+def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
+    """Another channel's setting, its variances `factor` times as large.
+
+    The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
+    """
+    p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
+    x0 = leader.x0 if factor == 1.0 else own.x0
+    return replace(
+        with_kalman_filter(own),
+        q=_scaled(leader.q, factor),
+        r=_scaled(leader.r, factor),
+        p0=p0,
+        x0=None if p0 is None else x0,
+        gate=leader.gate,
+        momentum=leader.momentum,
+        how=leader.how,
+        chain=_scaled_chain(leader.chain, factor),
+    )
+
+
+def _scaled_chain(chain: Chain | None, factor: float) -> Chain | None:
+    """The same chain at `factor` times the variances: only the one-euro filter has a setting with a unit."""
+    if chain is None or not isinstance(chain.then, OneEuro):
+        return chain
+    return replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
+
+
+def _factor(starts: Tunings, leader: int, i: int, link: str) -> float:
+    return starts[i].r / starts[leader].r if link == SAME_LAG and starts[leader].r > 0.0 else 1.0
+
+
+def _scaled(variance: float, factor: float) -> float:
+    """The product; 0 stays 0 and nothing else becomes 0."""
+    if variance == 0.0 or factor == 1.0:
+        return variance
+    return min(max(variance * factor, 1e-300), MAX_VARIANCE)
+
+
+# The open fleet: its arrays, how its devices are sorted and coloured.
+
+
+MAX_ROWS = 12
+"""Devices in the table; the file has them all."""
+MAX_DECADES = 12.0
+"""Decades of q or r up to which the map covers all devices; in a wider fleet 1 % lie on each of its edges."""
+
+
+def _descending(values: Array) -> Indices:
+    """The indices of the numbers, the largest first; NaN left out."""
+    known = np.flatnonzero(~np.isnan(values))
+    return known[np.argsort(-values[known], kind="stable")]
+
+
+ORDERS: Mapping[str, Callable[[Fleet], Indices]] = {
+    "most unlike the others": lambda fleet: _descending(fleet.distance),
+    "largest loss": lambda fleet: _descending(fleet.growth),
+    "largest r": lambda fleet: _descending(fleet.devices.r),
+    "smallest r": lambda fleet: _descending(-fleet.devices.r),
+    "largest q": lambda fleet: _descending(fleet.devices.q),
+    "smallest q": lambda fleet: _descending(-fleet.devices.q),
+    "without q and r": lambda fleet: np.flatnonzero([bool(reason) for reason in fleet.reasons]),
+}
+"""How the devices may be sorted."""
+
+
+def loss_text(growth: float) -> str:
+    """By which share the prediction error grows, to 0.1 %: smaller differences are chance."""
+    return f"{trimmed(round(100.0 * growth, 1) + 0.0)} %"
+
+
+COLOURS = ("loss", "verdict")
+"""What the devices may be coloured by."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenFleet:
+    """A fleet and how it is shown; compared by identity."""
+
+    fleet: Fleet
+    """Its arrays."""
+    order: str = next(iter(ORDERS))
+    """How its devices are sorted, one of ORDERS."""
+    colour: str = COLOURS[0]
+    """What they are coloured by, one of COLOURS."""
+    at_shared: bool = False
+    """Whether a device is opened at the filter for all; else at its own."""
+    find: str = ""
+    """What the names of the devices in the table contain, in any letter case; "" = all."""
+    picked: int | None = None
+    """The row whose point in the map was clicked; a second click opens it."""
+
+    @cached_property
+    def rows(self) -> list[int]:
+        """The rows of the table whose names contain `find`: first those that its order ranks, then the others."""
+        order = ORDERS[self.order](self.fleet)
+        if not self.find:
+            return order[:MAX_ROWS].tolist()
+        devices, wanted = self.fleet.devices, self.find.casefold()
+        rest = np.setdiff1d(np.arange(len(devices)), order)
+        found = (i for i in np.concatenate([order, rest]).tolist() if wanted in devices.name(i).casefold())
+        return list(islice(found, MAX_ROWS))
+
+    @cached_property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Pairs of q and r, unit², between which the devices lie; none where no device has both above 0."""
+        devices, shared = self.fleet.devices, self.fleet.shared
+        logs = [np.log10(values[devices.usable]) for values in (devices.q, devices.r)]
+        if not len(logs[0]):
+            return ()
+        wide = any(float(np.ptp(one)) > MAX_DECADES for one in logs)
+        ends = [np.quantile(one, (0.01, 0.99) if wide else (0.0, 1.0)) for one in logs]
+        pairs = [(10.0 ** float(q), 10.0 ** float(r)) for q, r in zip(*ends, strict=True)]
+        if shared is not None:
+            pairs.append((shared.params.q, float(shared.params.r)))
+        return tuple(pairs)
+
+
+# The fused filter of a State: several sensors of one quantity, some of which may be dropped.
+
+
+MIN_SENSORS = 2
+"""One sensor needs no fusion."""
+
+MAX_SENSORS = 8
+"""Sensors that the dashboard fuses, at most; the command line takes more."""
+
+
+@dataclass(frozen=True)
+class Fusion:
+    """The filter that was found for several sensors, and which of them take part."""
+
+    tuning: ChannelTuning
+    """Of all sensors."""
+    start: ChannelTuning
+    """What it was when the sensors were fused; Reset goes back there."""
+    dropped: frozenset[str] = frozenset()
+    """Sensors that take no part."""
+    estimate: FusionEstimate | None = None
+    """What the search found about them; None where the filter comes from a file."""
+
+    @cached_property
+    def used(self) -> ChannelTuning:
+        """The filter of the sensors that take part."""
+        return self._of_used(self.tuning)
+
+    @cached_property
+    def params(self) -> FilterParams:
+        """Its parameters."""
+        return self.used.params
+
+    @cached_property
+    def as_channel(self) -> ChannelTuning:
+        """The filter of one channel that it equals while all sensors in use answer."""
+        return self.used.as_channel
+
+    @cached_property
+    def start_as_channel(self) -> ChannelTuning:
+        """The same of its starting values."""
+        return self._of_used(self.start).as_channel
+
+    @property
+    def reset(self) -> Fusion:
+        """As it was when the sensors were fused; all of them take part."""
+        return replace(self, tuning=self.start, dropped=frozenset())
+
+    @cached_property
+    def shares(self) -> Mapping[str, float]:
+        """What each sensor contributes to the fused value while all answer; 0 for a dropped one."""
+        shares = dict.fromkeys(self.tuning.sensors, 0.0)
+        return {**shares, **dict(zip(self.used.sensors, self.params.shares.tolist(), strict=True))}
+
+    def columns(self, recording: Recording) -> list[int]:
+        """The columns of a recording with the readings of the sensors that take part."""
+        return [recording.index(name) for name in self.used.sensors]
+
+    def fits(self, recording: Recording) -> bool:
+        """Whether a recording has all its sensors."""
+        return set(self.tuning.sensors) <= set(recording.names)
+
+    def with_values(self, **values: Any) -> Fusion:
+        """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""
+        r = values.pop("r", None)
+        if r is not None and r != self.as_channel.r:
+            factor = r / self.as_channel.r if self.as_channel.r > 0.0 else 1.0
+            values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in self.tuning.r)
+        return replace(self, tuning=replace(self.tuning, **values))
+
+    def with_sensor(self, sensor: str, **values: float) -> Fusion:
+        """With another r or offset of one sensor."""
+        at = self.tuning.sensors.index(sensor)
+        changed = {
+            name: tuple(value if i == at else old for i, old in enumerate(getattr(self.tuning, name)))
+            for name, value in values.items()
+        }
+        return replace(self, tuning=replace(self.tuning, **changed, how="by hand"))
+
+    def with_taking_part(self, sensor: str, takes_part: bool) -> Fusion:
+        """With a sensor dropped, or taking part again.
+
+        Raises:
+            BadSetting: it is the last one.
+        """
+        dropped = self.dropped - {sensor} if takes_part else self.dropped | {sensor}
+        if len(dropped) == len(self.tuning.sensors):
+            raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
+        return replace(self, dropped=dropped)
+
+    def _of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+        return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
+
+
+# What the user has chosen, as one frozen State of a few small values.
 
 
 @dataclass(frozen=True)

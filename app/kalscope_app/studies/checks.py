@@ -1,20 +1,256 @@
-"""State -> Checks: an idle-time computation, because it takes longer than a frame."""
+"""Idle-time computations on the filter on screen: checks, spectra, the fusion, the momentum, the board."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
+from kalscope.analysis.fused import FusionJudgement, judge_fusion
 from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
-from kalscope.common.array import Array
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.finding import METHOD_NAMES
-from kalscope.filtering.params import FilterParams
-from kalscope_app.session.state import State
-from kalscope_app.studies.still_stretch import Stretch
+from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
+from kalscope.common.numbers import Array
+from kalscope.errors import BadSetting
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.request import METHOD_NAMES
+from kalscope.estimation.still import find_still_stretch
+from kalscope.export.board import BoardCheck, check_board
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
+from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.session.state import Fusion, State
+
+# The still stretch of the channel on screen, found once for each recording.
+
+
+Stretch = tuple[int, int] | None
+"""First sample and one past the last; None = there is none."""
+
+
+class StillStretches:
+    """Finds the stretch and keeps it. One thread at a time."""
+
+    def __init__(self) -> None:
+        self._kept = Cache[Stretch]()
+
+    def of(self, state: State) -> Stretch:
+        """The stretch of the channel on screen; none of a live record, which changes all the time."""
+        if state.live is not None:
+            return None
+        return self._kept.once(
+            lambda: find_still_stretch(state.z, state.dt), state.recording, state.channel, state.recording.gaps
+        )
+
+    def study(self, state: State) -> tuple[State, Stretch]:
+        """The stretch with the state that it belongs to, for the view that offers it."""
+        return state, self.of(state)
+
+
+# Whether the live board computes what the screen shows: an idle-time computation.
+
+
+def compare_with_board(state: State) -> BoardCheck | None:
+    """The board's rows since it took the setting beside ours; None where there are none to compare."""
+    sent = state.sent
+    snapshot = state.live.snapshot if state.live is not None else None
+    if sent is None or snapshot is None:
+        return None
+    if (sent.record, sent.channel) != (state.record_key, state.channel) or snapshot.first > sent.row:
+        return None
+    rows = slice(sent.row - snapshot.first, None)
+    recording = snapshot.recording
+    return check_board(recording.channel(sent.channel)[rows], recording.channel(sent.filtered)[rows], sent.params)
+
+
+# What the fused value is worth, and which sensor disagrees: an idle-time computation.
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The judgement of the fused sensors on screen; plain text, with names from outside."""
+
+    judgement: FusionJudgement
+    """What fusing brings, and the faults of the sensors."""
+    notes: tuple[str, ...]
+    """What was found on a held-out stretch, and what cannot be known."""
+
+
+class FusionJudge:
+    """Judges the fused sensors on screen, and keeps the answer while only the view changes."""
+
+    def __init__(self) -> None:
+        self._verdicts = Cache[FusionJudgement]()
+
+    def of(self, state: State) -> Judged | None:
+        """The verdict on the fused sensors on screen, in words; None where one channel is on screen."""
+        fusion = state.fusion
+        if fusion is None:
+            return None
+        self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
+        judgement = self._verdicts.get(fusion.params, lambda: _verdict(state, fusion))
+        half = (judgement.second_half,) if judgement.second_half else ()
+        return Judged(judgement, (*half, *_about_estimate(fusion)))
+
+
+def _verdict(state: State, fusion: Fusion) -> FusionJudgement:
+    found = None if fusion.dropped else fusion.estimate
+    return judge_fusion(
+        state.recording.values[:, fusion.columns(state.recording)],
+        fusion.params if found is None else replace(found, params=fusion.params),
+        state.dt,
+        names=fusion.used.sensors,
+        unit=fusion.tuning.unit,
+        sample_period=state.recording.sample_period,
+    )
+
+
+def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
+    """What cannot be known, and the message of a search that did not find the usual filter."""
+    found = fusion.estimate
+    if found is None:
+        return ()
+    return found.notes if found.verdict == "ok" or fusion.dropped else (found.message, *found.notes)
+
+
+# How well each momentum explains the channel on screen, with the best q and r of each. Computed on request.
+
+
+MIN_DRAWN = 0.3
+"""Samples: a shorter momentum cannot be distinguished from none."""
+
+POINTS = 25
+"""Values of the momentum, evenly spaced in its logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class MomentumProfile:
+    """The likelihood over the momentum; compared by identity, because arrays have no single truth value."""
+
+    state: State
+    """The choices that it belongs to."""
+    momentum: Array
+    """Samples, rising, shape (k,)."""
+    loglik: Array
+    """Log-likelihood with the best q and r of each, shape (k,)."""
+    plain: float
+    """The same without momentum."""
+
+    def belongs_to(self, state: State) -> bool:
+        """Whether it is still about the channel on screen."""
+        mine = self.state
+        return (mine.record_key, mine.channel, mine.recording.gaps) == (
+            state.record_key,
+            state.channel,
+            state.recording.gaps,
+        )
+
+
+def momentum_profile(
+    state: State, progress: Callable[[float, str], None], cancelled: Callable[[], bool]
+) -> MomentumProfile:
+    """The profile of the channel on screen: one search for q and r at each momentum.
+
+    Raises:
+        BadSetting: the channel has too little information for a search.
+        Cancelled: `cancelled()` was true.
+    """
+    z, dt = state.z, state.dt
+    longest = min(MAX_MOMENTUM, 10.0 * max(len(z), 10))  # longer ones are a constant velocity over the whole record
+    momentum = np.geomspace(MIN_DRAWN, longest, POINTS)
+    found: list[float] = []
+    for i, tau in enumerate((0.0, *momentum.tolist())):
+        progress(i / (POINTS + 1), "likelihood over the momentum")
+        best = estimate(z, "ml", dt=dt, momentum=tau, cancelled=cancelled)
+        if best.verdict in ("too_few", "constant", "bad_unit"):
+            raise BadSetting(f"there is no momentum profile, because q and r cannot be found: {best.message}")
+        found.append(float(best.loglik))
+    return MomentumProfile(state, momentum, np.array(found[1:]), found[0])
+
+
+# Spectra and Allan deviations of raw and filtered signal, for their charts.
+
+
+BINS = 240
+"""Points that a density or a response is drawn with, at most about."""
+
+
+MAX_BELOW = 30.0
+"""How far below the lowest frequency of the record a cut-off may lie to be drawn, as a ratio."""
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """What the spectrum tab draws."""
+
+    state: State
+    """The choices it belongs to."""
+    found: Spectrum
+    """All of it."""
+    frequency: Array
+    """Frequencies of the density chart, log-spaced, shape (b,)."""
+    densities: tuple[Array, Array, Array]
+    """Raw, filtered, residual there, averaged over each bin."""
+    fine: Array
+    """Frequencies of the response chart, with the cut-off among them, shape (f,)."""
+    response_db: Array
+    """20·log10|H| there, dB."""
+
+
+def compute_spectra(state: State) -> Spectra | None:
+    """Densities and response of the channel on screen; None where its filter has no q and r."""
+    if not state.is_standard:
+        return None
+    period = state.recording.sample_period
+    found = spectrum(state.z, state.params, state.dt, period)
+    frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
+    fine = _response_frequencies(found) if found.samples else np.empty(0)
+    response = magnitude_response(state.params, fine * (period or 1.0))
+    decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
+    raw, filtered, residual = densities
+    return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)
+
+
+def _response_frequencies(found: Spectrum) -> Array:
+    """Those of the record, and from half the cut-off on where that lies a little below them."""
+    low, high = float(found.frequency[0]), float(found.frequency[-1])
+    if low / MAX_BELOW < found.cutoff < 2.0 * low:
+        low = 0.5 * found.cutoff
+    fine = np.geomspace(low, high, BINS)
+    return np.sort(np.append(fine, found.cutoff)) if low < found.cutoff < high else fine
+
+
+def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
+    """Means of x > 0, ascending, and of each y over bins of equal ratio; bins without a point are left out."""
+    if len(x) <= bins:
+        return (x, *ys)
+    edges: Array = np.geomspace(float(x[0]), float(x[-1]) * (1 + 1e-12), bins + 1)
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+    counts = np.bincount(place, minlength=bins)
+    full = counts > 0
+    return tuple(np.bincount(place, weights=y, minlength=bins)[full] / counts[full] for y in (x, *ys))
+
+
+@dataclass(frozen=True)
+class Allan:
+    """What the Allan chart draws."""
+
+    state: State
+    """The choices it belongs to."""
+    found: AllanDeviation
+    """All of it."""
+
+
+def compute_allan(state: State) -> Allan | None:
+    """Allan deviation of the channel on screen; None where its filter has no q and r."""
+    if not state.is_standard:
+        return None
+    return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))
+
+
+# State -> Checks: an idle-time computation, because it takes longer than a frame.
 
 
 @dataclass(frozen=True)

@@ -1,38 +1,328 @@
-"""State -> TuningMap: how well every pair (q, r) does on the channel on screen. No viser here.
-
-With the automatic start one scan of the recording over λ = q/r gives the log-likelihood of every pair, and the
-filtered signal, so also its error against a known truth, depends on λ alone. What a scan gave is kept: moving q, r
-or the window costs nothing.
-"""
+"""State -> TuningMap: how well every pair (q, r) does on the channel on screen, and where things lie on the map."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.common.text import count
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.likelihood.contour import likelihood_contour
-from kalscope.estimation.likelihood.profile import Profile, loglik_map
-from kalscope.estimation.momentum.profile import likelihood_profile
+from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.text import count, one_line, trimmed
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
+from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import ratio_for, steady_state
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.engine.cache import Cache
-from kalscope_app.session.state import State
-from kalscope_app.studies.fleet_layer import FleetLayer, fleet_layer
-from kalscope_app.studies.map_geometry import Point, Range
+from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.session.state import OpenFleet, State, loss_text
 
-CELLS = 200
+if TYPE_CHECKING:
+    from kalscope.fleet.results import Fleet
+
+
+# Where things lie on the tuning map: the sizes of its picture, pixels ⇄ (q, r), lines of equal lag. Pure.
+#
+# Pixels are counted from the top left of the picture. Exponents are log₁₀ of q and r in unit².
+
+
+Point = tuple[float, float]
+Range = tuple[int, int]
+
+NO_FILTERING = 0.7
+"""Samples of lag under which lines of equal lag are not drawn: there is nothing left to choose."""
+
+
+MAX_DECADES = 12
+"""Decades of lag up to which each has lines of its own."""
+
+
+@dataclass(frozen=True)
+class MapFrame:
+    """The rectangle of the map inside its picture, pixels, and what its edges mean."""
+
+    width: float
+    """Width of the picture."""
+    height: float
+    """Height of the picture."""
+    left: float
+    top: float
+    right: float
+    bottom: float
+    q: Range
+    """Exponents of q at the left and the right edge."""
+    r: Range
+    """Exponents of r at the bottom and the top edge."""
+    momentum: float = 0.0
+    """Momentum of every filter on the map, samples."""
+
+    def pixel(self, point: Point) -> Point:
+        """Where a pair of exponents (q, r) lies, also outside the rectangle; infinite ones far outside."""
+        across, up = ((min(max(e, -999.0), 999.0) - a) / (b - a) for e, (a, b) in zip(point, (self.q, self.r)))  # noqa: B905
+        return self.left + across * (self.right - self.left), self.bottom - up * (self.bottom - self.top)
+
+    def point(self, pixel: Point) -> Point:
+        """Exponents (q, r) at a pixel."""
+        across = (pixel[0] - self.left) / (self.right - self.left)
+        up = (self.bottom - pixel[1]) / (self.bottom - self.top)
+        return self.q[0] + across * (self.q[1] - self.q[0]), self.r[0] + up * (self.r[1] - self.r[0])
+
+    def held(self, point: Point) -> Point:
+        """The nearest exponents inside the rectangle."""
+        q, r = point
+        return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
+
+    def inside(self, pixel: Point) -> bool:
+        """Whether a pixel lies in the rectangle or on its edge."""
+        return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
+
+
+def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
+    """The map in a picture: space for names and numbers around it and for the legend below."""
+    left, right, top = 62.0, width - 54.0, 88.0
+    bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
+    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
+
+
+LEGEND_HEIGHT = 258.0
+"""Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
+
+
+@dataclass(frozen=True)
+class Diagonal:
+    """A line q/r = const across the map."""
+
+    start: Point
+    """Pixel where it enters, at the left or the bottom edge."""
+    end: Point
+    """Pixel where it leaves, at the top or the right edge."""
+    lag: float
+    """Lag on a ramp, samples."""
+
+
+def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
+    """The line q/r = `ratio` > 0 inside the rectangle; None if it misses it."""
+    shift = math.log10(ratio)  # log q − log r
+    first, last = max(frame.q[0], frame.r[0] + shift), min(frame.q[1], frame.r[1] + shift)
+    if first >= last:
+        return None
+    start, end = (frame.pixel((q, q - shift)) for q in (first, last))
+    params = FilterParams(q=ratio, r=1.0, momentum=frame.momentum)
+    return Diagonal(start, end, steady_state(params).lag_samples)
+
+
+def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
+    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
+
+    A map of very many decades has fewer of them: 1, 1000, 1e6 …
+    """
+    lowest = math.floor(math.log10(NO_FILTERING * sample))
+    highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
+    step = max(1, math.ceil((highest - lowest) / MAX_DECADES))
+    lines: list[Diagonal] = []
+    for decade in range(lowest, highest + 1, step):
+        for lead in (1.0, 3.0) if step == 1 else (1.0,):
+            lag = lead * 10.0**decade / sample
+            ratio = ratio_for(lag_samples=lag, momentum=frame.momentum) if lag >= NO_FILTERING else 0.0
+            line = diagonal(frame, ratio) if ratio > 0.0 else None
+            if line is not None:
+                lines.append(line)
+    return lines
+
+
+def decades(low: int, high: int, most: int = 9) -> list[int]:
+    """Exponents to write along an axis, at most `most` of them."""
+    step = max(1, math.ceil((high - low + 1) / most))
+    return [e for e in range(low, high + 1) if e % step == 0]
+
+
+# The devices of a fleet on the tuning map: a density, the outliers as points, the filter for all. Pure: numpy.
+#
+# Exponents are log₁₀ of q and r in unit².
+
+
+MAX_POINTS = 1000
+"""Devices drawn as points, at most; of a larger fleet the outliers are, and all of it is a density."""
+CELLS = (142, 213)
+"""Cells of the density along q and r, each about two pixels of the page wide."""
+LOSSES = (0.1, 0.3)
+"""Growth of the prediction error at which the colour of a device changes."""
+LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "not judged")
+"""What the colours mean."""
+MAX_VERDICTS = 3
+"""Verdicts with a colour of their own."""
+MAX_NAME = 36
+"""Characters of the name of a device that was clicked."""
+REACH = 8.0
+"""Pixels of the picture from which a click takes the nearest point."""
+
+
+@dataclass(frozen=True)
+class Picked:
+    """A device that was clicked."""
+
+    device: int
+    """Its row."""
+    point: Point
+    """Its exponents (q, r), clamped to the map."""
+    words: tuple[str, ...]
+    """The text about it, line by line."""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetLayer:
+    """What is drawn of a fleet."""
+
+    fleet: Fleet
+    """Whose devices they are."""
+    density: Array | None
+    """Share of colour in each cell, 0 = no device … 1, shape (rows, columns), row 0 at the lowest r; None where
+    every device is a point."""
+    devices: Indices
+    """The rows of the points, shape (k,); the most remarkable one last."""
+    points: Array
+    """Their exponents (q, r), clamped to the map, shape (k, 2)."""
+    classes: Indices
+    """Which of `words` each belongs to, shape (k,)."""
+    words: tuple[str, ...]
+    """What the classes are, each with how many devices of the fleet are in it; "" for one without any."""
+    shared: Point | None
+    """The filter for all; None where there is none."""
+    ratio_ends: tuple[float, float] | None
+    """log₁₀ of the q/r that the fleet allows, 95 %; None where it is not known."""
+    picked: Picked | None = None
+    """The device that was clicked."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of most devices."""
+        return self.fleet.devices.unit
+
+    def nearest(self, frame: MapFrame, pixel: Point) -> int | None:
+        """The row whose point is nearest to a pixel of the picture; None where no point is near."""
+        if not len(self.points):
+            return None
+        across = (self.points[:, 0] - frame.q[0]) / (frame.q[1] - frame.q[0])
+        up = (self.points[:, 1] - frame.r[0]) / (frame.r[1] - frame.r[0])
+        x, y = frame.left + across * (frame.right - frame.left), frame.bottom - up * (frame.bottom - frame.top)
+        away = np.hypot(x - pixel[0], y - pixel[1])[::-1]  # of two at the same place, the one on top
+        at = int(np.argmin(away))
+        return int(self.devices[len(away) - 1 - at]) if away[at] <= REACH else None
+
+
+def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
+    """The layer of a fleet.
+
+    Args:
+        open_fleet: The fleet and how it is coloured.
+        q: Exponents of q at the left and the right edge of the map.
+        r: Exponents of r at its bottom and its top.
+    """
+    fleet = open_fleet.fleet
+    usable = np.flatnonzero(fleet.devices.usable)
+    logs = np.stack([np.log10(values[usable]) for values in (fleet.devices.q, fleet.devices.r)], axis=1)
+    logs = np.clip(logs, (q[0], r[0]), (q[1], r[1]))
+    classes, words = _by_loss(fleet, usable) if open_fleet.colour == "loss" else _by_verdict(fleet, usable)
+    chosen = _points(fleet, usable)
+    few = len(chosen) == len(usable)
+    shared = fleet.shared
+    ends = None if shared is None else shared.ratio_interval
+    known = ends is not None and 0.0 < ends[0] <= ends[1] < math.inf
+    return FleetLayer(
+        fleet=fleet,
+        density=None if few else _density(logs, q, r),
+        devices=usable[chosen],
+        points=logs[chosen],
+        classes=classes[chosen],
+        words=words,
+        shared=None if shared is None else (_exponent(shared.params.q), _exponent(shared.params.r)),
+        ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
+        picked=_picked(fleet, open_fleet.picked, q, r),
+    )
+
+
+def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | None:
+    """The device that was clicked, and the text about it."""
+    devices = fleet.devices
+    if device is None or not devices.usable[device]:
+        return None
+    pair, growth = (float(devices.q[device]), float(devices.r[device])), float(fleet.growth[device])
+    loss = "" if math.isnan(growth) else f", loss {loss_text(growth)}"
+    name = one_line(devices.name(device))
+    words = (
+        name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}",
+        f"q {trimmed(pair[0])}, r {trimmed(pair[1])}{loss}",
+        "click it again to open it",
+    )
+    x, y = (math.log10(value) for value in pair)
+    return Picked(device, (min(max(x, q[0]), q[1]), min(max(y, r[0]), r[1])), words)
+
+
+def _exponent(value: object) -> float:
+    return math.log10(float(value))  # pyright: ignore[reportArgumentType]
+
+
+def _points(fleet: Fleet, usable: Indices) -> Indices:
+    """Which of the devices with q and r are points, the most remarkable last."""
+    distance, growth = (np.nan_to_num(one[usable], posinf=1e9) for one in (fleet.distance, fleet.growth))
+    by_distance = np.argsort(distance, kind="stable")
+    if len(usable) <= MAX_POINTS:
+        return by_distance
+    odd: Mask = fleet.outlier[usable] | (growth > LOSSES[0])
+    half = MAX_POINTS // 2
+    wanted = np.zeros(len(usable), dtype=bool)
+    for order in (by_distance, np.argsort(growth, kind="stable")):
+        wanted[order[odd[order]][-half:]] = True
+    return by_distance[wanted[by_distance]]
+
+
+def _by_loss(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
+    growth = fleet.growth[usable]
+    classes = np.where(np.isnan(growth), len(LOSSES) + 1, np.searchsorted(LOSSES, growth, side="left"))
+    return classes, _counted(LOSS_WORDS, classes)
+
+
+def _by_verdict(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
+    rows: list[int] = usable.tolist()
+    verdicts = [fleet.verdicts[i] for i in rows]
+    common = [verdict for verdict, _ in Counter(verdicts).most_common(MAX_VERDICTS)]
+    places = {verdict: place for place, verdict in enumerate(common)}
+    classes = np.array([places.get(verdict, MAX_VERDICTS) for verdict in verdicts], dtype=np.intp)
+    words = [verdict.replace("_", " ")[:20] for verdict in common]
+    return classes, _counted((*words, *("",) * (MAX_VERDICTS - len(words)), "others"), classes)
+
+
+def _counted(words: tuple[str, ...], classes: Indices) -> tuple[str, ...]:
+    sizes = np.bincount(classes, minlength=len(words)).tolist()
+    return tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(words, sizes, strict=True))
+
+
+def _density(logs: Array, q: Range, r: Range) -> Array:
+    """Devices in each cell, by their logarithm, as shares of the fullest one."""
+    columns, rows = CELLS
+    across = np.clip(((logs[:, 0] - q[0]) / (q[1] - q[0]) * columns).astype(int), 0, columns - 1)
+    up = np.clip(((logs[:, 1] - r[0]) / (r[1] - r[0]) * rows).astype(int), 0, rows - 1)
+    devices = np.bincount(up * columns + across, minlength=rows * columns).reshape(rows, columns)
+    return np.log1p(devices) / np.log1p(devices.max())
+
+
+# State -> TuningMap: how well every pair (q, r) does on the channel on screen. No viser here.
+#
+# With the automatic start one scan of the recording over λ = q/r gives the log-likelihood of every pair, and the
+# filtered signal, so also its error against a known truth, depends on λ alone. What a scan gave is kept: moving q,
+# r or the window costs nothing.
+
+
+TUNING_MAP_CELLS = 200
 """Cells along each side of the map."""
 
-REACH = {"q": (-6, 2), "r": (-4, 2)}
+TUNING_MAP_REACH = {"q": (-6, 2), "r": (-4, 2)}
 """Decades around the starting r of the channel that the map shows at least."""
 
 LOG_RATIOS = np.linspace(-24.0, 24.0, 65)
@@ -180,7 +470,7 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
     pairs += () if state.fleet is None else state.fleet.corners
 
     def reach(name: str, values: list[float]) -> Range:
-        low, high = (centre + end for end in REACH[name])
+        low, high = (centre + end for end in TUNING_MAP_REACH[name])
         for exponent in (math.log10(value) for value in values if value > 0.0):
             # A point that was dragged to the edge is rounded there and must not widen the map.
             low, high = min(low, math.floor(exponent + 0.01)), max(high, math.ceil(exponent - 0.01))
@@ -224,7 +514,7 @@ def limits_of(state: State) -> str:
 def cell_exponents(ends: Range) -> Array:
     """Exponents at the centres of the cells along one side, shape (CELLS,)."""
     low, high = ends
-    return low + (np.arange(CELLS) + 0.5) * (high - low) / CELLS
+    return low + (np.arange(TUNING_MAP_CELLS) + 0.5) * (high - low) / TUNING_MAP_CELLS
 
 
 def draw_map(scan: Scan, errors: Errors | None, colour: str, q: Range, r: Range, note: str) -> TuningMap:

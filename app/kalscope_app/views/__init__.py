@@ -1,1 +1,1 @@
-"""What is on screen: every view draws a Frame and files requests; it never changes the session."""
+"""The widgets, charts and pictures of the screen."""

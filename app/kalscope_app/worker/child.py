@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kalscope.common.memory import free_memory, limit_memory
+from kalscope.common.files import free_memory, limit_memory
 from kalscope.errors import KalscopeError
 from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
 
@@ -84,8 +84,8 @@ def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
 
 def _warm_up(folder: Path) -> None:
     """Read a log once, so that everything is imported and compiled before the first file of the user comes."""
-    from kalscope.sources.readers.csv_rows import MAX_BYTES_BY_LINE
-    from kalscope.sources.readers.recording_file import read_recording
+    from kalscope.sources.reading.recording_file import read_recording
+    from kalscope.sources.reading.rows import MAX_BYTES_BY_LINE
 
     log = folder / "warm.csv"
     with suppress(KalscopeError, OSError):

@@ -10,8 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.common.memory import free_memory
+from kalscope.common.files import free_memory
+from kalscope.common.numbers import Array
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import TypeVar, cast
 
-from kalscope.common.memory import does_not_fit
+from kalscope.common.files import does_not_fit
 from kalscope.common.progress import OnProgress
 from kalscope.common.stopping import done_at_stop
 from kalscope.errors import BadFile, Cancelled, NoMemory

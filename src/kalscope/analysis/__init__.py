@@ -1,1 +1,1 @@
-"""Analysis of a record and its residuals: diagnostics, spectrum, Allan deviation, simpler filters."""
+"""Does the filter fit the record, and would another one be better?"""

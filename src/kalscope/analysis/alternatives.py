@@ -25,18 +25,13 @@ from kalscope.analysis.filter_errors import (
     refusal,
     verdict,
 )
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.common.text import decibels, number, plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel
-from kalscope.filtering.classic.bench import bench_of
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.response import chain_response
-from kalscope.filtering.classic.stages import Median
+from kalscope.filtering.classic import Chain, ChainFilter, Median, bench_of, chain_response
 from kalscope.filtering.filter import FilterResult, kalman_filter, smooth
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
+from kalscope.filtering.params import FilterParams, one_channel
+from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
 
 Match = Literal["lag", "noise"]
 """What the candidates are matched in."""

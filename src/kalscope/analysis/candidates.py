@@ -14,24 +14,26 @@ from typing import cast
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.filtering.classic.bench import Bench, Run, step_overshoot
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.running import RunningStage
-from kalscope.filtering.classic.stages import (
+from kalscope.common.numbers import Array
+from kalscope.filtering.classic import (
     MAX_CUTOFF,
     MAX_SHIFT,
     MIN_CUTOFF,
+    Bench,
     Butterworth,
+    Chain,
     Exponential,
     Median,
     MovingAverage,
     OneEuro,
     PowerOfTwo,
+    Run,
+    RunningStage,
     Stage,
+    step_overshoot,
 )
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import settled_transfer
+from kalscope.filtering.steady import settled_transfer
 
 MAX_DIRECT = 501
 """Longest window of a parabola that is computed without Fourier transform."""

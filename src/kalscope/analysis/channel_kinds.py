@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.recording import Recording
 
 MEASUREMENT = ""

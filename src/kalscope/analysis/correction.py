@@ -17,9 +17,9 @@ from functools import cached_property
 import numpy as np
 
 from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share, normality
-from kalscope.common.array import Array, Indices
-from kalscope.estimation.likelihood.profile import Differences, differences
-from kalscope.estimation.momentum.likelihood import concentrated, moving_sums, step_variance
+from kalscope.common.numbers import Array, Indices
+from kalscope.estimation.likelihood import Differences, differences
+from kalscope.estimation.momentum import concentrated, moving_sums, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 

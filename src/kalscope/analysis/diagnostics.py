@@ -17,12 +17,11 @@ from kalscope.analysis import residuals as tests
 from kalscope.analysis.correction import MIN_SAMPLES, finite
 from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
 from kalscope.analysis.residuals import Columns, Run, Spikes
-from kalscope.common.array import Array, Indices
+from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import samples_of
 from kalscope.filtering.filter import FilterResult, was_rejected
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, samples_of
 
 Fit = Callable[[Array, Array | None], FilterParams]
 

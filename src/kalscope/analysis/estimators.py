@@ -8,9 +8,9 @@ from itertools import pairwise
 from numpy.typing import ArrayLike
 
 from kalscope.common.progress import Progress
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.finding import METHOD_NAMES
-from kalscope.estimation.methods.by_name import METHODS
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.methods import METHODS
+from kalscope.estimation.request import METHOD_NAMES
 from kalscope.estimation.result import Estimate
 
 WITHOUT_NUMBERS = ("too_few", "constant", "bad_unit", "irregular")

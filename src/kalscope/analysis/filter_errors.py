@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope.common.array import Array, Mask
+from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, number, percent
-from kalscope.estimation.fusion.words import listed
+from kalscope.estimation.fusion import listed
 
 SPIKE = 6.0
 """Distance from the median of five around it, in robust standard deviations, from which a sample is a spike."""

@@ -15,12 +15,12 @@ import numpy as np
 from kalscope.analysis import actions, correction
 from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record, Structure
 from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes, burst_of
-from kalscope.common.array import Array, Indices
+from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import DURATIONS, count, number, percent, plural, trimmed
-from kalscope.estimation.finding import Noise, Request
+from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 
 Tone = Literal["good", "note", "bad"]
 """Nothing to correct; something to know; something that should be corrected."""

@@ -19,16 +19,13 @@ from numpy.typing import ArrayLike
 
 from kalscope.analysis.findings import Finding, Tone
 from kalscope.analysis.judge import Judgement
-from kalscope.common.array import Array, Mask
+from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
 from kalscope.errors import BadSetting
-from kalscope.estimation.fusion.result import FusionEstimate
-from kalscope.estimation.fusion.shared import Shared, shared_by_params
-from kalscope.estimation.fusion.words import common_part, listed
-from kalscope.filtering.arrays import checked_readings, samples_of, steps_of
+from kalscope.estimation.fusion import FusionEstimate, Shared, common_part, listed, shared_by_params
 from kalscope.filtering.filter import FilterResult, fuse, smooth
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.params import FilterParams, checked_readings, samples_of, steps_of
+from kalscope.filtering.steady import steady_state
 
 FusionFit = Callable[[Array, Array | None], FilterParams]
 

@@ -25,10 +25,10 @@ from kalscope.analysis.findings import (
 )
 from kalscope.analysis.residuals import ALARM, dot
 from kalscope.common.text import correlation, count, decibels, number
-from kalscope.estimation.finding import Request
+from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.verdict.words import below_step
-from kalscope.filtering.steady_state import steady_state
+from kalscope.estimation.verdict import below_step
+from kalscope.filtering.steady import steady_state
 
 HARDLY_DB = 3.0
 """Noise reduction below which a filtered curve looks like the raw one, dB."""

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.analysis.residual_kernels import LONE, STAYS, find_spikes
-from kalscope.common.array import Array, Indices, Mask
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_channel, steps_of
 from kalscope.filtering.filter import PIECE, FilterResult, filter_pieces
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, one_channel, steps_of
 
 Columns = tuple[Array, ...]
 """x, p, k, innovation and s of one channel."""

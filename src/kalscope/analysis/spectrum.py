@@ -12,13 +12,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.common.text import lag_in_full, number
-from kalscope.estimation.methods.allan import allan_variances
-from kalscope.filtering.arrays import one_channel, scalar
+from kalscope.estimation.methods import allan_variances
 from kalscope.filtering.filter import denoise
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import settled_transfer, steady_state
+from kalscope.filtering.params import FilterParams, one_channel, scalar
+from kalscope.filtering.steady import settled_transfer, steady_state
 
 MIN_SAMPLES = 32
 """Samples in a row that a density needs."""

@@ -9,7 +9,7 @@ import typer
 
 from kalscope.cli.options import number_option, reads_source
 from kalscope.errors import BadSetting
-from kalscope.export.write import limits_of, sketch_name, write_files
+from kalscope.export.registry import limits_of, sketch_name, write_files
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ def export_command(
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say
     from kalscope.export.registry import export_tuning
-    from kalscope.tuning.device_period import rescaled_to_period
-    from kalscope.tuning.tuning_file import load_tuning
+    from kalscope.tuning.file import load_tuning
+    from kalscope.tuning.tuning import rescaled_to_period
 
     if vectors is not None and output is None:
         raise BadSetting("--vectors needs -o, the folder to write to (got none)")

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
-from kalscope.tuning.fused_channels import named_numbers
+from kalscope.tuning.choose import named_numbers
 
 
 class BadValue(typer.BadParameter):

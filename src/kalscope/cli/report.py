@@ -1,4 +1,4 @@
-"""`kalscope report`: one page on a recording and its tuning, HTML or PNG."""
+"""`kalscope report`, a page on a recording and its tuning; `kalscope reproduce`, the source documents."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import progress_line, say, tell_compiling
+from kalscope.cli.console import CHECK_FAILED, progress_line, say, tell_compiling, write_output
 from kalscope.cli.options import SamplePeriod, Source, number, number_option, percentage, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.export.report.content import Report
+    from kalscope.export.report import Report
+    from kalscope.papers.reproduction import Reproduction
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+
+# `kalscope report`: one page on a recording and its tuning, HTML or PNG.
 
 
 @reads_source
@@ -55,11 +59,9 @@ def report_command(
 
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
-    from kalscope.export.report.content import make_report
-    from kalscope.export.report.page import as_html
-    from kalscope.export.report.picture import as_png
+    from kalscope.export.report import as_html, as_png, make_report
     from kalscope.tuning.choose import filters_for
-    from kalscope.tuning.tuning_file import load_tuning
+    from kalscope.tuning.file import load_tuning
 
     tell_compiling()
     kind = _kind_of(output)
@@ -104,7 +106,7 @@ def _of_channel(
     """The page on one channel, its filter with another momentum or overshoot; and notes on the choice."""
     from dataclasses import replace
 
-    from kalscope.export.report.content import make_report
+    from kalscope.export.report import make_report
     from kalscope.tuning.choose import adapt_tuning, with_momentum
 
     chosen, notes = adapt_tuning(recording, tuning, channel=channel)
@@ -119,3 +121,49 @@ def _of_channel(
 def _options(channel: str, changed: ChannelTuning) -> list[str]:
     """The options of `kalscope open` that change the filter of the tuning file to this one."""
     return ["--channel", channel, "--q", repr(changed.q), "--momentum", repr(changed.momentum)]
+
+
+# `kalscope reproduce`: the source documents' figures and tables as one page, and its numbers as JSON.
+
+
+def reproduce_command(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, not as a table.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+) -> None:
+    """Reproduce the results of the three source documents.
+
+    Writes their tables and figures to index.html and results.json in DIR.
+
+    Exit status 1 if a reproduced number is outside its tolerance.
+    """
+    from kalscope.common.files import check_new, make_folder, write_atomic
+    from kalscope.papers.reproduction import reproduce
+
+    page, numbers = output / "index.html", output / "results.json"
+    check_new(page, numbers, force=force)
+    make_folder(output)  # before the work, so that a failure is immediate
+    with progress_line() as progress:
+        done = reproduce(quick, progress=progress)
+    write_atomic(numbers, done.json.encode())
+    write_atomic(page, done.html.encode())
+    write_output(iter([done.json if as_json else summary(done, output)]), None)
+    if done.failed:
+        names = "; ".join(map(str, done.failed))
+        say(f"{len(done.failed)} of {len(done.checks)} numbers are outside their tolerance: {names}")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def summary(done: Reproduction, folder: Path) -> str:
+    """Table 1 and the path of the page, as text."""
+    from kalscope.common.text import one_line
+
+    lines = [f"{'R':>6} {'Q':>6} {'printed':>10} {'simulated':>10} {'theory':>10}"]
+    for row in done.results["noise_reducer"]["table_1"]:
+        numbers = " ".join(f"{row[key]:10.4f}" for key in ("printed", "simulated", "theoretical"))
+        lines.append(f"{row['r']:6g} {row['q']:6g} {numbers}")
+    within = len(done.checks) - len(done.failed)
+    lines.append(f"{within} of {len(done.checks)} reproduced numbers are within their tolerance.")
+    lines.append(f"Page: {one_line(str(folder / 'index.html'))}")
+    return "\n".join(lines) + "\n"

@@ -1,10 +1,4 @@
-"""Line charts by matplotlib: panels on a grid with one legend, as inline SVG or within a figure.
-
-matplotlib is imported where a chart is drawn, because that takes longer than the start of the program.
-"""
-
-# pyright: reportUnknownMemberType=false
-# matplotlib leaves the types of keyword arguments open.
+"""Line charts by matplotlib, as inline SVG or PNG, and HTML pages that need nothing else."""
 
 from __future__ import annotations
 
@@ -27,6 +21,16 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
+
+
+# Line charts by matplotlib: panels on a grid with one legend, as inline SVG or within a figure.
+#
+# matplotlib is imported where a chart is drawn, because that takes longer than the start of the program.
+
+
+# pyright: reportUnknownMemberType=false
+# matplotlib leaves the types of keyword arguments open.
+
 
 WIDTH = 960
 """Width of every SVG in its own units, px; the page scales it."""
@@ -209,3 +213,32 @@ def _svg_text(figure: Figure, name: str) -> str:
     for variable, colour in COLOURS.items():
         text = text.replace(f": {colour}", f": var(--{variable},{colour})")
     return f'<svg role="img" aria-label="{escape(name)}" {text}'
+
+
+# HTML pages that need nothing else: they load nothing, run nothing, and show every word from outside as text.
+
+
+_PAGE = """\
+<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'">
+<title>{title}</title><style>{style}</style></head>
+<body><main>
+{body}
+</main></body></html>
+"""
+
+
+def document(title: str, style: str, body: str) -> str:
+    """A whole page: `title` is text, `style` CSS and `body` HTML."""
+    return _PAGE.format(title=escape(title), style=style, body=body)
+
+
+def markup_of_table(head: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "") -> str:
+    """A table element of CSS class `kind`, every cell escaped; without headings where `head` is empty."""
+    top = "".join(f'<th scope="col">{escape(text)}</th>' for text in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
+    head_rows = f"<thead><tr>{top}</tr></thead>" if head else ""
+    css = f' class="{kind}"' if kind else ""
+    return f'<div class="wide"><table{css}>{head_rows}<tbody>{body}</tbody></table></div>'

@@ -1,8 +1,4 @@
-"""Files that are whole or untouched, and paths that stay inside their folder.
-
-A rewrite in place leaves a torn file when the program is killed half-way, and shows one to concurrent readers. A
-temporary file in the same folder that is renamed over the old one does neither.
-"""
+"""Files that are whole or untouched, paths that stay inside their folder, and how much memory is free."""
 
 from __future__ import annotations
 
@@ -13,13 +9,19 @@ import secrets
 import stat
 import tempfile
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from kalscope.common.stopping import removed_at_stop
-from kalscope.errors import BadSetting
+from kalscope.errors import BadFile, BadSetting, NoMemory
+
+# Files that are whole or untouched, and paths that stay inside their folder.
+#
+# A rewrite in place leaves a torn file when the program is killed half-way, and shows one to concurrent readers. A
+# temporary file in the same folder that is renamed over the old one does neither.
+
 
 _LEFTOVER_AGE_S = 60.0
 """Temporary files untouched for this long belong to a run that was killed, s."""
@@ -234,3 +236,115 @@ def sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+# How much a packed file may unpack to: a small one can hold terabytes of zeros.
+
+
+MAX_UNPACKED = 1 << 27
+"""Bytes that any file may unpack to, by default; as text they take some seconds and at most 2 GB of memory."""
+MAX_RATIO = 32
+"""Bytes that a larger file may unpack to for each of its own: logs are packed by a factor of 3 to 20."""
+
+
+class Unpacking:
+    """Adds up what a file unpacks to, over archives in archives: every reader counts before it keeps anything."""
+
+    def __init__(self, path: Path, gigabytes: float | None) -> None:
+        """Args: the file as it is on the disk; what it may unpack to, None = MAX_UNPACKED or MAX_RATIO."""
+        self._path, self._gigabytes, self._total = path, gigabytes, 0
+
+    def add(self, size: int) -> None:
+        """Take `size` more bytes.
+
+        Raises:
+            BadFile: together they are too many.
+        """
+        self._total += size
+        if self._total <= MAX_UNPACKED and self._gigabytes is None:
+            return
+        most = max(MAX_UNPACKED, MAX_RATIO * os.path.getsize(self._path))
+        if self._gigabytes is not None:
+            most = int(1e9 * self._gigabytes)
+        if self._total > most:
+            raise BadFile(
+                f"{self._path.name} must unpack to at most {most / 1e9:.3g} GB (got more): --unpack-gb allows more"
+            )
+
+
+# How much memory is free, so that what will not fit is refused before the system kills the program.
+
+
+MEMORY_FACTOR = 2.2
+"""Memory that a reading takes, in bytes of its numbers, until the Recording is made and passed on."""
+_MEMORY = Path("/proc/meminfo")
+_GROUPS = Path("/sys/fs/cgroup")
+_OWN_GROUP = Path("/proc/self/cgroup")
+_USED = Path("/proc/self/statm")
+
+
+def free_memory() -> int | None:
+    """Bytes that can still be allocated without swapping, within the limits of a container; None if unknown.
+
+    Known on Linux only: the smallest of what the kernel calls available and what is left in each control group.
+    """
+    with suppress(OSError, ValueError):
+        fields = dict(line.split(":", 1) for line in _MEMORY.read_text().splitlines())
+        available = int(fields["MemAvailable"].split()[0]) << 10
+        return max(0, min([available, *_left_in_groups()]))
+    return None
+
+
+def does_not_fit(name: str) -> NoMemory:
+    """The error for something that filled the memory while it was read."""
+    return NoMemory(f"{name} must fit into the memory that is free, and it does not: open a part of it")
+
+
+def require_memory(need: float, name: str, what: str, instead: str = "open a part of it") -> None:
+    """Refuse what will not fit into the memory.
+
+    Args:
+        need: What it takes, bytes.
+        name: The file.
+        what: What is in it.
+        instead: What the user can do.
+
+    Raises:
+        NoMemory: it does not fit.
+    """
+    free = free_memory()
+    if free is not None and need > free:
+        raise NoMemory(
+            f"{name} must fit into the memory that is free, {free / 1e9:.1f} GB (got {what}, which take"
+            f" {need / 1e9:.1f} GB): {instead}"
+        )
+
+
+def require_memory_for_numbers(count: int, name: str) -> None:
+    """Refuse a recording of so many numbers that it will not fit into the memory, see `require_memory`."""
+    require_memory(8 * MEMORY_FACTOR * count, name, f"{count} numbers")
+
+
+def _left_in_groups() -> Iterator[int]:
+    """What is left in the control group of this process and in each parent; file caches can be reclaimed."""
+    with suppress(OSError, ValueError):
+        own = next(line[3:] for line in _OWN_GROUP.read_text().splitlines() if line.startswith("0::"))
+        folder = _GROUPS / own.strip("/")
+        for group in (folder, *folder.parents):
+            if not group.is_relative_to(_GROUPS):
+                return
+            with suppress(OSError, ValueError):  # "max" is not a limit, and the root group has no such file
+                most = int((group / "memory.max").read_text())
+                kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+                yield most - int((group / "memory.current").read_text()) + int(kept["file"])
+
+
+def limit_memory(more: int) -> None:
+    """Let this process allocate this many more bytes, then raise MemoryError; only Linux has such a limit."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        data = int(_USED.read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = data + more
+        resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))

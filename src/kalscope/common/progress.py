@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from kalscope.common.unpacking import Unpacking
+from kalscope.common.files import Unpacking
 from kalscope.errors import Cancelled
 
 OnProgress = Callable[[float, str], None]

@@ -1,17 +1,21 @@
-"""How numbers, units, durations, counts, lags and decibels are written: on screen, in the console and in reports.
-
-Values have three significant digits unless the caller asks for others, thousands are separated by a narrow
-no-break space, and a minus is "−"; nothing is ever written as "−0". Files that programs read (tuning files,
-exports, CSV, JSON) do not use this: they need every digit and plain ASCII.
-"""
+"""How numbers, units, durations, counts, lags and decibels are written."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 
 from kalscope.errors import BadSetting
+
+# How numbers, units, durations, counts, lags and decibels are written: on screen, in the console and in reports.
+#
+# Values have three significant digits unless the caller asks for others, thousands are separated by a narrow
+# no-break space, and a minus is "−"; nothing is ever written as "−0". Files that programs read (tuning files,
+# exports, CSV, JSON) do not use this: they need every digit and plain ASCII.
+
 
 THIN_SPACE = "\u202f"
 """Narrow no-break space."""
@@ -231,3 +235,15 @@ def unused_name(name: str, taken: set[str], joint: str) -> str:
         candidate, count = f"{name}{joint}{count}", count + 1
     taken.add(candidate)
     return candidate
+
+
+# The version of this program.
+
+
+@cache  # half a millisecond, and each task of a fleet asks three times
+def program() -> str:
+    """Name and version; the name alone in a checkout that is not installed."""
+    try:
+        return f"kalscope {version('kalscope')}"
+    except PackageNotFoundError:
+        return "kalscope"

@@ -1,1 +1,1 @@
-"""Find q and r: by estimation from a record, and from what the user knows; one module for each method."""
+"""q, r and momentum from a recording."""

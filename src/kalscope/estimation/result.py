@@ -1,4 +1,4 @@
-"""Estimate: the result of every method."""
+"""What an estimate finds: of one record, and of one with momentum."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.filtering.params import FilterParams
+
+# Estimate: the result of every method.
 
 
 @dataclass(frozen=True)
@@ -78,3 +80,51 @@ class Estimate:
 
 USABLE = ("ok", "flat", "not_converged", "below_resolution", "only_spikes")
 """Verdicts with parameters: both variances are above 0, though perhaps uncertain."""
+
+
+# What each method returns.
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What one method finds in one channel, in the squared scale of its `Differences`."""
+
+    q: float
+    """Process-noise variance, scale², ≥ 0."""
+    r: float
+    """Measurement-noise variance, scale², ≥ 0."""
+    q_se: float
+    """Standard error of q, scale²; inf where unknown."""
+    r_se: float
+    """Standard error of r, scale²; inf where unknown."""
+    verdict: str = ""
+    """A verdict of the method itself: "irregular", "too_few", "not_converged"; "" = judge by the numbers."""
+    text: str = ""
+    """The message, in place of the one for the verdict; "" = that one."""
+    note: str = ""
+    """A sentence to add to the message."""
+
+
+# The best q, r and τ of a record, and how well it determines them.
+
+
+@dataclass(frozen=True)
+class MomentumFit:
+    """q, r and τ at the maximum of the likelihood, in the unit of the data."""
+
+    q: float
+    """Process-noise variance per sample, unit²."""
+    r: float
+    """Measurement-noise variance, unit²."""
+    tau: float
+    """Momentum in sample periods."""
+    loglik: float
+    """Log-likelihood there, comparable with that of the random walk."""
+    q_se: float
+    """Standard error of q, unit²; inf at an edge."""
+    r_se: float
+    """Standard error of r, unit²; inf at an edge."""
+    tau_interval: tuple[float, float]
+    """The τ that the record allows: profile-likelihood 95 %, from 0, or up to inf; τ itself where it was given."""
+    region: tuple[tuple[float, float], ...]
+    """Pairs (q/r, τ) on the border of what the record allows: the possible filters lie between them."""

@@ -1,25 +1,83 @@
-"""Export: a tuning becomes the files of a target, the same filter everywhere. One module a target.
-
-Each module has `files(job) -> dict of file name -> text`; names are constants or identifiers, texts ASCII.
-"""
+"""Export: a tuning becomes the files of a target, with test vectors; all are written, or none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Literal
+
+import numpy as np
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
 from kalscope.export.names import comment_text
-from kalscope.export.targets import arduino, c, fixed_gains, javascript, json_file, matlab, platformio, python, ros2
-from kalscope.export.targets.libraries import bachagas, esphome, kalmanjs, linuxcnc
-from kalscope.export.targets.libraries.nearest import refusal_of_chain, refusal_of_fusion, refusal_of_momentum
-from kalscope.export.targets.libraries.refused import GYVER_FILTERS, SIMPLE_KALMAN_FILTER
+from kalscope.export.targets import arduino, c, libraries, parameters, scripts
+from kalscope.export.targets.libraries import (
+    GYVER_FILTERS,
+    SIMPLE_KALMAN_FILTER,
+    refusal_of_chain,
+    refusal_of_fusion,
+    refusal_of_momentum,
+)
 from kalscope.recording import Recording
-from kalscope.tuning.device_period import rescaled_to_period
-from kalscope.tuning.tuning import Tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
+
+# Test vectors: what the exported filter must output for the user's own samples.
+
+
+DEFAULT_ROWS = 1000
+"""Rows of a vector file: the start is among them, and more rows would prove no more."""
+
+HEADER = "time,raw,filtered,gain"
+
+
+def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
+    """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
+
+    The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
+    digits that read back bit for bit; a missing sample is `nan`, and so are x before the first sample and the gain
+    of a classic filter. With momentum a last column has the filtered velocity, unit per sample. A fusion has a
+    column for each sensor, then the fused value and its variance.
+
+    Args:
+        job: The filters, or a fusion.
+        recording: Has a channel of each name; where both have only one, the names may differ.
+        rows: Most rows, ≥ 1.
+
+    Raises:
+        BadSetting: The recording has no such channel or no rows.
+    """
+    if rows < 1 or not len(recording):
+        raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
+    if job.fuses:
+        header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
+        return {"groundtruth.csv": _text(job.fusion, recording, header, rows)}
+    if len(job.channels) == 1:
+        (channel,) = job.channels
+        name = recording.names[0] if len(recording.names) == 1 else channel.name
+        return {"groundtruth.csv": _text(replace(channel, name=name), recording, HEADER, rows)}
+    return {
+        f"groundtruth_{word}.csv": _text(channel, recording, HEADER, rows) for word, channel in job.named_channels
+    }
+
+
+def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> str:
+    z = np.ascontiguousarray(one.readings(recording)[:rows])
+    result = one.filter.run(z)
+    columns = [recording.time[:rows], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
+    if result.velocity is not None:
+        header, columns = f"{header},velocity", [*columns, result.velocity]
+    lines = (",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns), strict=True))
+    return "\n".join((header, *lines, ""))
+
+
+# Export: a tuning becomes the files of a target, the same filter everywhere.
+#
+# Each module has `files(job) -> dict of file name -> text`; names are constants or identifiers, texts ASCII.
+
 
 Precision = Literal["float64", "float32", "float32, gain kept"]
 
@@ -59,7 +117,7 @@ TARGETS = MappingProxyType(
             arduino.files,
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
-            fixed_gains.arduino_files,
+            c.arduino_files,
             arduino.calibrated_files,
             arduino.fused_files,
             chains=True,
@@ -70,70 +128,75 @@ TARGETS = MappingProxyType(
             c.files,
             "C99",
             "The filter in C99, in double or float.",
-            fixed_gains.c_files,
+            c.c_files,
             fused=c.fused_files,
             chains=True,
             is_common=True,
         ),
         "python": Target(
-            python.files,
+            scripts.python_files,
             "Python",
             "A small Python class without dependencies, and the same with Kalscope.",
-            fused=python.fused_files,
+            fused=scripts.python_fused_files,
             chains=True,
             is_common=True,
         ),
         "matlab": Target(
-            matlab.files,
+            scripts.matlab_files,
             "MATLAB, Octave",
             "A script for MATLAB and Octave, in the letters of Ma'arif 2019.",
-            fused=matlab.fused_files,
+            fused=scripts.matlab_fused_files,
         ),
         "javascript": Target(
-            javascript.files,
+            scripts.javascript_files,
             "JavaScript",
             "An ES module with a small class without dependencies.",
-            fused=javascript.fused_files,
+            fused=scripts.javascript_fused_files,
         ),
         "json": Target(
-            json_file.files,
+            parameters.json_files,
             "JSON",
             "The parameters as JSON.",
-            fused=json_file.fused_files,
+            fused=parameters.json_fused_files,
             chains=True,
             is_common=True,
         ),
-        "ros2": Target(ros2.files, "ROS 2 parameters", "A ROS 2 parameter file (YAML).", fused=ros2.fused_files),
+        "ros2": Target(
+            parameters.ros2_files,
+            "ROS 2 parameters",
+            "A ROS 2 parameter file (YAML).",
+            fused=parameters.ros2_fused_files,
+        ),
         "platformio": Target(
-            platformio.files,
+            parameters.platformio_files,
             "PlatformIO flags",
             "Compiler flags for PlatformIO, in a file for extra_configs.",
             precision="float32",
         ),
         "esphome": Target(
-            esphome.files,
+            libraries.esphome_files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
-            fused=esphome.fused_files,
+            fused=libraries.fused_files,
             momentum=False,
             precision="float32",
             is_common=True,
         ),
         "bachagas": Target(
-            bachagas.files,
+            libraries.bachagas_files,
             "bachagas/Kalman.h",
             "The constructor of bachagas/Kalman.h, which has the same formula.",
             momentum=False,
             precision="float32",
         ),
         "kalmanjs": Target(
-            kalmanjs.files,
+            libraries.kalmanjs_files,
             "kalmanjs",
             "The constructor of kalmanjs: the same filter, its letters Q and R swapped.",
             momentum=False,
         ),
         "linuxcnc": Target(
-            linuxcnc.files,
+            libraries.linuxcnc_files,
             "LinuxCNC",
             "A HAL file for LinuxCNC's filter_kalman, whose manual page swaps Qk and Rk; its code does not.",
             momentum=False,
@@ -198,8 +261,6 @@ def export_tuning(
     else:
         files = _fused(target, job) if job.fuses else _channels(target, job)
     if vectors is not None:
-        from kalscope.export.vectors import vector_files
-
         files |= vector_files(job, vectors)
     return files
 
@@ -261,3 +322,103 @@ def _calibrated(target: str, job: ExportJob, *, fixed_gains: bool) -> dict[str, 
     if fixed_gains:
         raise BadSetting("calibration must be without fixed gains, which r does not change (got both): choose one")
     return write(job)
+
+
+# Write exported files into a folder, and report the limits of a device.
+
+
+UNO_COUNTS = 1023.0
+"""Largest value of analogRead() on an Uno: the signal, where none is known."""
+
+
+def limits_of(
+    tuning: Tuning,
+    channel: str | None,
+    target: str,
+    level: Callable[[str], float] = lambda _: UNO_COUNTS,
+    *,
+    fixed_gains: bool = False,
+) -> list[str]:
+    """What differs on a target that computes in float32, one sentence each.
+
+    Args:
+        tuning: What is exported.
+        channel: Only this channel; None = the fusion, or all where there is none.
+        target: A name of `TARGETS`.
+        level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
+        fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
+    """
+    precision = TARGETS[target].precision
+    if precision == "float64":
+        return []
+
+    from kalscope.export.limits import not_in_counts, tuning_limits
+
+    chosen = tuning.only(channel)
+    filters = chosen.channels if chosen.fusion is None else (chosen.fusion,)
+    found = tuning_limits(
+        filters,
+        levels=[level(name) for one in filters for name in one.sensors or (one.name,)],
+        sample_period=chosen.sample_period,
+        constant_gain=precision == "float32, gain kept",
+    )
+    others = not_in_counts(filters)
+    said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]
+    others = " and ".join(f"{one.name} is in {one.unit}" for one in others)
+    if target == "arduino" and others and not fixed_gains:
+        said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
+    return list(dict.fromkeys(said))
+
+
+def sketch_name(files: dict[str, str]) -> str:
+    """Name of the Arduino sketch among the files, "" where there is none.
+
+    The Arduino IDE opens a sketch only from a folder of its name.
+    """
+    return next((PurePosixPath(name).stem for name in files if name.endswith(".ino")), "")
+
+
+def in_sketch_folder(files: dict[str, str]) -> dict[str, str]:
+    """The files of an Arduino sketch below a folder of its name; other files as they are."""
+    sketch = sketch_name(files)
+    return {f"{sketch}/{name}": text for name, text in files.items()} if sketch else files
+
+
+def existing_files(files: dict[str, str], folder: Path) -> list[str]:
+    """Those of the names that are in the folder already.
+
+    Raises:
+        BadSetting: A name leads out of the folder.
+    """
+    from kalscope.common.files import check_inside
+
+    return [name for name in files if check_inside(name, folder).exists()]
+
+
+def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:
+    """Write the files of an export into a folder, which is created if it is missing: all of them or none.
+
+    Args:
+        files: Texts by file name, as `export_tuning` gives them; a name may begin with folders.
+        folder: Where to.
+        force: Replace files that are there.
+
+    Returns:
+        What was written, as paths in `folder`.
+
+    Raises:
+        BadSetting: A name leads out of the folder; or a file is there and `force` is off: none is written then.
+        OSError: The folder or a file cannot be written.
+    """
+    from kalscope.common.files import atomic_file, check_inside, check_new, make_folder
+
+    targets = {name: check_inside(name, folder) for name in files}
+    check_new(*(folder / name for name in files), force=force)
+    make_folder(folder)
+    with ExitStack() as opened:  # all are on the disk before the first takes its name
+        for name, path in targets.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = opened.enter_context(atomic_file(path))
+            file.write(files[name].encode())
+            file.flush()  # a full disk is found here, not when some names are taken
+    return [folder / name for name in files]

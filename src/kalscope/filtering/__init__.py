@@ -1,1 +1,1 @@
-"""The filter: parameters, batch, streaming, smoothing, and its steady state."""
+"""The Kalman filter over a record, one channel or several sensors, and the classic filters beside it."""

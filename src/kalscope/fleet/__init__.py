@@ -1,1 +1,1 @@
-"""Many recordings: one row each, one filter for all, and the devices that differ."""
+"""Many recordings of sensors of one kind, on all cores or a Dask cluster."""

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.array import Array, Indices, Mask
 from kalscope.common.files import atomic_file, write_atomic
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.text import (
     THIN_SPACE,
     count,
@@ -27,17 +27,29 @@ from kalscope.common.text import (
     number,
     percent,
     plural,
+    program,
     squared,
     trimmed,
 )
-from kalscope.common.version import program
 from kalscope.errors import BadSetting
-from kalscope.estimation.fleet.compare import FALSE_ALARM, Changes, Outliers, changes, outliers
-from kalscope.estimation.fleet.losses import WIDTH, Losses, losses_of, share_served
-from kalscope.estimation.fleet.pool import Pool, PooledFit, fit_pool, pool_at
-from kalscope.estimation.known import params_for_specification
+from kalscope.estimation.fit import params_for_specification
+from kalscope.estimation.pool import (
+    FALSE_ALARM,
+    WIDTH,
+    Changes,
+    Losses,
+    Outliers,
+    Pool,
+    PooledFit,
+    changes,
+    fit_pool,
+    losses_of,
+    outliers,
+    pool_at,
+    share_served,
+)
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.fleet.read import Question
 from kalscope.fleet.run import Tally
 from kalscope.fleet.store import (
@@ -57,8 +69,8 @@ from kalscope.fleet.store import (
     tuning_digest,
 )
 from kalscope.recording import Recording
+from kalscope.tuning.file import dumps, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope.tuning.tuning_file import dumps, save_tuning
 
 WITHIN = 0.1
 """Growth of the prediction error up to which a device counts as served."""

@@ -13,20 +13,19 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
-from kalscope.common.array import Array, Indices
-from kalscope.common.version import program
+from kalscope.common.numbers import Array, Indices
+from kalscope.common.text import program
 from kalscope.errors import BadFile, BadSetting, KalscopeError
-from kalscope.estimation.finding import Request
+from kalscope.estimation.request import Request
 from kalscope.fleet.find import Unit, id_column, plain_ids
 from kalscope.fleet.store import library, table_text
 from kalscope.recording import Recording
 from kalscope.sources.containers.table import Table
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
-from kalscope.sources.layout.columns import named_column
-from kalscope.sources.readers.assemble import assemble, check_chosen_period
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.readers.table_reading import reading_of
+from kalscope.sources.reading.assemble import assemble, check_chosen_period, reading_of
+from kalscope.sources.reading.columns import named_column
+from kalscope.sources.reading.recording_file import read_recording
 
 FORMAT = 6
 """Raised when the same recording would give another row: parts of another format are not used."""

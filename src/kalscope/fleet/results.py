@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.array import Array, Mask
+from kalscope.common.numbers import Array, Mask
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadFile, KalscopeError
-from kalscope.estimation.fleet.losses import share_served
-from kalscope.estimation.fleet.pool import Pool, fit_pool
+from kalscope.estimation.pool import Pool, fit_pool, share_served
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.fleet.answer import WITHIN, Devices, devices_of
 from kalscope.fleet.find import Piece, Unit
@@ -43,7 +42,7 @@ from kalscope.fleet.store import (
 )
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 MAX_ROWS = 5_000_000

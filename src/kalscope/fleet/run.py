@@ -25,7 +25,7 @@ from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import done_at_stop, is_ending
 from kalscope.common.text import trimmed
 from kalscope.errors import BadDevice, BadSetting, KalscopeError
-from kalscope.estimation.fleet.pool import Pool
+from kalscope.estimation.pool import Pool
 from kalscope.fleet.find import Unit, find_units
 from kalscope.fleet.read import FleetOptions
 from kalscope.fleet.store import (

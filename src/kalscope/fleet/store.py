@@ -26,12 +26,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.common.checks import above_zero
 from kalscope.common.files import make_folder, write_atomic
+from kalscope.common.numbers import Array, above_zero
 from kalscope.errors import BadFile, BadSetting, KalscopeError
-from kalscope.estimation.fleet.losses import LOG_RATIO, MOMENTUM, WIDTH
-from kalscope.estimation.fleet.pool import Pool
+from kalscope.estimation.pool import LOG_RATIO, MOMENTUM, WIDTH, Pool
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option_texts, options_from_text
 from kalscope.tuning import toml_text as toml

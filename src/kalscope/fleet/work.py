@@ -15,18 +15,15 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from kalscope.common.array import Array, Indices, Mask
-from kalscope.common.version import program
+from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.text import program
 from kalscope.errors import BadSetting, KalscopeError, describe
-from kalscope.estimation.finding import Found, Request, find_parameters
-from kalscope.estimation.fleet.losses import held_out, loss_inputs
-from kalscope.estimation.fleet.many.estimate_many import estimate_many
-from kalscope.estimation.fleet.many.plain import fitted_ratios, pair_intervals
-from kalscope.estimation.fleet.many.series import Series, series_of
-from kalscope.estimation.fleet.pool import Pool, pool_of
+from kalscope.estimation.many import Series, estimate_many, fitted_ratios, pair_intervals, series_of
+from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
+from kalscope.estimation.request import Found, Request, find_parameters
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.fleet.find import Unit
 from kalscope.fleet.read import Block, Channel, FleetOptions, Question, channels_of, read_block, read_file
 from kalscope.fleet.store import FAILED, LOCK, Row, loss_cells, part_path, write_part

@@ -1,1 +1,1 @@
-"""The three source documents: their figures and tables, recomputed."""
+"""The source documents, recomputed."""

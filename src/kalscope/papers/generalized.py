@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.array import Array
 from kalscope.common.compiled import compiled
+from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.arrays import one_record, samples_of, step_of
 from kalscope.filtering.filter import FilterResult, KalmanFilter, kalman_filter
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-from kalscope.filtering.steady_state import SteadyState, ratio_for, steady_state
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, samples_of, step_of
+from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
 
 
 @compiled(inline="always")

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, raw_and_filtered
+from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.fusion.estimate_fusion import estimate_fusion
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import denoise, fuse, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample

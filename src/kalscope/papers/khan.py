@@ -13,13 +13,13 @@ from functools import cache
 
 import numpy as np
 
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Panel, raw_and_filtered
+from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import ratio_for
+from kalscope.filtering.steady import ratio_for
 from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_fixed_point
 from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, ResultTable, Settings
 from kalscope.recording import Recording

@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.array import Array
 from kalscope.common.charts import Line, Mark, Panel, raw_and_filtered
+from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady_state import steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from kalscope.common.html import document, table
+from kalscope.common.charts import document, markup_of_table
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
@@ -67,7 +67,7 @@ def _figure(figure: Figure) -> str:
 
 def _table(one: ResultTable) -> str:
     return (
-        f"<h3>{escape(one.title)}</h3>{table(one.head, one.rows, 'words' if one.words else '')}"
+        f"<h3>{escape(one.title)}</h3>{markup_of_table(one.head, one.rows, 'words' if one.words else '')}"
         f'<p class="caption">{escape(one.caption)}</p><p class="verdict">{escape(one.verdict)}</p>'
     )
 
@@ -77,7 +77,7 @@ def _disagreements(disagreements: Sequence[Disagreement]) -> str:
     head = ("document", "where", "it says", "it also says", "done here")
     return (
         '<section id="disagreements"><h2>Where a paper disagrees with itself</h2>'
-        f"{table(head, rows, 'words')}</section>"
+        f"{markup_of_table(head, rows, 'words')}</section>"
     )
 
 
@@ -94,7 +94,7 @@ def _checks(checks: Sequence[Check]) -> str:
     ]
     head = ("number", "reproduced", "expected", "tolerance", "within")
     return (
-        f'<section id="checks"><h2>All checks</h2>{table(head, rows)}'
+        f'<section id="checks"><h2>All checks</h2>{markup_of_table(head, rows)}'
         '<p class="caption">Expected is what the document prints, or what follows from its equations.</p></section>'
     )
 

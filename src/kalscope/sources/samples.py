@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 DEMO = "flex_finger"
 """The sample that "demo" opens: the lag of the first filter and the noise left by a faster one are both visible."""

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 
 import numpy as np
 
-from kalscope.common.array import Array
+from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 

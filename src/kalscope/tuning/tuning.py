@@ -1,30 +1,83 @@
-"""The tuning: the filters of the channels of a recording, and the one that fuses several of them."""
+"""The tuning: the filters of the channels of a recording, and the one that fuses sensors."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kalscope.common.array import Array
-from kalscope.common.checks import above_zero
-from kalscope.common.text import duration, number
-from kalscope.common.version import program
+from kalscope.common.numbers import Array, above_zero
+from kalscope.common.text import duration, number, program, typed_number
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.rescaling import rescaled_chain
+from kalscope.estimation.fit import params_for_specification
+from kalscope.estimation.request import Request
+from kalscope.filtering.classic import Chain, ChainFilter, Median, Stage, rescaled_chain
+from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
-from kalscope.filtering.protocol import Filter, StandardFilter
-from kalscope.tuning.toml_text import shown
+from kalscope.papers.generalized import GeneralizedParams
+from kalscope.tuning.toml_text import KALMAN, STAGES, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from kalscope.recording import Recording
+
+
+# A chain of filters as a line that a user types: "median 5, one-euro 0.02 0.7 0.1"; "kalman" is the Kalman filter.
+#
+# The name of a filter is followed by its numbers, in the order of its fields. The names are those of the tuning
+# file.
+
+
+EXAMPLE = "median 5, one-euro 0.02 0.7 0.1"
+"""A chain of two."""
+
+
+def typed_chain(text: str) -> Chain | None:
+    """The chain in a line that a user typed; None for the Kalman filter alone.
+
+    Raises:
+        BadSetting: it is not such a line, or the filter cannot have these numbers.
+    """
+    parts = [part.split() for part in text.lower().split(",")]
+    if len(parts) > 2 or not all(parts):
+        raise BadSetting(f'a chain must be a filter, or a median and a filter: "{EXAMPLE}" (got {text[:60]!r})')
+    then = None if parts[-1] == [KALMAN] else _stage(parts[-1])
+    first = _stage(parts[0]) if len(parts) == 2 else Median(1)
+    if not isinstance(first, Median):
+        raise BadSetting(f'the first filter of two must be a median: "{EXAMPLE}" (got {text[:60]!r})')
+    return None if first.window == 1 and then is None else Chain(first.window, then)
+
+
+def chain_text(chain: Chain | None) -> str:
+    """The line for a chain; `typed_chain` returns the same chain for it, to the last bit."""
+    if chain is None:
+        return KALMAN
+    last = KALMAN if chain.then is None else _text(chain.then)
+    return last if chain.median == 1 else f"median {chain.median}, {last}"
+
+
+def _stage(words: list[str]) -> Stage:
+    name, *numbers = words
+    if name not in STAGES:
+        raise BadSetting(f"a filter of a chain must be one of {', '.join(STAGES)}, {KALMAN} (got {name[:40]!r})")
+    wanted = [one.name for one in fields(STAGES[name])]
+    if len(numbers) != len(wanted):
+        raise BadSetting(f"{name} must have {len(wanted)} numbers, {', '.join(wanted)} (got {len(numbers)})")
+    values: list[Any] = [typed_number(f"{key} of {name}", text) for key, text in zip(wanted, numbers, strict=True)]
+    return STAGES[name](*values)
+
+
+def _text(stage: Stage) -> str:
+    name = next(name for name, kind in STAGES.items() if isinstance(stage, kind))
+    return " ".join((name, *map(repr, astuple(stage))))
+
+
+# The tuning: the filters of the channels of a recording, and the one that fuses several of them.
+
 
 SAME_PERIOD = 1e-3
 """Sample periods with a smaller relative difference are equal: a median of time stamps is no more accurate."""
@@ -271,3 +324,86 @@ def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
 def same_period(a: float, b: float) -> bool:
     """Whether two sample periods in s are equal within the resolution of time stamps."""
     return math.isclose(a, b, rel_tol=SAME_PERIOD)
+
+
+# A channel that runs the filter of Khan et al. in place of the Kalman filter: shown, and in no tuning file.
+
+
+@dataclass(frozen=True)
+class PaperTuning(ChannelTuning):
+    """The setting of such a channel; its q and r are kept for a return to the Kalman filter."""
+
+    paper: GeneralizedParams = field(kw_only=True)
+    """The filter that it runs."""
+
+    @property
+    def filter(self) -> Filter:
+        """The same."""
+        return self.paper
+
+
+def with_paper_filter(tuning: ChannelTuning, paper: GeneralizedParams) -> PaperTuning:
+    """The setting with this filter in place of its own."""
+    return PaperTuning(**_values(tuning), paper=paper)
+
+
+def with_kalman_filter(tuning: ChannelTuning) -> ChannelTuning:
+    """The setting with the Kalman filter alone, at the q and r that it has."""
+    return ChannelTuning(**_values(tuning))
+
+
+def _values(tuning: ChannelTuning) -> dict[str, Any]:
+    values: dict[str, Any] = {one.name: getattr(tuning, one.name) for one in fields(ChannelTuning)}
+    return {**values, "chain": None}
+
+
+# The tuning for a device that samples at another rate than the recording.
+
+
+def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
+    """The tuning for a device that samples every `sample_period` s; where q changes, `how` says from what.
+
+    The filters stay those of the same movement: q grows with the period, so the lag in s changes too.
+    """
+    old, moved = tuning.sample_period, tuning.rescaled(sample_period)
+    if old is None or same_period(old, sample_period):
+        return moved
+    return moved.with_each(lambda one: _with_origin(one, old, sample_period))
+
+
+def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: float) -> Tuning:
+    """As `rescaled_to_period`, but one channel meets the goal of `request` at the new period too, with the same r.
+
+    Args:
+        tuning: What was found on the recording.
+        name: The channel that the goal was chosen for.
+        request: Has a target, such as {"lag_s": 0.05}.
+        sample_period: Of the device, s.
+
+    Raises:
+        BadSetting: As `rescaled_to_period`; no such channel, no target, or the target is out of reach there.
+    """
+    if not request.target:
+        raise BadSetting("the goal must be a lag, a cut-off, a noise reduction or a gain (got none)")
+    own = tuning.rescaled(sample_period).channel(name)
+    params = params_for_specification(
+        own.r,
+        **request.target,
+        sample_period=sample_period,
+        momentum=own.momentum if request.overshoot is None else 0.0,  # an overshoot gives the momentum too
+        overshoot=request.overshoot,
+    )
+    how = f"at {sample_period:.4g} s: {request.goal}"
+    met = replace(own, q=params.q, momentum=params.momentum, how=how)
+    others = rescaled_to_period(tuning, sample_period)
+    return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
+
+
+def _with_origin(new: ChannelTuning, old: float, sample_period: float) -> ChannelTuning:
+    """The rescaled filter, with the period that it was found at in `how`.
+
+    That period comes first: a header may cut the end, and a lag that was asked for does not hold at the new period.
+    """
+    momentum = " and momentum divided by it" if new.momentum > 0.0 else ""
+    chain = ", chain rescaled" if new.chain is not None else ""
+    return replace(new, how=f"at {old:.4g} s: {new.how}; q times {sample_period / old:.4g}{momentum}{chain}")

@@ -10,9 +10,8 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
-from kalscope_app.engine.engine import MIN_INTERVAL, Engine, pause_before_frame
-from kalscope_app.engine.parts import Part
-from kalscope_app.session.changes.parameters import set_exponent, set_text
+from kalscope_app.engine.engine import MIN_INTERVAL, Engine, Part, pause_before_frame
+from kalscope_app.session.changes import set_exponent, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session
 

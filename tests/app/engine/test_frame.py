@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
-from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
+from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
 from kalscope_app.engine.frame import compute_frame, gain_axis, samples_to_settle
-from kalscope_app.session.changes.parameters import set_text
-from kalscope_app.session.changes.view import set_window
+from kalscope_app.session.changes import set_text, set_window
 from kalscope_app.session.opening import opened
 
 

@@ -9,8 +9,8 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import open_source
-from kalscope_app.engine import idle_studies
-from kalscope_app.engine.idle_studies import IDLE_DELAY, MAX_IDLE_DELAY, Studies, Study, idle_delay
+from kalscope_app.engine import engine
+from kalscope_app.engine.engine import IDLE_DELAY, MAX_IDLE_DELAY, Studies, Study, idle_delay
 from kalscope_app.session.opening import opened
 
 
@@ -25,9 +25,9 @@ def test_long_studies_wait_longer(longest, delay):
 @pytest.mark.slow
 def test_the_wait_is_that_of_the_longest_study_of_the_round_before(monkeypatch):
     asked, done = [], threading.Event()
-    monkeypatch.setattr(idle_studies, "idle_delay", lambda longest: asked.append(longest) or 0.0)
+    monkeypatch.setattr(engine, "idle_delay", lambda longest: asked.append(longest) or 0.0)
     times = iter([0.0, 0.1, 1.0, 1.7, 2.0, 2.2, 3.0, 3.1, 4.0, 4.1, 5.0, 5.1])
-    monkeypatch.setattr(idle_studies, "time", SimpleNamespace(monotonic=lambda: next(times)))
+    monkeypatch.setattr(engine, "time", SimpleNamespace(monotonic=lambda: next(times)))
     quick = Study(lambda _: None, lambda _: None, pytest.fail)
     studies = Studies([quick, quick, Study(lambda _: None, lambda _: done.set(), pytest.fail)])
     demo = opened(open_source("demo"))

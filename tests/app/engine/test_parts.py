@@ -11,12 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import Recording
-from kalscope_app.engine.parts import DELAYS, Part, Schedule, is_move
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.momentum import set_momentum_text
-from kalscope_app.session.changes.parameters import set_exponent, set_text
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_window
+from kalscope_app.engine.engine import DELAYS, Part, Schedule, is_move
+from kalscope_app.session.changes import (
+    pin_present,
+    select_channel,
+    set_exponent,
+    set_momentum_text,
+    set_text,
+    set_window,
+)
 from kalscope_app.session.opening import opened
 
 SETTLED = 0.3

@@ -7,9 +7,9 @@ import pytest
 from feed import Board
 
 from kalscope import Recording
-from kalscope_app.engine.record_facts import Facts, RecordFacts, facts_of
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.live import opened_live, refreshed
+from kalscope_app.engine.filter_runs import Facts, RecordFacts, facts_of
+from kalscope_app.session.changes import select_channel
+from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened
 
 

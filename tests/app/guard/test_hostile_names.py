@@ -15,8 +15,8 @@ from program import end, labels, port_of, running, token_of
 from wire import Guest
 
 from kalscope.common.text import count
-from kalscope_app.views.export.files import WIDE
-from kalscope_app.views.window.css import COMMAND, HEADER, HEADING, ONE_BUTTON, VERDICT
+from kalscope_app.views.export import WIDE
+from kalscope_app.views.window import COMMAND, HEADER, HEADING, ONE_BUTTON, VERDICT
 
 MARKUP = [
     "<img src=x onerror=alert(1)>",

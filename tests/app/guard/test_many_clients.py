@@ -20,7 +20,7 @@ from program import end, labels, port_of, running, token_of
 from websockets.exceptions import ConnectionClosed
 from wire import CAMERA, PATIENCE, Guest, client, packed
 
-from kalscope_app.views.window.page.page_script import MAP_POINTED
+from kalscope_app.views.window import MAP_POINTED
 
 DRAG_S = float(os.environ.get("KALSCOPE_DRAG", "1"))
 MESSAGES = 120 if FUZZ == 1 else 400 * FUZZ

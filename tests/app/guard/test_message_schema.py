@@ -11,8 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from viser import _messages as messages
 
-from kalscope_app.guard.message_filter import MAX_BURST, MAX_PER_SECOND, RateLimit
-from kalscope_app.guard.message_schema import BROWSER_MESSAGES, MAX_TEXT, Misbehaviour, check_fields, fitting_value
+from kalscope_app.guard.messages import (
+    BROWSER_MESSAGES,
+    MAX_BURST,
+    MAX_PER_SECOND,
+    MAX_TEXT,
+    Misbehaviour,
+    RateLimit,
+    check_fields,
+    fitting_value,
+)
 
 TAKEN = {
     "within the range": (0.5, 0.7, 0.0, 1.0, 0.7),

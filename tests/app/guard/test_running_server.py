@@ -23,13 +23,11 @@ from websockets.http11 import Request
 from websockets.sync.client import ClientConnection
 
 from kalscope.errors import BadSetting
-from kalscope_app.guard import request_filter
-from kalscope_app.guard import rules as guard_rules
-from kalscope_app.guard.self_test import GuardFailed
-from kalscope_app.guard.server import GuardedServer, guarded_server
+from kalscope_app.guard import requests as request_filter
+from kalscope_app.guard.server import GuardedServer, GuardFailed, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
-HOME = guard_rules.Policy(8080, TOKEN).home
+HOME = request_filter.Policy(8080, TOKEN).home
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +140,7 @@ def test_a_wrong_token_opens_no_socket(shared):
 
 def test_sockets_wait_until_the_limits_stand():
     """An old tab tries to reconnect every second while the server starts."""
-    requests = request_filter.RequestFilter(guard_rules.Policy(8080, TOKEN))
+    requests = request_filter.RequestFilter(request_filter.Policy(8080, TOKEN))
     request = Request("/", Headers())
     for name, value in (
         ("Host", "localhost"),
@@ -159,7 +157,7 @@ def test_sockets_wait_until_the_limits_stand():
 
 
 def test_an_error_in_viser_itself_is_not_let_through():
-    requests = request_filter.RequestFilter(guard_rules.Policy(8080, TOKEN))
+    requests = request_filter.RequestFilter(request_filter.Policy(8080, TOKEN))
     request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
     assert requests.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
 
@@ -316,7 +314,7 @@ def test_servers_started_at_once_do_not_mix_their_filters():
 
 
 def test_the_log_keeps_the_token_to_itself(shared, caplog):
-    caplog.set_level("INFO", "kalscope_app.guard.request_filter")
+    caplog.set_level("INFO", "kalscope_app.guard.requests")
     get(shared.port, f"/?token={TOKEN}", "evil.example")
     assert "refused '/'" in caplog.text
     assert TOKEN not in caplog.text
@@ -352,16 +350,16 @@ WEAKENED = {
     "host": ("host_allowed", lambda *_: True),
     "origin": ("origin_allowed", lambda *_, **__: True),
     "cookie": ("_has_cookie", lambda *_: True),
-    "query": ("_answer_to_query", lambda *_: guard_rules.Allow()),
-    "everything": ("decide", lambda *_: guard_rules.Allow()),
-    "every request is refused": ("decide", lambda *_: guard_rules.Refuse(403, "No.")),
+    "query": ("_answer_to_query", lambda *_: request_filter.Allow()),
+    "everything": ("decide", lambda *_: request_filter.Allow()),
+    "every request is refused": ("decide", lambda *_: request_filter.Refuse(403, "No.")),
 }
 
 
 @pytest.mark.parametrize(("name", "weak"), WEAKENED.values(), ids=WEAKENED.keys())
 def test_the_self_test_stops_a_server_that_lets_something_through(monkeypatch, name, weak):
     before = threads_of_viser()
-    monkeypatch.setattr(guard_rules, name, weak)
+    monkeypatch.setattr(request_filter, name, weak)
     with pytest.raises(GuardFailed, match="self-test failed"):
         guarded_server(port=0)
     assert threads_of_viser() <= before

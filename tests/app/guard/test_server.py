@@ -13,31 +13,29 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from kalscope.errors import BadSetting
-from kalscope_app.guard import rules
-from kalscope_app.guard.pages import (
+from kalscope_app.guard import requests
+from kalscope_app.guard.messages import upload_refusal
+from kalscope_app.guard.requests import (
+    NOT_UNDERSTOOD,
+    Allow,
+    Policy,
+    Refuse,
+    RequestFilter,
+    RequestHead,
+    SetCookie,
+    behind_of,
+    below_home,
     dashboard_csp,
     dashboard_page,
+    decide,
+    host_allowed,
     inline_script_hashes,
     link_page,
     page_headers,
     refusal_page,
     small_page_csp,
 )
-from kalscope_app.guard.request_filter import RequestFilter
-from kalscope_app.guard.rules import (
-    NOT_UNDERSTOOD,
-    Allow,
-    Policy,
-    Refuse,
-    RequestHead,
-    SetCookie,
-    behind_of,
-    below_home,
-    decide,
-    host_allowed,
-)
-from kalscope_app.guard.self_test import self_test_attempts
-from kalscope_app.guard.upload_limits import upload_refusal
+from kalscope_app.guard.server import self_test_attempts
 
 TOKEN = "T0ken-T0ken_T0ken"
 POLICY = Policy(8080, TOKEN, frozenset({"raspberry.local"}))
@@ -165,7 +163,7 @@ def test_anything_that_breaks_the_check_is_refused(monkeypatch):
     broken: RequestHead = dataclasses.replace(PAGE, cookies=(None,))  # pyright: ignore[reportArgumentType]
     with pytest.raises(AttributeError):
         decide(POLICY, broken)
-    monkeypatch.setattr(rules, "_has_cookie", lambda *_: 1 / 0)
+    monkeypatch.setattr(requests, "_has_cookie", lambda *_: 1 / 0)
     request = Request("/", Headers({"Host": OWN, "Cookie": COOKIE}))
     answer = RequestFilter(POLICY).answer(lambda *_: None, None, request)  # pyright: ignore[reportArgumentType]
     assert (answer.status_code, NOT_UNDERSTOOD.status) == (400, 400)

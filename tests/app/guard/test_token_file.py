@@ -8,8 +8,7 @@ import tempfile
 
 import pytest
 
-from kalscope_app.guard.rules import is_token
-from kalscope_app.guard.token_file import kept_token, opening_page
+from kalscope_app.guard.requests import is_token, kept_token, opening_page
 
 SECRET = "Kept-Kept-Kept-Kept_Kept"
 posix = pytest.mark.skipif(os.name != "posix", reason="modes and links as POSIX has them")

@@ -17,11 +17,10 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
 from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
-from kalscope_app.guard import message_filter, request_filter
+from kalscope_app.guard import messages as message_filter
+from kalscope_app.guard import requests
 from kalscope_app.guard import server as guard
-from kalscope_app.guard import upload_limits as guard_limits
-from kalscope_app.guard.message_filter import MAX_BURST
-from kalscope_app.guard.message_schema import MAX_NAME, MAX_TEXT
+from kalscope_app.guard.messages import MAX_BURST, MAX_NAME, MAX_TEXT
 from kalscope_app.guard.server import GuardedServer, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
@@ -213,7 +212,7 @@ def test_an_upload_that_stalls_gives_its_room_to_others(bench, monkeypatch):
     uuid = bench.buttons["shared"]._impl.uuid
     bench.start(uuid, CAP, 2, "never sent")
     bench.settle()
-    monkeypatch.setattr(guard_limits, "STALLED_S", -1.0)
+    monkeypatch.setattr(message_filter, "STALLED_S", -1.0)
     bench.start(uuid, CAP, 2, "next")
     bench.settle()
     assert bench.under_way() == {"next": CAP}
@@ -344,7 +343,7 @@ def test_a_message_for_a_form_that_does_not_exist_leaves_nothing_behind(bench):
 
 
 def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
-    monkeypatch.setattr(request_filter, "MAX_CLIENTS", 2)
+    monkeypatch.setattr(requests, "MAX_CLIENTS", 2)
     with client(bench.running.port) as second:
         second.recv(timeout=PATIENCE)
         with client(bench.running.port) as third:

@@ -11,15 +11,14 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import BadSetting, Recording
-from kalscope.sources.recorder.counts import RecorderCounts
-from kalscope_app.live.connection import BoardConnection, port_named
-from kalscope_app.live.recording import BoardRecording
-from kalscope_app.session.changes.live import opened_live
-from kalscope_app.session.live_state import NO_CONNECTION, BoardId
+from kalscope.sources.recorder import RecorderCounts
+from kalscope_app.live import BoardConnection, BoardRecording, port_named
+from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.views.source import live
-from kalscope_app.views.source.live import LiveView
+from kalscope_app.session.state import NO_CONNECTION, BoardId
+from kalscope_app.views import live
+from kalscope_app.views.live import LiveView
 
 
 class Source:
@@ -93,7 +92,7 @@ def test_a_board_that_is_recorded_stays_connected_behind_a_file(connection, boar
 
 
 def test_another_board_is_not_closed_before_the_session_shows_it(connection, board, monkeypatch):
-    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session = Session(opened_live(board.id, "x"), connection)
     connection.open(session, None, reconnect=False)
     other = connection.source
@@ -106,7 +105,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
 
 
 def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(connection, board, monkeypatch):
-    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session = Session(opened_live(board.id, "x"), connection)
     connection.open(session, None, reconnect=True)
     other = connection.source
@@ -119,7 +118,7 @@ def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(c
 
 
 def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connection, monkeypatch):
-    monkeypatch.setattr("kalscope_app.live.connection.LiveSource", Source)
+    monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session, changes = Session(opened(FILE), connection), []
     for _ in range(2):
         connection.open(SimpleNamespace(request=changes.append), None, reconnect=True)

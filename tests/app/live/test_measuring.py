@@ -12,14 +12,14 @@ from measuring_board import MeasuringBoard
 from waiting import wait_until
 
 from kalscope.common.text import number
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.live.connection import BoardConnection
-from kalscope_app.session.changes.live import opened_live, set_paused
-from kalscope_app.session.live_state import BoardId
+from kalscope_app.live import BoardConnection
+from kalscope_app.session.live_changes import opened_live, set_paused
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session, undo
-from kalscope_app.views.export.calibration import FORGET, KEEP, CalibrationView
+from kalscope_app.session.state import BoardId
+from kalscope_app.views.board import FORGET, KEEP, CalibrationView
 
 
 class Widgets:

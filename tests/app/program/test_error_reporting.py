@@ -19,8 +19,8 @@ from websockets.exceptions import ConnectionClosedOK
 
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
-from kalscope_app.program import error_reporting as module
-from kalscope_app.program.error_reporting import ErrorReporter, sentence_for
+from kalscope_app.program import log
+from kalscope_app.program.log import ErrorReporter, sentence_for
 
 
 @pytest.fixture
@@ -119,7 +119,7 @@ def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch
         errors.report("reader", ValueError("again"))
     assert told.qsize() == 1
     assert caplog.text.count("ValueError: again") >= 5  # each with its traceback
-    monkeypatch.setattr(module, "REPEAT_S", 0.0)
+    monkeypatch.setattr(log, "REPEAT_S", 0.0)
     errors.report("reader", ValueError("again"))
     assert told.qsize() == 2
 

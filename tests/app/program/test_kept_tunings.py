@@ -4,14 +4,13 @@ import os
 from itertools import count
 
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.program import kept_tunings
-from kalscope_app.program.kept_tunings import KeptTunings
-from kalscope_app.program.user_settings import FOLDER_VARIABLE
+from kalscope_app.program import user_settings
+from kalscope_app.program.user_settings import FOLDER_VARIABLE, KeptTunings
 
 
 def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.setattr(kept_tunings, "MAX_FILES", 2)
+    monkeypatch.setattr(user_settings, "MAX_FILES", 2)
     kept, times = KeptTunings(), count(1)
     assert (kept.of("a.csv"), kept.last()) == (None, "")
     files = [tmp_path / name for name in ("a.csv", "b.csv", "ü\n.csv")]

@@ -9,8 +9,8 @@ import stat
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope_app.program import log_file
-from kalscope_app.program.log_file import logging_to
+from kalscope_app.program import log as log_file
+from kalscope_app.program.log import logging_to
 
 OURS, FOREIGN = logging.getLogger("kalscope_app.some_part"), logging.getLogger("websockets.server")
 TOKEN = "T0ken-T0ken_T0ken"

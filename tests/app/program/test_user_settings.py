@@ -9,8 +9,7 @@ import pytest
 
 from kalscope_app.program import user_settings
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings, config_folder, state_folder
-from kalscope_app.views.help import KEYS, card
-from kalscope_app.views.tour import STEPS
+from kalscope_app.views.help import KEYS, STEPS, card
 
 
 def test_the_tour_is_seen_once_it_was_put_away(tmp_path):

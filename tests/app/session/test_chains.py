@@ -8,24 +8,31 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 from kalscope.recording import Recording
-from kalscope.tuning.chain_text import chain_text, typed_chain
-from kalscope.tuning.tuning_file import dumps, loads
-from kalscope_app.engine.decimation import choose_samples
+from kalscope.tuning.file import dumps, loads
+from kalscope.tuning.tuning import chain_text, typed_chain
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes.chain import set_median, use_chain, use_kalman_filter
-from kalscope_app.session.changes.channels import copy_setting, select_channel, set_link
-from kalscope_app.session.changes.parameters import reset_parameters, set_text
-from kalscope_app.session.changes.settings_file import use_settings
-from kalscope_app.session.changes.variants import pin_present, use_variant
-from kalscope_app.session.linked_channels import SAME_LAG
+from kalscope_app.session.changes import (
+    copy_setting,
+    pin_present,
+    reset_parameters,
+    select_channel,
+    set_link,
+    set_median,
+    set_text,
+    use_chain,
+    use_kalman_filter,
+    use_settings,
+    use_variant,
+)
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.share import apply_options, share_line
-from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.tune.variants import table_text
+from kalscope_app.session.state import SAME_LAG
+from kalscope_app.studies.comparisons import VariantTable
+from kalscope_app.views.variants import table_text
 
 EURO = OneEuro(0.02, 0.7, 0.1)
 STAGES = (MovingAverage(9), Exponential(0.2), PowerOfTwo(3), Median(7), Butterworth(0.05), EURO)

@@ -12,7 +12,7 @@ from required import not_here
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
 from kalscope.fleet.results import FleetReader, reopen, source_of
-from kalscope_app.session.changes.fleet import (
+from kalscope_app.session.changes import (
     at_device,
     close_fleet,
     find_devices,
@@ -22,11 +22,11 @@ from kalscope_app.session.changes.fleet import (
     set_at_shared,
     set_fleet_colour,
     set_fleet_order,
+    set_text,
 )
-from kalscope_app.session.changes.parameters import set_text
-from kalscope_app.session.fleet import ORDERS
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
+from kalscope_app.session.state import ORDERS
 
 try:
     import pyarrow  # noqa: F401

@@ -13,28 +13,29 @@ from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.engine.decimation import MAX_POINTS, choose_samples
-from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.engine import is_move
+from kalscope_app.engine.filter_runs import MAX_POINTS, FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.engine.parts import is_move
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.fusion import (
+from kalscope_app.session.changes import (
     apply_fusion,
     candidates,
     readings_of,
+    reset_parameters,
+    select_channel,
     sensor_limits,
+    set_exponent,
+    set_momentum_text,
     set_sensor_exponent,
     set_sensor_text,
+    set_smoother,
     set_taking_part,
+    set_text,
     stop_fusing,
 )
-from kalscope_app.session.changes.live import opened_live, refreshed
-from kalscope_app.session.changes.momentum import set_momentum_text
-from kalscope_app.session.changes.parameters import reset_parameters, set_exponent, set_text
-from kalscope_app.session.changes.view import set_smoother
-from kalscope_app.session.fusion import MAX_SENSORS
+from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import MAX_SENSORS
 
 SENSORS = ("a", "b", "c")
 

@@ -8,16 +8,29 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.session.changes.channels import set_link
-from kalscope_app.session.changes.parameters import set_exponent, set_text
-from kalscope_app.session.changes.presets import PRESETS, take_preset
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_dark, set_window
-from kalscope_app.session.history import LIMIT, SAME_GESTURE, History, record, step_back, step_forward
-from kalscope_app.session.linked_channels import SAME_NUMBERS
+from kalscope_app.session.changes import (
+    PRESETS,
+    pin_present,
+    set_dark,
+    set_exponent,
+    set_link,
+    set_text,
+    set_window,
+    take_preset,
+)
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.view import View
+from kalscope_app.session.session import (
+    LIMIT,
+    SAME_GESTURE,
+    History,
+    Session,
+    record,
+    redo,
+    step_back,
+    step_forward,
+    undo,
+)
+from kalscope_app.session.state import SAME_NUMBERS, View
 
 
 def recording(seed=0):

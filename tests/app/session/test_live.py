@@ -14,18 +14,22 @@ from feed import Board
 from waiting import PATIENCE, wait_until
 
 from kalscope import BadSetting, Chain, OneEuro, Recording, kalman_filter
-from kalscope.sources.live.live_status import RecordingStatus
-from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.sources.live.status import RecordingStatus
+from kalscope.sources.recorder import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.dashboard import only_grown
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.engine import Engine
-from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.engine import Engine, Part
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.engine.parts import Part
-from kalscope_app.session.changes.chain import use_chain
-from kalscope_app.session.changes.channels import select_channel, set_board_channel
-from kalscope_app.session.changes.live import (
+from kalscope_app.session.changes import (
+    reset_parameters,
+    select_channel,
+    set_board_channel,
+    set_text,
+    set_window,
+    use_chain,
+)
+from kalscope_app.session.live_changes import (
     MAX_STUDIED,
     SPANS,
     START_SAMPLES,
@@ -38,14 +42,12 @@ from kalscope_app.session.changes.live import (
     studied,
     without_samples,
 )
-from kalscope_app.session.changes.parameters import reset_parameters, set_text
-from kalscope_app.session.changes.view import set_window
-from kalscope_app.session.live_state import ConnectionState
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.share import apply_options
-from kalscope_app.views.charts.signal import heading_of
-from kalscope_app.views.source.recording import recording_text
+from kalscope_app.session.state import ConnectionState
+from kalscope_app.views.live import recording_text
+from kalscope_app.views.signal import heading_of
 
 
 @pytest.fixture

@@ -10,24 +10,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, save_tuning
-from kalscope.estimation.finding import Found
+from kalscope.estimation.request import Found
 from kalscope.filtering.params import MAX_MOMENTUM
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, set_link
-from kalscope_app.session.changes.momentum import (
+from kalscope_app.session.changes import (
+    ALL_OTHERS,
     MAX_POSITION,
+    apply_found,
+    copy_setting,
     momentum_at,
+    pin_present,
+    reset_parameters,
+    set_link,
     set_momentum_position,
     set_momentum_text,
+    set_point,
+    set_text,
+    set_velocity,
     slider_position,
+    use_variant,
 )
-from kalscope_app.session.changes.parameters import apply_found, reset_parameters, set_point, set_text
-from kalscope_app.session.changes.variants import pin_present, use_variant
-from kalscope_app.session.changes.view import set_velocity
-from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS
 
 
 def recording(period=0.02, n=600):

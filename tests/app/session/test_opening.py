@@ -6,22 +6,16 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
-from kalscope.estimation.finding import Found
-from kalscope.papers.experiments import list_experiments, open_experiment
+from kalscope.estimation.request import Found
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.decimation import choose_samples
+from kalscope.papers.reproduction import list_experiments, open_experiment
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes.parameters import (
-    apply_found,
-    reset_parameters,
-    set_paper_text,
-    set_text,
-    set_variant_of_eq3,
-)
-from kalscope_app.session.history import History, record
+from kalscope_app.session.changes import apply_found, reset_parameters, set_paper_text, set_text, set_variant_of_eq3
 from kalscope_app.session.opening import opened, opened_experiment, opened_with
+from kalscope_app.session.session import History, record
 from kalscope_app.studies.checks import compute_checks
-from kalscope_app.views.tune.numbers import table
+from kalscope_app.views.tune import table
 
 
 def frame_of(state):

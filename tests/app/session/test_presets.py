@@ -9,11 +9,10 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes.parameters import set_text, use_paper_filter
-from kalscope_app.session.changes.presets import PRESETS, choose_preset, take_preset
+from kalscope_app.session.changes import PRESETS, choose_preset, set_text, take_preset, use_paper_filter
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.views.tune.presets import preset_text
+from kalscope_app.views.tune import preset_text
 
 
 @pytest.fixture

@@ -12,16 +12,17 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording, read_recording
 from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.parameters import (
+from kalscope_app.session.changes import (
     reset_parameters,
+    reset_view,
+    select_channel,
     set_automatic_start,
     set_exponent,
     set_sample_period,
     set_text,
+    set_window,
     slider_limits,
 )
-from kalscope_app.session.changes.view import reset_view, set_window
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Failed, Session, undo
 

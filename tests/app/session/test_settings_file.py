@@ -7,10 +7,9 @@ import pytest
 from feed import Board
 
 from kalscope import BadFile, BadSetting, Recording
-from kalscope.tuning.tuning_file import dumps
-from kalscope_app.session.changes.live import opened_live, refreshed
-from kalscope_app.session.changes.parameters import set_text, set_variant_of_eq3
-from kalscope_app.session.changes.settings_file import MAX_BYTES, uploaded_settings, use_settings
+from kalscope.tuning.file import dumps
+from kalscope_app.session.changes import MAX_BYTES, set_text, set_variant_of_eq3, uploaded_settings, use_settings
+from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 

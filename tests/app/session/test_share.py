@@ -11,9 +11,15 @@ import pytest
 from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import commands as program
-from kalscope_app.session.changes.channels import channel_named, select_channel
-from kalscope_app.session.changes.momentum import set_momentum_position, set_momentum_text
-from kalscope_app.session.changes.parameters import set_automatic_start, set_sample_period, set_text
+from kalscope_app.session.changes import (
+    channel_named,
+    select_channel,
+    set_automatic_start,
+    set_momentum_position,
+    set_momentum_text,
+    set_sample_period,
+    set_text,
+)
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.share import share_line
 

@@ -9,10 +9,8 @@ import pytest
 from feed import Board
 
 from kalscope import Recording
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.live import opened_live, refreshed
-from kalscope_app.session.changes.parameters import reset_parameters, set_text
-from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes import pin_present, reset_parameters, select_channel, set_text
+from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session, undo
 

@@ -9,17 +9,22 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.filter_runs import VariantCurves
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.parameters import set_text, use_paper_filter
-from kalscope_app.session.changes.variants import delete_variant, pin_present, rename_variant, use_variant
-from kalscope_app.session.changes.view import set_dark
+from kalscope_app.engine.filter_runs import VariantCurves, choose_samples
+from kalscope_app.session.changes import (
+    delete_variant,
+    pin_present,
+    rename_variant,
+    select_channel,
+    set_dark,
+    set_text,
+    use_paper_filter,
+    use_variant,
+)
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.variants import DARK, LIGHT, MAX_VARIANTS, checked_name, next_name
-from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.tune.variants import EMPTY, NOTHING, _follow, table_text
+from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS, checked_name, next_name
+from kalscope_app.studies.comparisons import VariantTable
+from kalscope_app.views.variants import EMPTY, NOTHING, _follow, table_text
 
 
 def recording(n=400, truth=True):

@@ -11,21 +11,17 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording
 from kalscope.errors import BadDevice
-from kalscope.export.board.connected import BoardFilter, board_filter
-from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.board import BoardFilter, board_filter, momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import PowerOfTwo
-from kalscope.sources.live.live_samples import Snapshot
-from kalscope_app.live.connection import BoardConnection
-from kalscope_app.live.sending import send_setting
-from kalscope_app.session.changes.fusion import apply_fusion
-from kalscope_app.session.live_state import BoardId, Live, Sent
+from kalscope.filtering.classic import Chain, PowerOfTwo
+from kalscope.sources.live.samples import Snapshot
+from kalscope_app.live import BoardConnection, send_setting
+from kalscope_app.session.changes import apply_fusion
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import State
-from kalscope_app.views.export.board import BoardView, compared, values
-from kalscope_app.views.export.command_line import with_tuning_file
+from kalscope_app.session.state import BoardId, Live, Sent, State
+from kalscope_app.views.board import BoardView, compared, values
+from kalscope_app.views.export import with_tuning_file
 
 ROWS = 400
 

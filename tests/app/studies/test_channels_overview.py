@@ -8,24 +8,27 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
-from kalscope.estimation.finding import Found
+from kalscope.estimation.request import Found
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.session.changes.channels import ALL_OTHERS, copy_setting, select_channel, set_link
-from kalscope_app.session.changes.parameters import (
+from kalscope_app.session.changes import (
+    ALL_OTHERS,
     apply_found,
+    copy_setting,
     reset_parameters,
+    select_channel,
     set_exponent,
+    set_link,
     set_text,
+    set_window,
     use_paper_filter,
 )
-from kalscope_app.session.changes.view import set_window
-from kalscope_app.session.linked_channels import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies.channels_overview import MAX_LANES, MAX_POINTS, Overviews
-from kalscope_app.views.charts.channels import lanes_of, lead_of, table_of
+from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
+from kalscope_app.studies.comparisons import MAX_LANES, MAX_POINTS, Overviews
+from kalscope_app.views.chart_tabs import lanes_of, lead_of, table_of
 
 
 def recording(n=500, channels=3, scale=10.0):

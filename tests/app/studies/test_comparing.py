@@ -11,16 +11,25 @@ import pytest
 from kalscope import FilterParams, Recording, open_source
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.filter_errors import Difference
-from kalscope.filtering.classic.chain import Chain
+from kalscope.filtering.classic import Chain
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes.parameters import use_paper_filter
-from kalscope_app.session.changes.view import set_drawn_alternative, set_match_by, set_window
+from kalscope_app.session.changes import set_drawn_alternative, set_match_by, set_window, use_paper_filter
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.alternatives import AlternativesStudy
-from kalscope_app.studies.spectra import compute_allan, compute_spectra, log_binned
-from kalscope_app.views.charts.alternatives import ALL, COLOURS, NAMES, about_kalman, against, text_of, verdict_of
-from kalscope_app.views.charts.spectra import cutoff_words, floored, log_axes
-from kalscope_app.views.scales import Scale, log_scale_for, log_ticks, log_time_scale
+from kalscope_app.studies.checks import compute_allan, compute_spectra, log_binned
+from kalscope_app.studies.comparisons import AlternativesStudy
+from kalscope_app.views.chart_tabs import (
+    ALL,
+    COLOURS,
+    NAMES,
+    about_kalman,
+    against,
+    cutoff_words,
+    floored,
+    log_axes,
+    text_of,
+    verdict_of,
+)
+from kalscope_app.views.charts import Scale, log_scale_for, log_ticks, log_time_scale
 
 RNG = np.random.default_rng(30)
 

@@ -12,16 +12,12 @@ from kalscope import FilterParams, synthesize
 from kalscope.fleet.answer import Devices
 from kalscope.fleet.results import Fleet, SharedFilter
 from kalscope.fleet.store import RunNote
-from kalscope_app.session.changes.fleet import open_fleet, pick_device, set_fleet_colour
-from kalscope_app.session.fleet import MAX_ROWS, OpenFleet, loss_text
+from kalscope_app.session.changes import open_fleet, pick_device, set_fleet_colour
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.fleet_layer import CELLS, MAX_POINTS, fleet_layer
-from kalscope_app.studies.map_geometry import frame_for
-from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.views.map.picture import SHARPNESS, draw_map_picture
-from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
-from kalscope_app.views.map.view import SIZE, picture_input
-from kalscope_app.views.source.fleet_words import about_fleet, device_labels, fleet_table
+from kalscope_app.session.state import MAX_ROWS, OpenFleet, loss_text
+from kalscope_app.studies.tuning_map import CELLS, MAX_POINTS, MapMaker, fleet_layer, frame_for
+from kalscope_app.views.fleet import about_fleet, device_labels, fleet_table
+from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
 
 RANGES = (-6, 2), (-4, 2)
 

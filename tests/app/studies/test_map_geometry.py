@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, steady_state
-from kalscope_app.studies.map_geometry import decades, diagonal, frame_for, lag_lines
+from kalscope_app.studies.tuning_map import decades, diagonal, frame_for, lag_lines
 
 FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
 

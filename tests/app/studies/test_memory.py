@@ -8,18 +8,12 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.filter_runs import FilterRuns, RecordFacts, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.engine.record_facts import RecordFacts
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.alternatives import AlternativesStudy
-from kalscope_app.studies.channels_overview import Overviews
-from kalscope_app.studies.checks import compute_checks
-from kalscope_app.studies.spectra import compute_allan, compute_spectra
-from kalscope_app.studies.still_stretch import StillStretches
+from kalscope_app.studies.checks import StillStretches, compute_allan, compute_checks, compute_spectra
+from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.studies.variant_table import VariantTable
 
 SHORT, LONG = 150_000, 300_000
 COLUMN = 8 * (LONG - SHORT)

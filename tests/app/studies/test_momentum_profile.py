@@ -9,11 +9,10 @@ import pytest
 
 from kalscope import BadSetting, Recording, estimate
 from kalscope.errors import Cancelled
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.momentum import set_momentum_text
+from kalscope_app.session.changes import select_channel, set_momentum_text
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.momentum_profile import momentum_profile
-from kalscope_app.views.tune.momentum_profile import lines_of, words_of
+from kalscope_app.studies.checks import momentum_profile
+from kalscope_app.views.checks import lines_of, words_of
 
 
 def recording(n=1500, momentum=40.0, ratio=0.5):

@@ -20,13 +20,27 @@ from kalscope import (
     synthesize,
 )
 from kalscope.catalogue import open_source
-from kalscope_app.session.changes.momentum import set_momentum_text
-from kalscope_app.session.changes.parameters import set_automatic_start, set_exponent, set_point, set_variant_of_eq3
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_map_colour, set_map_shown, set_window
-from kalscope_app.session.history import HELD, History, record, step_back
+from kalscope_app.session.changes import (
+    pin_present,
+    set_automatic_start,
+    set_exponent,
+    set_map_colour,
+    set_map_shown,
+    set_momentum_text,
+    set_point,
+    set_variant_of_eq3,
+    set_window,
+)
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import CELLS, MapMaker, cell_exponents, errors_over_ratio, limits_of, rms
+from kalscope_app.session.session import HELD, History, record, step_back
+from kalscope_app.studies.tuning_map import (
+    TUNING_MAP_CELLS,
+    MapMaker,
+    cell_exponents,
+    errors_over_ratio,
+    limits_of,
+    rms,
+)
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
@@ -47,7 +61,7 @@ def test_the_brightest_cell_is_that_of_the_estimate(n, q, scale):
     shown = MapMaker()(state)
     best = estimate(state.recording.channel("a"))
     at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
-    cell = [(ends[1] - ends[0]) / CELLS for ends in (shown.q, shown.r)]
+    cell = [(ends[1] - ends[0]) / TUNING_MAP_CELLS for ends in (shown.q, shown.r)]
     assert cell_exponents(shown.q)[at[1]] == pytest.approx(math.log10(best.q), abs=cell[0])
     assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell[1])
     assert shown.optimum == pytest.approx((math.log10(best.q), math.log10(best.r)))
@@ -57,7 +71,7 @@ def test_each_cell_is_the_likelihood_of_its_pair():
     state = opened(walk())
     shown = MapMaker()(state)
     z = state.recording.channel("a")
-    for row, column in np.random.default_rng(1).integers(0, CELLS, (20, 2)):
+    for row, column in np.random.default_rng(1).integers(0, TUNING_MAP_CELLS, (20, 2)):
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         expected = log_likelihood(z, FilterParams(q=q, r=r))
         assert shown.values[row, column] == pytest.approx(expected, rel=1e-4, abs=0.1)
@@ -67,7 +81,7 @@ def test_the_error_map_is_the_error_of_the_filter_at_its_pair():
     state = set_map_colour("RMSE")(opened(known()))
     shown = MapMaker()(state)
     z, truth = state.recording.values[:, 0], state.recording.truth[:, 0]
-    for row, column in np.random.default_rng(1).integers(0, CELLS, (20, 2)):
+    for row, column in np.random.default_rng(1).integers(0, TUNING_MAP_CELLS, (20, 2)):
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         error = kalman_filter(z, FilterParams(q=q, r=r)).x - truth
         assert shown.values[row, column] == pytest.approx(math.sqrt(np.mean(error**2)), rel=2e-3)
@@ -130,7 +144,7 @@ def test_the_map_of_a_record_with_spikes_is_that_of_the_fit_without_them():
     best = estimate(values[:, 0])
     assert best.outliers.sum() == 29
     at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
-    cell = (shown.r[1] - shown.r[0]) / CELLS
+    cell = (shown.r[1] - shown.r[0]) / TUNING_MAP_CELLS
     assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell)
     assert "Spikes (29) count as missing." in shown.note
 
@@ -212,7 +226,7 @@ def test_each_cell_is_that_of_the_filter_with_the_present_momentum(momentum):
     found = estimate(z, momentum=momentum)
     maps = {colour: MapMaker()(set_map_colour(colour)(state)) for colour in ("likelihood", "RMSE", "lag")}
     assert maps["likelihood"].optimum == pytest.approx((math.log10(found.q), math.log10(found.r)))
-    for row, column in np.random.default_rng(1).integers(0, CELLS, (12, 2)):
+    for row, column in np.random.default_rng(1).integers(0, TUNING_MAP_CELLS, (12, 2)):
         shown = maps["likelihood"]
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         params = FilterParams(q=q, r=r, momentum=momentum)

@@ -13,16 +13,14 @@ from kalscope import Recording, estimate
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.finding import Found, Noise, Request
-from kalscope_app.session.changes.parameters import apply_found
+from kalscope.estimation.request import Found, Noise, Request
+from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies import still_stretch
-from kalscope_app.studies.checks import compute_checks
-from kalscope_app.studies.still_stretch import StillStretches
-from kalscope_app.views.tune.advice import label_of, take
-from kalscope_app.views.tune.goal.search_methods import SEARCH_METHODS, stretch_texts
-from kalscope_app.views.tune.verdict import COLOURS, UNJUDGED, VerdictView
+from kalscope_app.studies import checks as still_stretch
+from kalscope_app.studies.checks import StillStretches, compute_checks
+from kalscope_app.views.checks import COLOURS, UNJUDGED, VerdictView, label_of, take
+from kalscope_app.views.goal import SEARCH_METHODS, stretch_texts
 
 EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",

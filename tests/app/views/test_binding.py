@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope_app.views.binding import put, typed
+from kalscope_app.views.widgets import put, typed
 
 
 class Handle:

@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from kalscope_app.engine.decimation import choose_indices
-from kalscope_app.views.charts.chart import drawable
-from kalscope_app.views.charts.signal import innovation_label
-from kalscope_app.views.scales import Scale, range_text, scale_for, time_scale_for
+from kalscope_app.engine.filter_runs import choose_indices
+from kalscope_app.views.charts import Scale, drawable, range_text, scale_for, time_scale_for
+from kalscope_app.views.signal import innovation_label
 
 NAN, INF = math.nan, math.inf
 

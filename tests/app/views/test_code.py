@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, export_tuning, steady_state
-from kalscope.estimation.finding import Noise, Request, find_parameters
+from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.export.registry import TARGETS
-from kalscope_app.session.changes.parameters import apply_found, set_text
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.history import History, record, step_back
+from kalscope_app.session.changes import apply_found, pin_present, set_text
 from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.session import History, record, step_back
 from kalscope_app.session.share import share_line
-from kalscope_app.views.export.choice import (
+from kalscope_app.views.export import (
     GAPS,
     TITLES,
     Choice,
@@ -30,11 +29,12 @@ from kalscope_app.views.export.choice import (
     goal_of,
     has_calibration,
     has_fixed_gains,
+    html_report,
     limits_text,
     packed,
+    png_report,
     toggled,
 )
-from kalscope_app.views.export.report import html_report, png_report
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from waiting import PATIENCE
 
 from kalscope.common.compiled import Compiling
-from kalscope_app.views.window import compiling
+from kalscope_app.views import window
 
 
 class Client:
@@ -25,10 +25,10 @@ class Client:
 
 
 def test_one_note_a_browser_counts_the_loops_and_goes_when_the_last_is_done(monkeypatch):
-    monkeypatch.setattr(compiling, "STAYS_S", 0.0)
+    monkeypatch.setattr(window, "STAYS_S", 0.0)
     first, late = Client(), Client()
     clients = {0: first}
-    note = compiling.CompilingNote(SimpleNamespace(get_clients=lambda: clients))
+    note = window.CompilingNote(SimpleNamespace(get_clients=lambda: clients))
     note.show(Compiling(0, is_busy=True))
     clients[1] = late
     note.show(Compiling(1, is_busy=True))
@@ -44,9 +44,9 @@ def test_one_note_a_browser_counts_the_loops_and_goes_when_the_last_is_done(monk
 
 
 def test_the_note_stays_between_two_loops(monkeypatch):
-    monkeypatch.setattr(compiling, "STAYS_S", PATIENCE)
+    monkeypatch.setattr(window, "STAYS_S", PATIENCE)
     client = Client()
-    note = compiling.CompilingNote(SimpleNamespace(get_clients=lambda: {0: client}))
+    note = window.CompilingNote(SimpleNamespace(get_clients=lambda: {0: client}))
     for done in range(3):
         note.show(Compiling(done, is_busy=True))
         note.show(Compiling(done + 1, is_busy=False))

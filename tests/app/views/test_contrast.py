@@ -9,11 +9,11 @@ import dataclasses
 
 import pytest
 
-from kalscope_app.session import variants
-from kalscope_app.views.charts.alternatives import COLOURS
-from kalscope_app.views.charts.pen import ink_on, luminance
-from kalscope_app.views.charts.style import DARK, LIGHT, SENSORS
-from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
+from kalscope_app.session import state
+from kalscope_app.views.chart_tabs import COLOURS
+from kalscope_app.views.charts import DARK, LIGHT, SENSORS
+from kalscope_app.views.map import DARK_MAP, LIGHT_MAP
+from kalscope_app.views.phone import ink_on, luminance
 
 PAPER = {False: "#ffffff", True: "#242424"}
 """Behind the charts, light and dark: Mantine's white and dark 7."""
@@ -36,7 +36,7 @@ def test_the_contrast_is_that_of_wcag():
 def test_every_line_of_a_chart_stands_out(dark):
     palette = dataclasses.asdict(DARK if dark else LIGHT)
     lines = [colour for colour in palette.values() if colour.startswith("#")]
-    lines += [*SENSORS[dark], *COLOURS[dark], *(variants.DARK if dark else variants.LIGHT)]
+    lines += [*SENSORS[dark], *COLOURS[dark], *(state.DARK if dark else state.LIGHT)]
     assert len(lines) > 25
     assert [colour for colour in lines if contrast(colour, PAPER[dark]) < GRAPHICS] == []
 

@@ -9,12 +9,12 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from kalscope import kalman_filter, open_source
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.decimation import choose_samples
-from kalscope_app.engine.parts import DELAYS, Part
+from kalscope_app.engine.engine import DELAYS, Part
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.changes.parameters import set_text
+from kalscope_app.session.changes import set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.views.charts.thinning import MAX_MOVING_POINTS
+from kalscope_app.views.charts import MAX_MOVING_POINTS
 
 FLUSH = "flush"
 

@@ -9,23 +9,27 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, compare_methods, estimate, open_source, steady_state
 from kalscope.analysis.findings import as_sentences
-from kalscope.cli.tune.answer import answer_for
-from kalscope.cli.tune.options import TuneOptions
+from kalscope.cli.tune_answer import answer_for
+from kalscope.cli.tune_options import TuneOptions
 from kalscope.common.progress import Progress
 from kalscope.common.text import percent
-from kalscope.estimation.finding import Found, find_parameters
-from kalscope_app.engine.decimation import choose_samples
+from kalscope.estimation.request import Found, find_parameters
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.parameters import apply_found, set_method_comparison, set_text
-from kalscope_app.session.changes.view import set_smoother
+from kalscope_app.session.changes import apply_found, select_channel, set_method_comparison, set_smoother, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
-from kalscope_app.views.tune.checks import correlation_lines, table
-from kalscope_app.views.tune.goal.answer import account_text, answer_text
-from kalscope_app.views.tune.goal.estimators import comparison_text, samples_to_compare
-from kalscope_app.views.tune.goal.search_methods import GOALS, MORE_METHODS, OVERSHOOT, SEARCH_METHODS, method_of
+from kalscope_app.views.checks import comparison_text, correlation_lines, samples_to_compare, table
+from kalscope_app.views.goal import (
+    GOALS,
+    MORE_METHODS,
+    OVERSHOOT,
+    SEARCH_METHODS,
+    account_text,
+    answer_text,
+    method_of,
+)
 
 
 def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):

@@ -10,26 +10,22 @@ import pytest
 from kalscope import BadSetting, Recording, estimate_fusion, fuse
 from kalscope.errors import Cancelled
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.live.sending import send_setting
-from kalscope_app.session.changes.channels import select_channel
-from kalscope_app.session.changes.fusion import apply_estimate, set_taking_part
-from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.live import send_setting
+from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.share import share_line
-from kalscope_app.studies.channels_overview import Overviews
-from kalscope_app.studies.fusion import FusionJudge
+from kalscope_app.studies.checks import FusionJudge
+from kalscope_app.studies.comparisons import Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.studies.variant_table import VariantTable
-from kalscope_app.views.charts import style
-from kalscope_app.views.charts.channels import lead_of
-from kalscope_app.views.charts.phone_picture import draw_picture
-from kalscope_app.views.export.choice import Choice, files_of, limits_text
-from kalscope_app.views.export.report import csv, html_report
-from kalscope_app.views.tune.variants import FOR_ONE_CHANNEL, table_text
+from kalscope_app.views import charts
+from kalscope_app.views.chart_tabs import lead_of
+from kalscope_app.views.export import Choice, csv, files_of, html_report, limits_text
+from kalscope_app.views.phone import draw_picture
+from kalscope_app.views.variants import FOR_ONE_CHANNEL, table_text
 
 SENSORS = ("bench", "roof", "door")
 
@@ -164,7 +160,7 @@ def test_what_belongs_to_one_channel_is_refused_in_words(state):
 @pytest.mark.slow
 def test_a_phone_draws_every_sensor(state):
     colours = {bytes(pixel).hex() for pixel in draw_picture(frame_of(state), 0.5).reshape(-1, 3)[::7]}
-    assert {colour[1:] for colour in style.SENSORS[False][:3]} <= colours
+    assert {colour[1:] for colour in charts.SENSORS[False][:3]} <= colours
 
 
 def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):

@@ -10,9 +10,9 @@ from headless import headless
 
 from kalscope import Recording
 from kalscope_app.engine import engine as engine_module
-from kalscope_app.session.changes.variants import pin_present
+from kalscope_app.session.changes import pin_present
 from kalscope_app.session.opening import opened
-from kalscope_app.views.window.guarded import is_empty, property_of, widgets_in
+from kalscope_app.views.window import is_empty, property_of, widgets_in
 
 DRAWS = ("show", "show_below", "follow", "show_table", "show_check", "show_checks", "show_judged", "show_notes")
 DRAWS += ("show_overview", "offer_still")

@@ -10,12 +10,11 @@ import pytest
 from kalscope import open_source
 from kalscope.common.text import duration, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.times.jitter import jitter_of
-from kalscope_app.engine.decimation import choose_samples
+from kalscope.sources.reading.period import jitter_of
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.engine.step_spread import spread_of_span
 from kalscope_app.session.opening import opened
-from kalscope_app.views.window.header import numbers_line, record_line
+from kalscope_app.views.window import numbers_line, record_line, spread_of_span
 
 
 def recording(time, title="log.csv", period=0.01):

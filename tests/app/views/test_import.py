@@ -7,13 +7,12 @@ import pytest
 
 from kalscope.recording import LineIssue, ReadReport, Recording
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.opening import opened
-from kalscope_app.views.charts.signal import heading_of
-from kalscope_app.views.source.import_summary import import_summary
-from kalscope_app.views.source.reading_form import ReadingForm, in_words_of_form
+from kalscope_app.views.signal import heading_of
+from kalscope_app.views.source import ReadingForm, import_summary, in_words_of_form
 
 EXAMPLES = [
     {},

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import re
 
-from kalscope_app.views.charts.signal import SHARES
-from kalscope_app.views.window.layout import (
+from kalscope_app.views.signal import SHARES
+from kalscope_app.views.window import (
     CHROME_HEIGHT,
     FRAME_HEIGHT,
     LEFT_WIDTH,
+    PHONE_CHECKBOX,
     RIGHT_WIDTH,
     RIGHT_WIDTH_WITHOUT_MAP,
+    SIZES,
     WINDOW_HEIGHT,
     height_of,
+    page_script,
 )
-from kalscope_app.views.window.page.page_script import PHONE_CHECKBOX, SIZES, page_script
 
 
 def test_the_charts_of_the_signal_tab_fill_its_height():

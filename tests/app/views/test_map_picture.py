@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from kalscope import synthesize
-from kalscope_app.session.changes.variants import pin_present
-from kalscope_app.session.changes.view import set_dark
+from kalscope_app.session.changes import pin_present, set_dark
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.map_geometry import frame_for
-from kalscope_app.studies.tuning_map import MapMaker, nothing
-from kalscope_app.views.charts.pen import printable
-from kalscope_app.views.map.picture import (
+from kalscope_app.studies.tuning_map import MapMaker, frame_for, nothing
+from kalscope_app.views.map import (
+    DARK_MAP,
+    LIGHT_MAP,
     SHARPNESS,
     MapPictureInput,
     chips,
@@ -23,11 +22,11 @@ from kalscope_app.views.map.picture import (
     draw_map_picture,
     draw_ring,
     lag_words,
+    picture_input,
     tick,
     title_of,
 )
-from kalscope_app.views.map.style import DARK_MAP, LIGHT_MAP
-from kalscope_app.views.map.view import picture_input
+from kalscope_app.views.phone import printable
 
 SIZES = [(520, 1080), (452, 900), (380, 720)]
 

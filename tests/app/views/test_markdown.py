@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope_app.views.markdown import escape_markdown
+from kalscope_app.views.widgets import escape_markdown
 
 
 @given(st.text(max_size=200))

@@ -8,7 +8,7 @@ import pytest
 
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.session import Failed
-from kalscope_app.views.window.notifications import Notifications
+from kalscope_app.views.window import Notifications
 
 
 @pytest.fixture

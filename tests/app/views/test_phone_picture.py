@@ -12,11 +12,10 @@ from PIL import ImageFont
 
 from kalscope import Recording
 from kalscope.common.text import number
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
-from kalscope_app.views.charts.pen import printable
-from kalscope_app.views.charts.phone_picture import VISIBLE, WIDTH, PhonePictures, draw_picture
+from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture, printable
 
 
 def frame_of(values, dark=False):
@@ -83,7 +82,7 @@ class Phones:
         self.client.camera.image_width, self.client.camera.image_height = 390, 844
         self.client.gui.add_checkbox.return_value = self.checkbox
         self.browsers[1] = self.client
-        monkeypatch.setattr("kalscope_app.views.charts.phone_picture.draw_picture", self.draw)
+        monkeypatch.setattr("kalscope_app.views.phone.draw_picture", self.draw)
         self.pictures.attach(self.client)
         self.pictures.show(frame_of([1.0, 2.0]))
 

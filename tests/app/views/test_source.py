@@ -10,12 +10,11 @@ from each import each
 from waiting import PATIENCE
 
 from kalscope.errors import Cancelled
-from kalscope.papers.experiments import list_experiments
-from kalscope.papers.reproduction import reproduce
+from kalscope.papers.reproduction import list_experiments, reproduce
 from kalscope.sources.samples import list_samples
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.views.source.live import TYPED, has_baud, port_to_show
-from kalscope_app.views.source.samples import experiment_label, sample_label, table_1
+from kalscope_app.views.live import TYPED, has_baud, port_to_show
+from kalscope_app.views.source import experiment_label, sample_label, table_1
 
 
 @pytest.mark.parametrize(

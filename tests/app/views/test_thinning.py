@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
-from kalscope_app.views.charts.thinning import MAX_MOVING_POINTS, Thinning
+from kalscope_app.views.charts import MAX_MOVING_POINTS, Thinning
 
 
 def frame_of(n, *, truth=False, missing=0.0, seed=0):

@@ -19,7 +19,7 @@ from kalscope.errors import BadFile, Cancelled, NoMemory
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.opening import opened
-from kalscope_app.views.window.notifications import Notifications
+from kalscope_app.views.window import Notifications
 from kalscope_app.worker import worker as worker_module
 from kalscope_app.worker.worker import Worker
 
@@ -128,7 +128,7 @@ def test_a_process_that_was_ended_while_it_had_no_task_is_replaced(worker):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="free memory is known on Linux only")
 def test_what_the_memory_cannot_hold_is_one_line_and_the_process_goes_on(worker):
-    free = "import kalscope_app.worker.child as child, kalscope.common.memory as memory; child.free_memory = "
+    free = "import kalscope_app.worker.child as child, kalscope.common.files as memory; child.free_memory = "
     pid = worker.run(os.getpid, "")
     run(worker, f"{free} lambda: 8 << 20")
     for task in partial(open_source, "synthetic:sine?n=4000000"), partial(bytearray, 1 << 26):
@@ -198,7 +198,7 @@ def test_the_source_tab_reads_in_the_worker(tmp_path, monkeypatch):
     monkeypatch.setattr(Notifications, "tell", lambda _self, said, **_how: told.append(said))
     with guarded_server(port=0) as guarded:
         dashboard = Dashboard(guarded.server, state, tmp_path)
-        monkeypatch.setattr("kalscope.sources.readers.recording_file.open_raw", None)
+        monkeypatch.setattr("kalscope.sources.reading.recording_file.open_raw", None)
         session, source = dashboard.session, dashboard._source
 
         def title():

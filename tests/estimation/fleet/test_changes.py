@@ -9,7 +9,7 @@ import pytest
 from fleets import fleet
 
 from kalscope import BadSetting, estimate_many
-from kalscope.estimation.fleet.compare import changes, holm
+from kalscope.estimation.pool import changes, holm
 
 
 def files_of(devices, files, samples, r=1.0, q=0.02, seed=1):

@@ -9,15 +9,10 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
-from kalscope.estimation import known
-from kalscope.estimation.fleet.many import estimate_many as estimate_many_module
-from kalscope.estimation.fleet.many import fit_kernels, search_kernels
-from kalscope.estimation.fleet.many.plain import pair_intervals
-from kalscope.estimation.fleet.many.series import Series, series_of
-from kalscope.estimation.fleet.many.table import VERDICTS
-from kalscope.estimation.likelihood import search
-from kalscope.estimation.robust.kernels import suspect_each
-from kalscope.estimation.verdict import conclude, words
+from kalscope.estimation import fit, likelihood, many_kernels, verdict
+from kalscope.estimation import many as estimate_many_module
+from kalscope.estimation.kernels import suspect_each
+from kalscope.estimation.many import VERDICTS, Series, pair_intervals, series_of
 
 NAN = np.nan
 
@@ -232,11 +227,11 @@ def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
 
 def test_memory_that_may_not_be_written_is_no_reason_to_compile_again():
     rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
-    table, loops = estimate_many(rows), len(fit_kernels.fit_each.dispatcher.signatures)
+    table, loops = estimate_many(rows), len(many_kernels.fit_each.dispatcher.signatures)
     rows.setflags(write=False)
     whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
     assert estimate_many(rows).q.tolist() == estimate_many(whole).q.tolist() == table.q.tolist()
-    assert len(fit_kernels.fit_each.dispatcher.signatures) == loops
+    assert len(many_kernels.fit_each.dispatcher.signatures) == loops
 
 
 def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():
@@ -290,11 +285,11 @@ def test_a_stop_is_seen_between_two_calls_and_progress_ends_at_one():
 
 
 def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
-    assert (search_kernels.STEP, search_kernels.DROP) == (search.STEP, search.DROP)
-    assert search_kernels.MAX_PEAKS == search._MAX_PEAKS
-    assert fit_kernels.MIN_SAMPLES == words.MIN_SAMPLES
-    assert fit_kernels.MIN_VARIANCE == conclude.MIN_VARIANCE
-    assert (fit_kernels.MIN_CHANGES, fit_kernels.MAX_CHANGING) == (known._MIN_CHANGES, known._MAX_CHANGING)
-    assert fit_kernels.MAX_FACTOR == known._MAX_FACTOR
-    assert VERDICTS[fit_kernels.NO_MOVEMENT] == "no_movement"
-    assert VERDICTS[fit_kernels.BAD_STEPS] == "bad_steps"
+    assert (many_kernels.STEP, many_kernels.DROP) == (likelihood.STEP, likelihood.DROP)
+    assert many_kernels.MAX_PEAKS == likelihood._MAX_PEAKS
+    assert many_kernels.MIN_SAMPLES == verdict.MIN_SAMPLES
+    assert many_kernels.MIN_VARIANCE == verdict.MIN_VARIANCE
+    assert (many_kernels.MIN_CHANGES, many_kernels.MAX_CHANGING) == (fit._MIN_CHANGES, fit._MAX_CHANGING)
+    assert many_kernels.MAX_FACTOR == fit._MAX_FACTOR
+    assert VERDICTS[many_kernels.NO_MOVEMENT] == "no_movement"
+    assert VERDICTS[many_kernels.BAD_STEPS] == "bad_steps"

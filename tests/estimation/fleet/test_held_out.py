@@ -9,7 +9,7 @@ import pytest
 from fleets import fleet
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
-from kalscope.estimation.fleet.losses import LOG_RATIOS, held_out, held_out_at, share_served
+from kalscope.estimation.pool import LOG_RATIOS, held_out, held_out_at, share_served
 
 
 def prediction_error(z, ratio, dt=None):

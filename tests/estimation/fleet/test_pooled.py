@@ -10,8 +10,8 @@ from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, estimate, estimate_fixed_ratio
-from kalscope.estimation.fleet.pool import Pool, fit_pool, pool_at, pool_of
-from kalscope.estimation.likelihood.profile import DEFAULT_LOG_RATIOS, differences
+from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, differences
+from kalscope.estimation.pool import Pool, fit_pool, pool_at, pool_of
 
 
 def uneven(devices=40, seed=3):

@@ -10,7 +10,7 @@ from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, estimate_many
-from kalscope.estimation.fleet.compare import outliers
+from kalscope.estimation.pool import outliers
 
 
 def logs(values, interval):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Cancelled, FilterParams, estimate, estimate_fusion, fuse
-from kalscope.estimation.likelihood.search import DROP
+from kalscope.estimation.likelihood import DROP
 
 PLAIN = {"momentum": 0.0, "robust": False}
 

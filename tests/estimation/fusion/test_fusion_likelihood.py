@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, fuse
-from kalscope.estimation.fusion.search.climb import climb
-from kalscope.estimation.fusion.search.likelihood import Coordinates, Readings, place_at
+from kalscope.estimation.climb import Coordinates, Readings, climb, place_at
 
 GAINS = np.array([1.0, 1.3, -0.7])
 

@@ -9,7 +9,7 @@ import pytest
 from each import each
 
 from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
-from kalscope.estimation.fusion.doubts import held_for
+from kalscope.estimation.fusion import held_for
 from kalscope.filtering.kernels import transition
 
 PLAIN = {"momentum": 0.0, "robust": False}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effort import FUZZ
-from kalscope.filtering.kernels import transition
 
 from kalscope import estimate_fusion, judge_fusion
+from kalscope.filtering.kernels import transition
 
 
 def sensors(seed, r, *, correlation=0.0, n=500, q=0.01, tau=0.0, missing=0.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, estimate, log_likelihood, open_source
-from kalscope.estimation.likelihood.contour import DROP_95, likelihood_contour
+from kalscope.estimation.likelihood import DROP_95, likelihood_contour
 
 
 def walk(n, q, r, seed=0):

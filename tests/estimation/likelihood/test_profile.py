@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.estimation.likelihood.profile import log_likelihood, loglik_map
-from kalscope.estimation.momentum.profile import likelihood_profile
+from kalscope.estimation.likelihood import log_likelihood, loglik_map
+from kalscope.estimation.momentum import likelihood_profile
 
 NILE_Q, NILE_R = 1469.1, 15099.0
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope.estimation.methods.innovation_correlations import not_negative
+from kalscope.estimation.methods import not_negative
 
 
 @pytest.mark.parametrize("scale", [1e-60, 1.0, 1e60])

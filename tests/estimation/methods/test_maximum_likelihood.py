@@ -11,9 +11,9 @@ from each import each
 from effort import FUZZ
 
 from kalscope import FilterParams, kalman_filter
-from kalscope.estimation.estimate import estimate
-from kalscope.estimation.likelihood.profile import log_likelihood
-from kalscope.estimation.momentum.profile import likelihood_profile
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.likelihood import log_likelihood
+from kalscope.estimation.momentum import likelihood_profile
 
 five_lines = functools.partial(estimate, momentum=0.0)
 

@@ -9,8 +9,8 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, noise_from_still
-from kalscope.estimation.finding import Noise, Request, find_parameters
-from kalscope.estimation.methods.still_stretch import MIN_SAMPLES, find_still_stretch
+from kalscope.estimation.request import Noise, Request, find_parameters
+from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
 
 STILL = slice(700, 1200)
 """Where the records of this test do not move."""

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from kalscope.estimation.momentum.free import widened
+from kalscope.estimation.momentum import widened
 
 
 def test_a_variance_that_does_not_depend_on_the_momentum_keeps_its_error():

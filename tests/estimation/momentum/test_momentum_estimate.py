@@ -9,8 +9,8 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
-from kalscope.estimation.likelihood.profile import log_likelihood
-from kalscope.estimation.momentum import kernels
+from kalscope.estimation import kernels
+from kalscope.estimation.likelihood import log_likelihood
 from kalscope.filtering.kernels import transition
 
 

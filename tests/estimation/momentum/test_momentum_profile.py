@@ -9,8 +9,7 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, FilterParams, estimate, likelihood_profile, log_likelihood
-from kalscope.estimation.likelihood.contour import DROP_95, likelihood_contour
-from kalscope.estimation.likelihood.profile import loglik_map
+from kalscope.estimation.likelihood import DROP_95, likelihood_contour, loglik_map
 
 
 def moving(n, momentum=20.0, ratio=0.3, seed=0, missing=0.0):

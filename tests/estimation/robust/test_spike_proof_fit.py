@@ -18,9 +18,8 @@ from kalscope import (
     steady_state,
 )
 from kalscope.common.text import number
-from kalscope.estimation.robust.fit import MAX_SHARE
-from kalscope.estimation.robust.kernels import LONGEST, SIGMAS
-from kalscope.estimation.robust.spikes import far_from_median, unpredicted
+from kalscope.estimation.kernels import LONGEST, SIGMAS
+from kalscope.estimation.spikes import MAX_SHARE, far_from_median, unpredicted
 
 N = 1200
 EVEN = np.empty(0)

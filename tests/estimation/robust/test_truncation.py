@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.estimation.robust.truncation import kept_variance
+from kalscope.estimation.spikes import kept_variance
 
 
 @each("sigmas", [1.5, 2.5])

@@ -7,7 +7,7 @@ import pytest
 from each import each
 
 from kalscope import BadSetting
-from kalscope.estimation.sensor.noise import noise_from_datasheet, noise_from_still
+from kalscope.estimation.noise import noise_from_datasheet, noise_from_still
 
 # --- a still stretch ------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ from each import each
 
 from kalscope import estimate, kalman_filter, log_likelihood, steady_state
 from kalscope.common.text import percent
-from kalscope.estimation.sensor.resolution import resolution_of
+from kalscope.estimation.noise import resolution_of
 
 WALK = np.cumsum(np.random.default_rng(0).normal(0, 0.1, 3000))
 FAHRENHEIT = (np.rint(1.8 * WALK + 70) - 32) / 1.8

@@ -13,23 +13,27 @@ from waiting import wait_until
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadDevice, BadSetting, Cancelled
-from kalscope.estimation.sensor.noise import noise_from_still
-from kalscope.export.board import calibration, measuring
-from kalscope.export.board.calibration import (
+from kalscope.estimation.noise import noise_from_still
+from kalscope.export import board as calibration
+from kalscope.export.board import (
     Calibrated,
     Calibrating,
     Forgotten,
     Kept,
     KeptAtStart,
+    Measurement,
     NotCalibrated,
     NotKept,
     NotUnderstood,
-    read_answer,
+    compared_text,
+    found_text,
+    is_unnamed,
+    measure,
+    read_calibration,
+    refusal_text,
+    values_in_use,
 )
-from kalscope.export.board.connected import is_unnamed, values_in_use
-from kalscope.export.board.measured_words import compared_text, found_text, refusal_text
-from kalscope.export.board.measuring import Measurement, measure
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 
 
 def hexed(value):
@@ -58,8 +62,8 @@ def test_every_answer_is_read():
         "# kept values refused: they are damaged": KeptAtStart("they are damaged"),
         "# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?": NotUnderstood(),
     }.items():
-        assert read_answer(line) == expected, line
-    assert read_answer(calibrated()).rows == 2000
+        assert read_calibration(line) == expected, line
+    assert read_calibration(calibrated()).rows == 2000
 
 
 def test_what_is_no_answer_or_a_damaged_one_is_not_read():
@@ -88,7 +92,7 @@ def test_what_is_no_answer_or_a_damaged_one_is_not_read():
         good + " " * 200,
         good + "x",
     ):
-        assert read_answer(line) is None, line
+        assert read_calibration(line) is None, line
 
 
 @pytest.mark.slow
@@ -98,7 +102,7 @@ def test_no_damaged_answer_is_an_error_or_another_number():
         line = np.array(list(calibrated()))
         places = rng.integers(0, len(line), rng.integers(1, 4))
         line[places] = rng.choice(letters, len(places))
-        answer = read_answer("".join(line[: rng.integers(1, 2 * len(line))]))
+        answer = read_calibration("".join(line[: rng.integers(1, 2 * len(line))]))
         if isinstance(answer, Calibrated):
             exact = [[one.r, one.q, one.step] for one in (answer, ANSWER)]
             np.testing.assert_allclose(*exact, rtol=1e-5)
@@ -106,7 +110,7 @@ def test_no_damaged_answer_is_an_error_or_another_number():
 
 def test_commands_name_their_channel_and_an_impossible_time_is_refused():
     assert (calibration.start(10.0), calibration.start(0.64, 2)) == ("c 10", "2 c 0.64")
-    assert (calibration.cancel(), calibration.cancel(3)) == ("c 0", "3 c 0")
+    assert (calibration.cancel_calibration(), calibration.cancel_calibration(3)) == ("c 0", "3 c 0")
     for seconds in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
             calibration.start(seconds)
@@ -177,7 +181,7 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
     with pytest.raises(Cancelled, match="the board keeps its values"):
         measure(source, "raw", 1000.0, Progress(cancelled=lambda: "c 1000" in board.asked))
     wait_until(lambda: board.asked[-1] == "c 0")
-    monkeypatch.setattr(measuring, "_CANCEL_S", 0.1)
+    monkeypatch.setattr(calibration, "_CANCEL_S", 0.1)
 
     def falls_deaf():
         board.deaf = "c 1000" in board.asked[asked:]
@@ -187,7 +191,7 @@ def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(co
     with pytest.raises(Cancelled, match="the board did not confirm it: it may still use what it measures"):
         measure(source, "raw", 1000.0, Progress(cancelled=falls_deaf))
     board.deaf = False
-    monkeypatch.setattr(measuring, "MAX_SILENCE_S", 0.3)
+    monkeypatch.setattr(calibration, "MAX_SILENCE_S", 0.3)
     for act, words in (
         (lambda: setattr(board, "halted", True), "the board has stopped: no sample arrived for 0.3 s"),
         (board.reset, "the board was reset while it measured"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope.export.board.check import check_board, find_restarts
+from kalscope.export.board import check_board, find_restarts
 from kalscope.export.float32 import Float32Params, filter_float32
 
 PARAMS = Float32Params(np.float32(0.01), np.float32(4.0))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams
-from kalscope.export.board.commands import BoardAnswer, FixedFilter, commands, is_refusal, read_answer
-from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.board import BoardAnswer, FixedFilter, commands, is_refusal, momentum_on_board, read_answer
 from kalscope.export.float32 import Float32Params, float32_params, without_momentum
 
 F = np.float32

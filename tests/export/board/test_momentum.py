@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.board import momentum_on_board
 from kalscope.filtering.kernels import transition
 
 F = np.float32

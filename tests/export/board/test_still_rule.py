@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.estimation.sensor.noise import noise_from_still
-from kalscope.export.board.still_rule import GROUPS, LEARNING, BoardRange, measure_on_board, rows_of
+from kalscope.estimation.noise import noise_from_still
 from kalscope.export.registry import export_tuning
-from kalscope.filtering.classic.chain import Chain
+from kalscope.export.still_rule import GROUPS, LEARNING, BoardRange, measure_on_board, rows_of
+from kalscope.filtering.classic import Chain
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 ROWS = rows_of(2.0, 0.005)

@@ -16,10 +16,7 @@ from PIL import Image
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run
 from kalscope.common.text import decibels, frequency, lag_in_full, number, percent, trimmed
-from kalscope.export.report.content import MAX_DRAWN_POINTS, make_report
-from kalscope.export.report.page import as_html
-from kalscope.export.report.picture import SIZE, as_png
-from kalscope.export.report.tables import ReportTable
+from kalscope.export.report import MAX_DRAWN_POINTS, SIZE, ReportTable, as_html, as_png, make_report
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ import pytest
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
+from kalscope.export.registry import limits_of
 from kalscope.export.targets.arduino import files
-from kalscope.export.write import limits_of
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 HOSTILE = ("*/ #define x", "int", "a\nb\\", "??/", "ünïcode 😀", "n" * 300, '"); system("', "filter_h")

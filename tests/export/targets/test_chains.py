@@ -14,21 +14,13 @@ import pytest
 from required import not_here
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
-from kalscope.export.board.chain import filter_channel_float32
+from kalscope.export.float32 import filter_channel_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets import arduino, c
 from kalscope.export.targets.stages import numbers_of
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.stages import (
-    Butterworth,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-)
-from kalscope.tuning.chain_table import chain_in
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.tuning.toml_text import chain_in
 
 ABLE = {"arduino", "c", "python", "json"}
 FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-pedantic", "-Werror")

@@ -12,7 +12,7 @@ import pytest
 from required import not_here
 
 from kalscope import kalman_filter
-from kalscope.export.board.momentum import momentum_on_board
+from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c

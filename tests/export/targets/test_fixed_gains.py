@@ -12,7 +12,7 @@ from required import not_here
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export.job import ExportJob
-from kalscope.export.targets.fixed_gains import fixed_gains
+from kalscope.export.targets.c import fixed_gains
 
 MAIN = """
 #include <stdio.h>

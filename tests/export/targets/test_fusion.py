@@ -18,7 +18,7 @@ from required import node, not_here
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, fuse
-from kalscope.export.board.fusion import fuse_float32, fusion_on_board
+from kalscope.export.float32 import fuse_float32, fusion_on_board
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 

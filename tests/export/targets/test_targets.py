@@ -25,7 +25,7 @@ from kalscope.export.float32 import filter_float32
 from kalscope.export.job import step_of
 from kalscope.export.names import number_text
 from kalscope.export.registry import TARGETS
-from kalscope.export.targets.libraries.nearest import nearest_without_momentum
+from kalscope.export.targets.libraries import nearest_without_momentum
 
 REFUSED = ("simplekalmanfilter", "gyverfilters")
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.running import RunningStages
-from kalscope.filtering.classic.stages import (
+from kalscope.filtering.classic import (
     Butterworth,
+    Chain,
+    ChainFilter,
     Exponential,
     Median,
     MovingAverage,
     OneEuro,
     PowerOfTwo,
+    RunningStages,
 )
 from kalscope.filtering.filter import GrowingRun
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kalscope.filtering.classic import running
-from kalscope.filtering.classic.running import RunningStage
-from kalscope.filtering.classic.stages import (
+from kalscope.filtering import classic
+from kalscope.filtering.classic import (
     Butterworth,
     Exponential,
     Median,
     MovingAverage,
     OneEuro,
     PowerOfTwo,
+    RunningStage,
 )
 
 ONE_EURO = Path(__file__).parents[3] / "../shared/data/one_euro_truth/groundTruth.csv"
@@ -94,7 +94,7 @@ def test_a_long_median_by_scipy_gives_the_bits_of_the_loop_and_its_state(monkeyp
         for window in (77, 601):
             rows = []
             for many in (math.inf, 0.0):
-                monkeypatch.setattr(running, "MANY_MOVES", many)
+                monkeypatch.setattr(classic, "MANY_MOVES", many)
                 one = RunningStage(Median(window), kind)
                 rows.append((one.take(z[:700], EVEN).tobytes(), one.take(z[700:], EVEN).tobytes()))
             assert rows[0] == rows[1]

@@ -11,10 +11,10 @@ from each import each
 from scipy.signal import freqz
 
 from kalscope import BadSetting, FilterParams, ratio_for, steady_state
-from kalscope.filtering.classic.chain import Chain
-from kalscope.filtering.classic.chain_filter import ChainFilter
-from kalscope.filtering.classic.stages import (
+from kalscope.filtering.classic import (
     Butterworth,
+    Chain,
+    ChainFilter,
     Exponential,
     Median,
     MovingAverage,

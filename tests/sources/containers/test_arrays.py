@@ -6,10 +6,10 @@ import scipy.io
 from each import each
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.arrays.groups import period_from
+from kalscope.sources.containers.arrays import period_from
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 h5py = pytest.importorskip("h5py")
 nptdms = pytest.importorskip("nptdms")

@@ -8,7 +8,7 @@ from effort import FUZZ
 from required import needs
 
 from kalscope.errors import BadFile
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 needs("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 

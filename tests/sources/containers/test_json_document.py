@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.common import memory
+from kalscope.common import files
 from kalscope.errors import BadFile, BadSetting, NoMemory
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 X = [round(0.5 * i, 3) for i in range(12)]
 
@@ -91,8 +91,8 @@ def test_objects_one_a_line_below_a_torn_one_are_no_document(read):
 
 def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):
     document = [{"t": i, "x": x} for i, x in enumerate(X)]
-    monkeypatch.setattr(memory, "free_memory", lambda: 10_000)
+    monkeypatch.setattr(files, "free_memory", lambda: 10_000)
     assert len(read(document)) == len(X)
-    monkeypatch.setattr(memory, "free_memory", lambda: 4_000)
+    monkeypatch.setattr(files, "free_memory", lambda: 4_000)
     with pytest.raises(NoMemory, match=r"^log.json must fit into the memory that is free.*one object per line$"):
         read(document)

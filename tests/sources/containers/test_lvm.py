@@ -8,7 +8,7 @@ from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 lvm_read = pytest.importorskip("lvm_read")
 

@@ -11,8 +11,8 @@ import pytest
 from required import needs
 
 from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers.parts import Part, choose_part
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.containers.table import Part, choose_part
+from kalscope.sources.reading.recording_file import read_recording
 
 needs("duckdb", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 

@@ -10,10 +10,10 @@ from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.robotics import chunks
-from kalscope.sources.containers.robotics.topics import Topic, leaves, read_topics
+from kalscope.sources.containers import robotics
+from kalscope.sources.containers.robotics import Topic, leaves, read_topics
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -79,20 +79,20 @@ def test_another_topic_of_a_bag_by_the_end_of_its_name(tmp_path, kind):
 )
 def test_all_streams_of_a_packed_chunk_count(monkeypatch, pack, unpacker, damage):
     packed = pack(bytes(600)) * 3
-    assert chunks.unpacked_size(packed + b"what follows", unpacker, damage) == 1800
-    monkeypatch.setattr(chunks, "MAX_CHUNK", 1000)
-    assert chunks.unpacked_size(packed, unpacker, damage) == 1001
+    assert robotics.unpacked_size(packed + b"what follows", unpacker, damage) == 1800
+    monkeypatch.setattr(robotics, "MAX_CHUNK", 1000)
+    assert robotics.unpacked_size(packed, unpacker, damage) == 1001
     with pytest.raises(damage):
-        chunks.unpacked_size(b"BZh9 no stream", unpacker, damage)
+        robotics.unpacked_size(b"BZh9 no stream", unpacker, damage)
     with pytest.raises(BadFile, match="at most 1000 bytes"):
-        chunks.check_chunk(packed, "log.bag", "a bag")
+        robotics.check_chunk(packed, "log.bag", "a bag")
 
 
 @pytest.mark.parametrize("compression", list(Compression))
 def test_a_bag_of_chunks_that_unpack_to_too_much_is_refused(tmp_path, monkeypatch, compression):
     path = write_ros1(tmp_path / "log.bag", compression)
     assert len(read_recording(path)) == N
-    monkeypatch.setattr(chunks, "MAX_CHUNK", 1000)
+    monkeypatch.setattr(robotics, "MAX_CHUNK", 1000)
     with pytest.raises(BadFile, match="at most 1000 bytes"):
         read_recording(path)
 
@@ -133,7 +133,7 @@ def test_messages_of_json_in_mcap(tmp_path, options):
 
 @pytest.mark.parametrize("limit", [1 << 28, 1 << 20])
 def test_a_chunk_of_mcap_that_unpacks_to_more_than_it_says_is_refused(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(chunks, "MAX_CHUNK", limit)
+    monkeypatch.setattr(robotics, "MAX_CHUNK", limit)
     packed = zstandard.compress(bytes(5_000_000))
     chunk = struct.pack("<QQQII", 0, 0, 10, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
     header, magic = bytes(8), b"\x89MCAP0\r\n"

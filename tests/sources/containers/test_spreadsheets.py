@@ -10,9 +10,9 @@ from required import needs
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers.spreadsheets import convert
+from kalscope.sources.containers import convert
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 needs("openpyxl", "python_calamine")
 

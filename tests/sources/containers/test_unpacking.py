@@ -21,10 +21,10 @@ import scipy.io  # noqa: E402
 import zstandard  # noqa: E402
 from made_containers import Compression, write_json_mcap, write_ros1  # noqa: E402
 
-from kalscope.common import memory, unpacking  # noqa: E402
+from kalscope.common import files  # noqa: E402
 from kalscope.errors import BadFile, NoMemory  # noqa: E402
 from kalscope.sources.grammar.read_options import ReadOptions  # noqa: E402
-from kalscope.sources.readers.recording_file import read_recording  # noqa: E402
+from kalscope.sources.reading.recording_file import read_recording  # noqa: E402
 
 ROWS = b"".join(b"%d,%d\n" % (i, i % 7) for i in range(3000))
 
@@ -72,13 +72,13 @@ def test_what_unpacks_to_too_much_is_refused_unless_it_is_allowed(tmp_path, name
     write(path)
     with pytest.MonkeyPatch.context() as patch:
         assert len(read_recording(path)) > 10
-        patch.setattr(unpacking, "MAX_UNPACKED", 900)
-        patch.setattr(unpacking, "MAX_RATIO", 0)
+        patch.setattr(files, "MAX_UNPACKED", 900)
+        patch.setattr(files, "MAX_RATIO", 0)
         said = f"{name} must unpack to at most 9e-07 GB (got more): --unpack-gb allows more"
         with pytest.raises(BadFile, match=f"^{re.escape(said)}$"):
             read_recording(path)
         assert len(read_recording(path, ReadOptions(unpack_gb=1e-3))) > 10
-        patch.setattr(unpacking, "MAX_RATIO", 1000)
+        patch.setattr(files, "MAX_RATIO", 1000)
         assert len(read_recording(path)) > 10
 
 
@@ -87,6 +87,6 @@ def test_a_container_that_will_not_fit_into_memory_is_refused_before_it_is_read(
     path = tmp_path / name
     WRITERS[name](path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(memory, "free_memory", lambda: 1000)
+        patch.setattr(files, "free_memory", lambda: 1000)
         with pytest.raises(NoMemory, match=rf"^{name} must fit into the memory that is free, 0.0 GB \(got "):
             read_recording(path)

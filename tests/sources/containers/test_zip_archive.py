@@ -7,9 +7,9 @@ import pytest
 from each import each
 
 from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers import zip_archive
+from kalscope.sources.containers import texts
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 ACCELERATION = '"Time (s)","Acceleration x (m/s^2)","Absolute (m/s^2)"\n' + "".join(
     f"{i / 100:.3E},{np.sin(i):.6E},{9.81 + i % 7:.6E}\n" for i in range(300)
@@ -80,7 +80,7 @@ def test_an_archive_without_a_table_is_refused_by_what_it_holds(archive, files, 
 
 
 def test_an_archive_of_too_many_tables_is_refused(archive, monkeypatch):
-    monkeypatch.setattr(zip_archive, "_MAX_FILES", 0)
+    monkeypatch.setattr(texts, "_MAX_FILES", 0)
     with pytest.raises(BadFile, match=r"at most 0 tables \(got 1\)"):
         read_recording(archive(**{"log.csv": ACCELERATION}))
 

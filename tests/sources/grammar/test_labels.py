@@ -3,9 +3,8 @@
 import pytest
 from each import each
 
-from kalscope.sources.grammar.json_line import MAX_VALUES
-from kalscope.sources.grammar.labels import find_labels
-from kalscope.sources.lines.line_parser import LineParser
+from kalscope.sources.grammar.line_format import MAX_VALUES, find_labels
+from kalscope.sources.reading.line_parser import LineParser
 
 
 @each(

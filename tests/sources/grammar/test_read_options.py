@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions, join_values, options_from_text, split_values
-from kalscope.sources.readers.account import account
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.account import account
+from kalscope.sources.reading.recording_file import read_recording
 
 NAN = math.nan
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.stamp_forms import StampHints, find_stamp_form
-from kalscope.sources.grammar.timestamps import stamp_parser
+from kalscope.sources.grammar.timestamps import StampHints, find_stamp_form, stamp_parser
 
 TIME, DATE = StampHints(is_time=True), StampHints(is_time=True, is_date=True)
 START = datetime(2024, 3, 13, 9, 30)

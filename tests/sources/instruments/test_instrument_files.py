@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 N = 60
 T = np.arange(N)

@@ -8,7 +8,7 @@ from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 PAIRS = [(f"{0.1 * i:.1f}", f"{20 + i % 7}") for i in range(30)]
 ROWS = "".join(f"{t},{a}\n" for t, a in PAIRS)

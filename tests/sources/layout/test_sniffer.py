@@ -2,8 +2,8 @@ import pytest
 from each import each
 
 from kalscope import read_recording
-from kalscope.sources.layout.columns import distinct_names, named_column
-from kalscope.sources.layout.sniffer import sniff
+from kalscope.sources.reading.columns import distinct_names, named_column
+from kalscope.sources.reading.sniffer import sniff
 
 
 def _head(names, delimiter, decimal, n=12):

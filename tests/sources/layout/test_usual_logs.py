@@ -7,7 +7,7 @@ import pytest
 from each import each
 
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 N = 40
 A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]

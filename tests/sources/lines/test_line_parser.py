@@ -7,12 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import is_blank, is_comment, parse_number, split_fields
-from kalscope.sources.grammar.labels import find_labels
-from kalscope.sources.grammar.line_format import split_stamp
+from kalscope.sources.grammar.line_format import find_labels, split_stamp
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.layout.sniffer import sniff
-from kalscope.sources.lines import line_parser
-from kalscope.sources.lines.line_reader import LineReader
+from kalscope.sources.reading import line_parser
+from kalscope.sources.reading.line_reader import LineReader
+from kalscope.sources.reading.sniffer import sniff
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from kalscope.sources.grammar.line_format import split_checksum, split_teleplot
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.lines.line_parser import MAX_LINE_BYTES, LineParser, comma_line
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser, comma_line
+from kalscope.sources.reading.recording_file import read_recording
 
 
 def events_of(data, pieces=None, **settings):

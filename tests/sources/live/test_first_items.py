@@ -5,7 +5,7 @@ from queue import Empty, SimpleQueue
 import pytest
 from each import each
 
-from kalscope.sources.live.first_items import HOLD_S, FirstItems
+from kalscope.sources.live.source import HOLD_S, FirstItems
 from kalscope.sources.port.events import BytesReceived, Disconnected, LinesDropped, Opened
 
 

@@ -14,10 +14,10 @@ from forked import fork_server
 from hostile_boards import BOARDS, GOOD_ROWS, listen
 from hostile_case import in_child
 
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.live.live_samples import MAX_NUMBERS, LiveSamples
-from kalscope.sources.port.clock import SYSTEM
-from kalscope.sources.port.port_spec import port_of
+from kalscope.sources.live.samples import MAX_NUMBERS, LiveSamples
+from kalscope.sources.port.events import SYSTEM
+from kalscope.sources.port.registry import port_of
+from kalscope.sources.reading.line_parser import LineParser
 
 pytestmark = pytest.mark.slow
 

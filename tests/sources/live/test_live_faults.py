@@ -9,8 +9,8 @@ import pytest
 import serial
 from waiting import PATIENCE
 
-from kalscope.sources.live import live_lines
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.live import lines
+from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -74,7 +74,7 @@ def test_a_megabyte_without_a_newline_is_one_line_that_is_dropped_as_it_comes(bo
 
 def test_a_slow_reader_of_snapshots_loses_nothing(board, live, wait_for, monkeypatch):
     # A sender that stalls inside a line looks, soon after the opening, like a board that was reset there.
-    monkeypatch.setattr(live_lines, "_SILENCE", 60.0)
+    monkeypatch.setattr(lines, "_SILENCE", 60.0)
     board.say(b"x\n")
     sender = threading.Thread(target=board.say, args=(numbered(0, 10_000),))
     sender.start()

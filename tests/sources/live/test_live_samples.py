@@ -5,12 +5,11 @@ import math
 import numpy as np
 from each import each
 
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.live.live_lines import LineCounts
-from kalscope.sources.live.live_samples import LiveSamples, gathered
-from kalscope.sources.live.sample_times import ArrivedRow
-from kalscope.sources.port.clock import SYSTEM
-from kalscope.sources.port.port_spec import PortSpec
+from kalscope.sources.live.lines import LineCounts
+from kalscope.sources.live.samples import ArrivedRow, LiveSamples, gathered
+from kalscope.sources.port.events import SYSTEM
+from kalscope.sources.port.registry import PortSpec
+from kalscope.sources.reading.line_parser import LineParser
 
 NAN = math.nan
 

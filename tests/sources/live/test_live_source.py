@@ -11,11 +11,11 @@ from scripted_port import Scripted, ScriptedPort
 from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.port.clock import Clock
-from kalscope.sources.port.port_reader import PortReader
-from kalscope.sources.port.port_spec import PortSpec
-from kalscope.sources.recorder.counts import RecorderCounts
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port.events import Clock
+from kalscope.sources.port.reader import PortReader
+from kalscope.sources.port.registry import PortSpec
+from kalscope.sources.recorder import RecorderCounts
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -251,8 +251,8 @@ def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_openin
 
 @pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 10_000)
-    monkeypatch.setattr("kalscope.sources.port.port_reader._KEPT_BYTES", 5_000)
+    monkeypatch.setattr("kalscope.sources.port.events.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
     source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(port)))
     with source as live:

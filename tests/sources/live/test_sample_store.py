@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.live.sample_store import SampleStore
+from kalscope.sources.live.samples import SampleStore
 
 
 def fill(store, begin, count):

@@ -7,7 +7,7 @@ import pytest
 from each import each
 
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.live.sample_times import ArrivedRow, LiveTime
+from kalscope.sources.live.samples import ArrivedRow, LiveTime
 
 
 def rows(hosts, stamps):

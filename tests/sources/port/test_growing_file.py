@@ -9,10 +9,10 @@ from each import each
 from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.port.port_spec import is_live, port_of
-from kalscope.sources.port.transports.growing_file import MAX_PIECE, PIECE, GrowingFile, Replaced, Unusable
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port.growing_file import MAX_PIECE, PIECE, GrowingFile, Replaced, Unusable
+from kalscope.sources.port.registry import is_live, port_of
+from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 

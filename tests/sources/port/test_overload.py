@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.port import overload
-from kalscope.sources.port.events import BytesReceived, LinesDropped
-from kalscope.sources.port.overload import LineCounter, Overload
+from kalscope.sources.port import events
+from kalscope.sources.port.events import BytesReceived, LineCounter, LinesDropped, Overload
 
 PIECES = st.lists(st.binary(min_size=1, max_size=12) | st.text("1,\r\n", min_size=1, max_size=12).map(str.encode))
 LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -31,7 +30,7 @@ def test_every_line_is_handed_over_whole_or_counted(ends, sizes, data):
     lines = [b"%d" % number for number in range(100, 100 + len(ends))]
     stream = b"".join(line + end for line, end in zip(lines, ends, strict=True))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(overload, "MAX_WAITING_BYTES", 40)
+        patch.setattr(events, "MAX_WAITING_BYTES", 40)
         queue, gate, at = [], Overload(), 0
         for i in range(len(stream)):
             piece, at = stream[at : at + sizes[i % len(sizes)]], at + sizes[i % len(sizes)]
@@ -60,7 +59,7 @@ def test_a_consumer_that_keeps_up_gets_the_very_items():
 
 def test_bytes_without_an_end_of_a_line_are_named():
     gate = Overload()
-    late = overload.MAX_WAITING_BYTES
+    late = events.MAX_WAITING_BYTES
     assert list(gate.take(BytesReceived(b"7" * 100, 0.0, 1.0, 0.0), late)) == []
     assert gate.is_endless
     assert list(gate.take(BytesReceived(b"7\n8", 1.0, 2.0, 0.0), late)) == []
@@ -98,7 +97,7 @@ class Flow:
 
 @pytest.mark.parametrize("taken", [50_000, 200_000])
 def test_after_the_first_overload_no_more_waits_than_is_taken_in_a_second_or_two(taken, monkeypatch):
-    monkeypatch.setattr(overload, "MAX_WAITING_BYTES", 1 << 20)
+    monkeypatch.setattr(events, "MAX_WAITING_BYTES", 1 << 20)
     flow = Flow()
     assert flow.run(40.0, sent=800_000, taken=taken) < 1.5 * taken
     assert flow.kept + flow.dropped + flow.gate.dropped == 40 * 800_000 // len(LINE)
@@ -118,7 +117,7 @@ def test_a_consumer_that_had_nothing_to_do_is_not_taken_for_a_slow_one():
 def test_a_minute_without_a_dropped_line_gives_the_whole_room_back():
     flow = Flow()
     flow.run(20.0, sent=800_000, taken=400_000)
-    flow.run(overload.HOLD_S + 20.0, sent=8_000, taken=400_000)
+    flow.run(events.HOLD_S + 20.0, sent=8_000, taken=400_000)
     dropped = flow.dropped
     assert flow.run(2.0, sent=1_600_000, taken=100_000) > 2_500_000
     assert (flow.dropped, flow.gate.dropped) == (dropped, 0)

@@ -11,12 +11,10 @@ from each import each
 from scripted_port import Scripted, ScriptedPort
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.clock import Clock
-from kalscope.sources.port.event_queue import EventQueue
-from kalscope.sources.port.events import BytesReceived, Disconnected, Opened
-from kalscope.sources.port.port_reader import PortReader
-from kalscope.sources.port.port_spec import PortSpec
-from kalscope.sources.port.transports.limits import READ_TIMEOUT
+from kalscope.sources.port.events import BytesReceived, Clock, Disconnected, EventQueue, Opened
+from kalscope.sources.port.reader import PortReader
+from kalscope.sources.port.registry import PortSpec
+from kalscope.sources.port.transport import READ_TIMEOUT
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -188,7 +186,7 @@ def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader,
 
 
 def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.overload.MAX_WAITING_BYTES", 1000)
+    monkeypatch.setattr("kalscope.sources.port.events.MAX_WAITING_BYTES", 1000)
     port = ScriptedPort([b"1234,6789\n" * 10] * 50)
     reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
     reader.start()

@@ -7,8 +7,8 @@ from each import each
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.sources.port.plugged_in import PortInfo, list_ports
-from kalscope.sources.port.port_spec import PortSpec, is_live, port_of
+from kalscope.sources.port.registry import PortSpec, is_live, port_of
+from kalscope.sources.port.serial_port import PortInfo, list_ports
 
 
 @each(

@@ -9,9 +9,7 @@ import serial
 from each import each
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.plugged_in import PortInfo
-from kalscope.sources.port.transports.network import SocketEndpoint
-from kalscope.sources.port.transports.serial_port import SerialEndpoint, holders
+from kalscope.sources.port.serial_port import PortInfo, SerialEndpoint, SocketEndpoint, holders
 
 
 def never():
@@ -85,7 +83,7 @@ def test_whatever_is_raised_it_is_one_sentence(error, where):
 
 def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch):
     listed = [PortInfo("/dev/ttyACM0", "Uno", "75"), PortInfo("/dev/ttyACM1", "other", "9")]
-    monkeypatch.setattr("kalscope.sources.port.transports.serial_port.list_ports", lambda: tuple(listed))
+    monkeypatch.setattr("kalscope.sources.port.serial_port.list_ports", lambda: tuple(listed))
     endpoint = endpoint_of(LostPort(None, ""), "/dev/ttyACM0")
     endpoint.open(never)
     listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")

@@ -11,12 +11,10 @@ from each import each
 from ssh_server import descendants, ssh_server
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.port.port_spec import port_of
-from kalscope.sources.port.transports import growing_file
-from kalscope.sources.port.transports.ssh import far_side
-from kalscope.sources.port.transports.ssh.ports import SshEndpoint
-from kalscope.sources.port.transports.ssh.words import refusal_words
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port import far_side, growing_file
+from kalscope.sources.port.registry import port_of
+from kalscope.sources.port.ssh import SshEndpoint, refusal_words
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope.cli.tune.plain import finite
+from kalscope.cli.tune_answer import finite
 from kalscope.common.text import THIN_SPACE
 from kalscope.recording import LineIssue, ReadReport, Recording, Timing
 from kalscope.sources.grammar.read_options import options_from_text
-from kalscope.sources.readers.account import account, as_plain, summary, warnings
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.account import account, as_plain, summary, warnings
+from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.synthetic import synthesize
 
 ROWS = [f"{i / 50:.2f},{20 + i % 3},{i % 5}" for i in range(200)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 LOGS = Path(__file__).parents[3] / "../shared/data/field_logs"
 pytestmark = [

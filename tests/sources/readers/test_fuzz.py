@@ -12,8 +12,8 @@ from effort import FUZZ
 from raw_bytes import decoded
 
 from kalscope.errors import KalscopeError
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.slow
 

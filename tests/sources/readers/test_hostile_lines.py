@@ -13,10 +13,10 @@ from regex_cost import worst_growth
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS
-from kalscope.sources.layout.sniffer import sniff
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.lines.line_reader import LineReader
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.reading.line_reader import LineReader
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.sniffer import sniff
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 X = np.round(np.random.default_rng(2).normal(20, 1, 30), 3)
 

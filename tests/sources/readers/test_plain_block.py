@@ -15,13 +15,13 @@ from kalscope.errors import BadFile, Cancelled, KalscopeError
 from kalscope.sources.grammar.cells import parse_number, split_fields
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.layout.columns import Column
-from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.lines import number_kernels
-from kalscope.sources.lines.number_kernels import MAX_TENS, scaled
-from kalscope.sources.readers import csv_rows, plain_block
-from kalscope.sources.readers.plain_block import BlockParser, block_parser
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading import kernels
+from kalscope.sources.reading import rows as csv_rows
+from kalscope.sources.reading.columns import Column
+from kalscope.sources.reading.kernels import MAX_TENS, scaled
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.rows import BlockParser, block_parser
+from kalscope.sources.reading.sniffer import Layout
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
 UNTIMED = "a;b\n" + "".join(f"{i * 7 % 11};{i * 0.5}\n" for i in range(40))
@@ -59,7 +59,7 @@ def taken(monkeypatch):
             blocks.extend([len(rows.values)] if len(rows.values) else [])
             return rows
 
-    monkeypatch.setattr(plain_block, "BlockParser", Spy)
+    monkeypatch.setattr(csv_rows, "BlockParser", Spy)
     return blocks
 
 
@@ -161,7 +161,7 @@ def test_what_lies_between_two_floats_is_rounded_as_python_does(half, tens):
 
 @each("power", range(-MAX_TENS, 0))
 def test_the_powers_of_five_are_rounded_as_the_proof_assumes(power):
-    high, low = map(int, number_kernels._FIVES[power + MAX_TENS])
+    high, low = map(int, kernels._FIVES[power + MAX_TENS])
     five = 5**-power
     assert (high << 64 | low) == (1 << five.bit_length() + 127) // five + (power >= -27)
 

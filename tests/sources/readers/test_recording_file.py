@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from raw_bytes import damaged, decoded
 
-from kalscope.common import memory
+from kalscope.common import files
 from kalscope.errors import BadFile, BadSetting, NoMemory
-from kalscope.sources.readers import csv_rows
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading import rows as csv_rows
+from kalscope.sources.reading.recording_file import read_recording
 
 
 @pytest.fixture
@@ -425,11 +425,11 @@ def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_pa
     seen = []
     monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 1 << 16)
     monkeypatch.setattr(csv_rows, "ROOM_EVERY", 1 << 16)
-    need = memory.MEMORY_FACTOR * 16 * len(rows)
-    monkeypatch.setattr(memory, "free_memory", lambda: need)
+    need = files.MEMORY_FACTOR * 16 * len(rows)
+    monkeypatch.setattr(files, "free_memory", lambda: need)
     whole = read_recording(path, progress=lambda done, _: seen.append(done))
     assert len(whole) == len(rows)
-    monkeypatch.setattr(memory, "free_memory", lambda: 0.5 * need)
+    monkeypatch.setattr(files, "free_memory", lambda: 0.5 * need)
     seen.clear()
     with pytest.raises(
         NoMemory, match=r"^log.csv must fit into the memory that is free, 0.0 GB \(got 0.0 GB of text"

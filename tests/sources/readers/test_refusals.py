@@ -5,7 +5,7 @@ from each import each
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import options_from_text
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\n"
 WORDS = ["boot ok", "sensor found", "reading", "wait 3 s", "again", "no answer", "", "still nothing"]

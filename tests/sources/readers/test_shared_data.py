@@ -10,7 +10,7 @@ from effort import FUZZ
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"
 pytestmark = [

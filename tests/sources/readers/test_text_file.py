@@ -6,9 +6,10 @@ from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
-from kalscope.sources.readers import csv_rows, recording_file, text_file
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.readers.text_file import open_raw
+from kalscope.sources.reading import recording_file, text_file
+from kalscope.sources.reading import rows as csv_rows
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.text_file import open_raw
 
 TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
 NULS = "must be printable text (got NUL bytes)"

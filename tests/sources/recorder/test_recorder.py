@@ -20,18 +20,16 @@ from hypothesis import strategies as st
 from waiting import PATIENCE, wait_until
 
 from kalscope.errors import BadFile
+from kalscope.sources import recorded_files
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.layout.columns import Column
-from kalscope.sources.layout.sniffer import Layout
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.lines.line_reader import LineEvent
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.recorder import append_file as recording_file
-from kalscope.sources.recorder.counts import RecorderCounts
-from kalscope.sources.recorder.format import escaped
-from kalscope.sources.recorder.recorder import Recorder
-from kalscope.sources.recorder.repair import read_ends
+from kalscope.sources.reading.columns import Column
+from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.reading.line_reader import LineEvent
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.sniffer import Layout
+from kalscope.sources.recorded_files import escaped, read_ends
+from kalscope.sources.recorder import Recorder, RecorderCounts
 
 STARTED, WALL = 1000.0, 1_763_678_912.25
 NAN = math.nan
@@ -332,7 +330,7 @@ def test_an_empty_hand_over_writes_nothing(tmp_path):
 def test_all_lines_of_a_hand_over_go_out_in_one_write(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     sizes, write = [], os.write
-    monkeypatch.setattr(recording_file.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
+    monkeypatch.setattr(recorded_files.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
     layout = layout_of(["a"])
     recorder.write([(STARTED + i / 1000, row(i, i)) for i in range(250)], layout)
     assert len(sizes) == 1
@@ -428,7 +426,7 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_the
         path, clock = tmp_path / f"{room}.csv", Clock()
         with monkeypatch.context() as patch:
             disk = FullDisk(room)
-            patch.setattr(recording_file.os, "write", disk)
+            patch.setattr(recorded_files.os, "write", disk)
             recorder = new_recorder(path, clock=clock)
             hand_over(recorder, stream)
             assert bool(recorder.error) == (room < size)
@@ -450,7 +448,7 @@ def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_seco
     clock = Clock()
     recorder = new_recorder(tmp_path / "run.csv", clock=clock)
     disk = FullDisk(3, error)
-    monkeypatch.setattr(recording_file.os, "write", disk)
+    monkeypatch.setattr(recorded_files.os, "write", disk)
     hand_over(recorder, b"1,2\n")
     assert "run.csv" in recorder.error
     disk.room = 1_000_000
@@ -469,12 +467,12 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
     layout = layout_of(["a"])
     recorder.write([(STARTED, row(0, 0))], layout)
     disk = FullDisk(0)
-    monkeypatch.setattr(recording_file.os, "write", disk)
+    monkeypatch.setattr(recorded_files.os, "write", disk)
     for i in range(1, 201):  # 1 line/s
         clock.now = STARTED + i
         recorder.write([(clock.now, row(i, i))], layout)
         assert law_holds(recorder.counts)
-    kept = int(recording_file.MAX_WAIT_S) + 1
+    kept = int(recorded_files.MAX_WAIT_S) + 1
     assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, 200 - kept, waiting=kept)
     disk.room = 1_000_000
     clock.now = STARTED + 201
@@ -491,8 +489,8 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
 
 
 def test_megabytes_wait_no_longer_than_the_bound_in_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr(recording_file, "MAX_WAIT_BYTES", 1000)
-    monkeypatch.setattr(recording_file.os, "write", FullDisk(0))
+    monkeypatch.setattr(recorded_files, "MAX_WAIT_BYTES", 1000)
+    monkeypatch.setattr(recorded_files.os, "write", FullDisk(0))
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n" * 500, step=0.0)
     assert recorder.counts.waiting < 100
@@ -505,7 +503,7 @@ def test_rejected_lines_are_counted_in_the_same_way_on_a_full_disk(tmp_path, mon
     clock = Clock()
     recorder = new_recorder(tmp_path / "run.csv", clock=clock)
     disk = FullDisk(0)
-    monkeypatch.setattr(recording_file.os, "write", disk)
+    monkeypatch.setattr(recorded_files.os, "write", disk)
     hand_over(recorder, b"1,2\n" * 3 + b"1\n2\n")
     assert recorder.counts == RecorderCounts(waiting=5)
     disk.room = 1_000_000
@@ -520,7 +518,7 @@ def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
     recorder = new_recorder(path, clock=clock)
     hand_over(recorder, b"a:1\n")
     disk = FullDisk(0)
-    monkeypatch.setattr(recording_file.os, "write", disk)
+    monkeypatch.setattr(recorded_files.os, "write", disk)
     hand_over(recorder, b"a:2\n")
     hand_over(recorder, b"a:3 b:4\n")
     assert recorder.counts == RecorderCounts(1, 1, waiting=2)
@@ -546,7 +544,7 @@ def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n3,4\n")
-    monkeypatch.setattr(recording_file.os, "write", FullDisk(5))
+    monkeypatch.setattr(recorded_files.os, "write", FullDisk(5))
     hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
     assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
     assert len(data_lines(tmp_path / "run.csv")) == 2
@@ -566,7 +564,7 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
         recorder.write([], None)
         return recorder.error
 
-    monkeypatch.setattr(recording_file, "_fdatasync", sync)
+    monkeypatch.setattr(recorded_files, "_fdatasync", sync)
     recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
     wait_until(lambda: "Input/output error" in error(), "the word that the disk does not confirm")
     asked = len(calls)
@@ -655,8 +653,8 @@ def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):
 RECORD_UNTIL_FULL = """
 import sys, time
 from pathlib import Path
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.recorder.recorder import Recorder
+from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.recorder import Recorder
 if sys.argv[2] != "0":
     import resource
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.readers.recording_file import read_recording
-from kalscope.sources.recorder.recorder import Recorder
-from kalscope.sources.recorder.repair import read_ends, repair
+from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.recorded_files import read_ends, repair
+from kalscope.sources.recorder import Recorder
 
 ROWS = [(round(i / 7, 4), i * 997 % 10_000, -i / 16) for i in range(12)]
 STEP = 1 if FUZZ > 1 else 3

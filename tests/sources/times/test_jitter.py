@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from kalscope import read_recording
-from kalscope.sources.readers.account import summary
-from kalscope.sources.times.jitter import jitter_of, rate_words
+from kalscope.sources.reading.account import summary
+from kalscope.sources.reading.period import jitter_of, rate_words
 
 
 def written(tmp_path, time):

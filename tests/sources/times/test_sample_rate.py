@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import DEVICES, Device
 
-from kalscope.sources.times.sample_rate import find_rate
+from kalscope.sources.reading.period import find_rate
 
 
 @pytest.mark.slow

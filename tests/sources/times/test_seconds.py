@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.sources.grammar.stamps.clocks import CLOCK_PARSERS, parse_clock
+from kalscope.sources.grammar.stamps import CLOCK_PARSERS, parse_clock
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.times.seconds import to_seconds, unit_by_magnitude
+from kalscope.sources.reading.axis import to_seconds, unit_by_magnitude
 
 
 def test_a_clock_goes_on_over_midnight():

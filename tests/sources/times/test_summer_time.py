@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from each import each
 
-from kalscope.sources.times.summer_time import about_summer_time
+from kalscope.sources.reading.axis import about_summer_time
 
 
 def local_stamps(zone, start, step, count=300):

@@ -3,7 +3,7 @@ import pytest
 from each import each
 
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
-from kalscope.sources.times.time_axis import GivenPeriod, counted_time, read_time, unwrap
+from kalscope.sources.reading.axis import GivenPeriod, counted_time, read_time, unwrap
 
 NUMBER = TimeColumn(0, "number", "ms")
 

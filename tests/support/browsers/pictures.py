@@ -26,7 +26,7 @@ from program import command, next_line
 from screen import FIND, Screen, dashboard
 from shared_page import SharedPage, shared_page
 
-from kalscope.cli.tune.options import TuneOptions
+from kalscope.cli.tune_options import TuneOptions
 from kalscope.fleet.read import FleetOptions
 
 if TYPE_CHECKING:

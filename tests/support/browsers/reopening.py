@@ -14,7 +14,7 @@ from waiting import wait_until
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.open_command import first_state
-from kalscope_app.session.history import History
+from kalscope_app.session.session import History
 from kalscope_app.session.state import State
 
 SOURCE = "demo"

@@ -15,7 +15,7 @@ from pathlib import Path
 from hostile_case import Seen, busy_s, outcome_of, peak_mib
 from waiting import wait_until
 
-from kalscope.sources.live.live_source import LiveSource
+from kalscope.sources.live.source import LiveSource
 
 LINE_END = re.compile(rb"\r\n|\r|\n")
 GOOD_ROWS = 400

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from kalscope import Recording
-from kalscope.sources.live.live_samples import Snapshot
-from kalscope_app.session.live_state import BoardId, ConnectionState
+from kalscope.sources.live.samples import Snapshot
+from kalscope_app.session.state import BoardId, ConnectionState
 
 
 class Board:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from terminal import link_to
 
-from kalscope.cli.board.wires import PtyWire
-from kalscope.estimation.sensor.noise import noise_from_still
+from kalscope.cli.board import PtyWire
+from kalscope.estimation.noise import noise_from_still
 
 STEP = 1.0
 """Resolution of its readings."""

@@ -3,7 +3,7 @@
 import time
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.transports.transport import Endpoint, OpenPort
+from kalscope.sources.port.transport import Endpoint, OpenPort
 
 
 class ScriptedPort(OpenPort):

@@ -29,12 +29,10 @@ from kalscope import (
     smooth,
 )
 from kalscope.analysis.alternatives import compare_alternatives
-from kalscope.estimation.fleet.losses import held_out
-from kalscope.estimation.fleet.pool import pool_of
-from kalscope.export.board.fusion import fuse_float32
-from kalscope.export.float32 import filter_float32
-from kalscope.filtering.chosen import filter_at
-from kalscope.filtering.classic.running import RunningStages
+from kalscope.estimation.pool import held_out, pool_of
+from kalscope.export.float32 import filter_float32, fuse_float32
+from kalscope.filtering.classic import RunningStages
+from kalscope.filtering.filter import filter_at
 from kalscope.papers import generalized
 
 SAMPLES = 30_000

@@ -13,27 +13,27 @@ import serial.tools.list_ports  # noqa: F401
 
 import kalscope_app.dashboard
 import kalscope_app.guard.server
-import kalscope_app.views.window.compiling
+import kalscope_app.views.window
 from kalscope.catalogue import open_source
-from kalscope.cli.offers import OFFERS
-from kalscope.export import device_limits  # noqa: F401
+from kalscope.cli.app import OFFERS
+from kalscope.export import limits  # noqa: F401
 from kalscope_app.commands import run
-from kalscope_app.engine.decimation import choose_samples
+from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.guard.request_filter import served_page
+from kalscope_app.guard.requests import served_page
 from kalscope_app.session.opening import opened
-from kalscope_app.studies import alternatives, channels_overview, checks, spectra, tuning_map, variant_table
-from kalscope_app.views.window.page.page_script import page_script
+from kalscope_app.studies import checks, comparisons, tuning_map
+from kalscope_app.views.window import page_script
 
 STUDIES = (
     lambda state: compute_frame(state, 0, choose_samples(state.recording, state.channel, None)),
-    variant_table.VariantTable().compute,
+    comparisons.VariantTable().compute,
     tuning_map.MapMaker(),
     checks.compute_checks,
-    channels_overview.Overviews().compute,
-    spectra.compute_spectra,
-    spectra.compute_allan,
-    alternatives.AlternativesStudy().compute,
+    comparisons.Overviews().compute,
+    checks.compute_spectra,
+    checks.compute_allan,
+    comparisons.AlternativesStudy().compute,
 )
 
 demo = opened(open_source("demo"))

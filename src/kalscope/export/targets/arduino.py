@@ -8,15 +8,19 @@ import numpy as np
 
 from kalscope.common.text import plural
 from kalscope.errors import BadSetting
-from kalscope.export.board.chain import float32_tuning
-from kalscope.export.board.fusion import fusion_on_board
-from kalscope.export.board.momentum import LAST_POWER
-from kalscope.export.board.still_rule import template_texts
-from kalscope.export.device_limits import not_in_counts
-from kalscope.export.float32 import Float32Params, float32_text, to_float32, without_momentum
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob
+from kalscope.export.board import LAST_POWER
+from kalscope.export.float32 import (
+    Float32Params,
+    float32_text,
+    float32_tuning,
+    fusion_on_board,
+    to_float32,
+    without_momentum,
+)
+from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
+from kalscope.export.limits import not_in_counts
 from kalscope.export.names import comment_text
+from kalscope.export.still_rule import template_texts
 from kalscope.export.targets.stages import (
     KALMAN_FIELDS,
     MOMENTUM_FIELDS,

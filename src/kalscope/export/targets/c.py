@@ -1,20 +1,30 @@
-"""C99 with the tuned constants, in double, or float by a macro: `kalscope_filter`, or `kalscope_fusion`."""
+"""C99 with the tuned constants, in double, or float by a macro; and fixed gains, for C and Arduino."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.board.chain import float32_tuning, runs_kalman
-from kalscope.export.board.fusion import fusion_on_board
-from kalscope.export.float32 import Float32Params, float32_text
-from kalscope.export.header_text import about, about_channel, commented, fill_template
-from kalscope.export.job import ExportJob, step_of
-from kalscope.export.names import number_text
+from kalscope.export.float32 import (
+    MIN_NORMAL,
+    Float32Params,
+    float32_text,
+    float32_tuning,
+    fusion_on_board,
+    runs_kalman,
+)
+from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template, step_of
+from kalscope.export.names import comment_text, number_text
 from kalscope.export.targets.stages import WHOLE, code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.filtering.momentum.constants import step_constants
+from kalscope.filtering.steady import step_constants
 from kalscope.tuning.tuning import ChannelTuning
+
+# C99 with the tuned constants, in double, or float by a macro: `kalscope_filter`, or `kalscope_fusion`.
+
 
 MAX_SENSORS = 32
 """Bits of the mask that says which sensors have a reading."""
@@ -134,3 +144,89 @@ def _kalman(job: ExportJob, channel: ChannelTuning, held: Float32Params | None) 
         gain = float32_text(held.settled_gain)
         values["settled_gain"] = f"(sizeof(kalscope_real) == sizeof(float) ? (kalscope_real){gain} : 0)"
     return values
+
+
+# Fixed gains, for C and Arduino: what the filter settles to, one to three multiplications a sample.
+#
+# One header in C99 that C++ compiles as well. With momentum its state is x and the step that x will make, f times
+# the velocity, so that f needs no multiplication of its own.
+
+
+_FLOAT = "typedef float kalscope_fixed_real;\n"
+_EITHER = """\
+#ifdef KALSCOPE_FLOAT
+typedef float kalscope_fixed_real;
+#else
+typedef double kalscope_fixed_real;
+#endif
+"""
+
+
+@dataclass(frozen=True)
+class FixedGains:
+    """The settled filter: ahead = x + step, v = z - ahead, x = ahead + k v, step = e step + l v."""
+
+    k: float
+    """Share of each innovation that is added to x, above 0."""
+    l: float  # noqa: E741  as in the formulas and in the exported code
+    """Share that is added to the step; 0 without momentum."""
+    e: float
+    """Share of the step that is left after a sample; 0 without momentum."""
+
+
+def fixed_gains(job: ExportJob, channel: ChannelTuning) -> FixedGains:
+    """The gains of one channel.
+
+    Raises:
+        BadSetting: The filter does not settle to gains, or has an outlier gate.
+    """
+    steady, step = job.steady(channel), step_constants(channel.q, channel.momentum)
+    gain = steady.gain
+    if gain < MIN_NORMAL:
+        raise BadSetting(
+            f"q of {comment_text(channel.name)} must be above 0 for fixed gains (got {channel.q:.6g}, whose gain"
+            " falls to 0): leave that option out"
+        )
+    if channel.gate is not None:
+        raise BadSetting(
+            f"the outlier gate of {comment_text(channel.name)} must be off for fixed gains (got"
+            f" {channel.gate:.6g}): switch it off, or leave that option out"
+        )
+    return FixedGains(gain, step.f * steady.velocity_gain, step.e)
+
+
+def arduino_files(job: ExportJob) -> dict[str, str]:
+    """`kalscope_fixed_gains.h` in float32; errors as `fixed_gains`."""
+    return _files(job, _FLOAT, lambda value: float32_text(np.float32(value)))
+
+
+def c_files(job: ExportJob) -> dict[str, str]:
+    """`kalscope_fixed_gains.h` in double, or float by a macro; errors as `fixed_gains`."""
+    return _files(job, _EITHER, lambda value: f"(kalscope_fixed_real){number_text(value)}")
+
+
+def _files(job: ExportJob, real: str, written: Callable[[float], str]) -> dict[str, str]:
+    constants: list[str] = []
+    for word, channel in job.named_channels:
+        gains = fixed_gains(job, channel)
+        start = "NAN" if channel.x0 is None else written(channel.x0)
+        values = [written(gains.k), start]
+        if job.has_momentum:
+            values[1:] = [written(gains.l), written(gains.e), start, written(0.0)]
+        constants.append(
+            _fixed_gains_commented(about_channel(job, channel))
+            + f"#define KALSCOPE_FIXED_{word.upper()} {{{', '.join(values)}}}\n"
+        )
+    text = fill_template(
+        "c/kalscope_fixed_gains.h",
+        job.marks,
+        about=_fixed_gains_commented(about(job, for_one_period=True)).rstrip(),
+        first=job.identifiers[0].upper(),
+        real=real,
+        constants="\n".join(constants),
+    )
+    return {"kalscope_fixed_gains.h": text}
+
+
+def _fixed_gains_commented(lines: tuple[str, ...]) -> str:
+    return f"/*\n{commented(lines, ' *')} */\n"

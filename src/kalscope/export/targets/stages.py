@@ -10,18 +10,9 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from kalscope.export.board.chain import runs_kalman
-from kalscope.export.header_text import fill_sections, fill_template
-from kalscope.export.job import ExportJob
-from kalscope.filtering.classic.stages import (
-    Butterworth,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    Stage,
-)
+from kalscope.export.float32 import runs_kalman
+from kalscope.export.job import ExportJob, fill_sections, fill_template
+from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo, Stage
 from kalscope.tuning.tuning import ChannelTuning
 
 _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {

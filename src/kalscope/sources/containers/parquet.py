@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.memory import require_memory_for_numbers
+from kalscope.common.files import require_memory_for_numbers
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-from kalscope.sources.containers.library import load_library
-from kalscope.sources.containers.parts import refuse_part
-from kalscope.sources.containers.table import MAX_NUMBERS, Table
+from kalscope.sources.containers.table import MAX_NUMBERS, Table, load_library, refuse_part
 
 MAX_COLUMNS = 4096
 """Most columns of numbers: DuckDB's time grows with the square of their number, 2 s for this many."""

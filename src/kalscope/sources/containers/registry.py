@@ -14,7 +14,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
-from kalscope.sources.grammar.json_line import find_object
+from kalscope.sources.grammar.line_format import find_object
 
 OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """How a workbook of Excel before 2007 begins."""
@@ -82,18 +82,18 @@ _CONTAINERS = (
     Container(
         "a LabVIEW measurement file",
         _begins(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"),
-        "labview.lvm.read_lvm",
+        "labview.read_lvm",
     ),
-    Container("a TDMS file", _begins(b"TDSm"), "arrays.tdms.read_tdms"),
-    Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.hdf5.read_hdf5"),
-    Container("a MATLAB file", _is_mat, "arrays.mat.read_mat"),
-    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.mcap.read_mcap"),
-    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.rosbag.read_ros1"),
-    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.rosbag.read_ros2"),
-    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.ulog.read_ulog"),
-    Container("a spreadsheet", _is_excel, "spreadsheets.excel.read_excel"),
-    Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "zip_archive.read_zip"),
-    Container("a JSON document", _is_json_document, "json_document.read_json_document"),
+    Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
+    Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
+    Container("a MATLAB file", _is_mat, "arrays.read_mat"),
+    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.read_mcap"),
+    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.read_ros1"),
+    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.read_ros2"),
+    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.read_ulog"),
+    Container("a spreadsheet", _is_excel, "spreadsheets.read_excel"),
+    Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "texts.read_zip"),
+    Container("a JSON document", _is_json_document, "texts.read_json_document"),
 )
 
 

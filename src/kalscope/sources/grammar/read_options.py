@@ -10,8 +10,7 @@ from typing import cast
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Gaps
-from kalscope.sources.grammar.cells import MISSING, is_number
-from kalscope.sources.grammar.time_units import SECONDS_PER_UNIT, UNIT_OF_WORD
+from kalscope.sources.grammar.cells import MISSING, SECONDS_PER_UNIT, UNIT_OF_WORD, is_number
 
 DELIMITERS = (",", ";", "\t", "|", " ")
 """What may separate cells; a space is any run of blanks."""

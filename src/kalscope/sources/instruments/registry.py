@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from kalscope.sources.instruments import actigraph, campbell, empatica, openbci, physiology, sample_rate, shimmer
-from kalscope.sources.instruments.dialect import plain_head
-from kalscope.sources.instruments.oscilloscopes import keysight, others, rigol, siglent, tektronix
-from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments import loggers, oscilloscopes
+from kalscope.sources.instruments import physiology as actigraph
+from kalscope.sources.instruments.preface import Preface, plain_head
 
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
-    campbell.recognise,
-    openbci.recognise,
-    physiology.recognise,
-    actigraph.recognise,
-    rigol.recognise,
-    tektronix.recognise,
-    keysight.recognise,
-    siglent.recognise,
-    others.recognise,
-    empatica.recognise,
-    shimmer.recognise,
-    sample_rate.recognise,
+    loggers.recognise_campbell,
+    actigraph.recognise_openbci,
+    actigraph.recognise_recorders,
+    actigraph.recognise_actigraph,
+    oscilloscopes.recognise_rigol,
+    oscilloscopes.recognise_tektronix,
+    oscilloscopes.recognise_keysight,
+    oscilloscopes.recognise_siglent,
+    oscilloscopes.recognise_others,
+    actigraph.recognise_empatica,
+    actigraph.recognise_shimmer,
+    loggers.recognise_sample_rate,
 )
 
 

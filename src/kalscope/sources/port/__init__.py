@@ -1,1 +1,1 @@
-"""Live ports of every kind of address: names, opening, reading."""
+"""What streams lines: ports, files that grow, networks, brokers."""

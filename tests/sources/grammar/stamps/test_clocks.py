@@ -4,13 +4,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.stamps.clocks import (
-    parse_clock,
-    parse_elapsed,
-    parse_hhmm,
-    parse_hhmmss,
-    parse_minutes,
-)
+from kalscope.sources.grammar.stamps import parse_clock, parse_elapsed, parse_hhmm, parse_hhmmss, parse_minutes
 
 DAY_US = 86400 * 10**6
 OF_DAY = st.integers(0, DAY_US - 1)

@@ -8,7 +8,7 @@ from effort import EXAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.stamps.dates import CALENDAR_FORMS, parse_calendar
+from kalscope.sources.grammar.stamps import CALENDAR_FORMS, parse_calendar
 from kalscope.sources.grammar.timestamps import calendar_parser
 
 INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59, 999999))

@@ -7,7 +7,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.stamps.odd_stamps import parse_excel, parse_with_dateutil, parse_with_format
+from kalscope.sources.grammar.stamps import parse_excel, parse_with_dateutil, parse_with_format
 
 INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59))
 WORDS = "Feb 23rd 2022 7 pm at of . , : - / + GMT CEST Z 07:18:47 T 99 1e9 99999999999 noon W08 h m"

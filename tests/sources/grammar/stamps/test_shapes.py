@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import is_number
-from kalscope.sources.grammar.stamps.shapes import is_stamp
+from kalscope.sources.grammar.stamps import is_stamp
 
 INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31))
 PATTERNS = [

@@ -2,8 +2,8 @@
 
 from each import each
 
-from kalscope.sources.layout.columns import named_column
-from kalscope.sources.layout.time.names import time_name
+from kalscope.sources.reading.columns import named_column
+from kalscope.sources.reading.time_columns import time_name
 
 
 @each(

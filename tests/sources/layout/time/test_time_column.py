@@ -9,8 +9,8 @@ from each import each
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
-from kalscope.sources.layout.columns import Column, named_column
-from kalscope.sources.layout.time.time_column import chosen_time, find_time
+from kalscope.sources.reading.columns import Column, named_column
+from kalscope.sources.reading.time_columns import chosen_time, find_time
 
 N = 60
 START = datetime(2024, 3, 4, 9, 30)

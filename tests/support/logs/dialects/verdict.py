@@ -17,7 +17,7 @@ from dialects.tables import Case, make_table
 from kalscope.errors import KalscopeError
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording
 
 OPTION = re.compile(r'--([a-z-]+)(?:[ =](?:"([^"]*)"|([^\s";)]+)))?')
 """An option with its value, as a note names it."""

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.sources.lines.line_parser import LineParser
-from kalscope.sources.port.transports.messages.text import lines_of
-from kalscope.sources.port.transports.messages.topics import MAX_PAYLOAD, Topics, check_topic
+from kalscope.sources.port.messages import MAX_PAYLOAD, Topics, check_topic, lines_of
+from kalscope.sources.reading.line_parser import LineParser
 
 
 def rows_of(*messages):

@@ -15,11 +15,11 @@ from required import needs, not_here
 from waiting import wait_until
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.port.port_spec import is_live, port_of
-from kalscope.sources.port.transports.messages import mqtt
-from kalscope.sources.port.transports.messages.mqtt import MAX_MESSAGE, MqttEndpoint
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port import messages
+from kalscope.sources.port.messages import MAX_MESSAGE, MqttEndpoint
+from kalscope.sources.port.registry import is_live, port_of
+from kalscope.sources.reading.recording_file import read_recording
 
 needs("paho")
 CONNECTED, REFUSED = b"\x20\x02\0\0", b"\x20\x02\0\x03"
@@ -220,7 +220,7 @@ def test_a_server_that_stays_silent_is_given_up_in_time_and_at_once_where_nobody
             endpoint.open(lambda: next(asked))
         assert not list(asked), "nobody was asked"
         with monkeypatch.context() as hurry:
-            hurry.setattr(mqtt, "CONNECT_TIMEOUT", 0.1)
+            hurry.setattr(messages, "CONNECT_TIMEOUT", 0.1)
             with pytest.raises(BadDevice, match="does not answer"):
                 endpoint.open(lambda: False)
 

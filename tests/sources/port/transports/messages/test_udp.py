@@ -10,12 +10,13 @@ from each import each
 from program import free_port
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.live import first_items, live_status
-from kalscope.sources.live.live_source import LiveSource
-from kalscope.sources.live.live_status import silence_text
-from kalscope.sources.port.port_spec import is_live, port_of
-from kalscope.sources.port.transports.messages.udp import UdpEndpoint, UdpPort
-from kalscope.sources.readers.recording_file import read_recording
+from kalscope.sources.live import source
+from kalscope.sources.live import status as live_status
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.live.status import silence_text
+from kalscope.sources.port.messages import UdpEndpoint, UdpPort
+from kalscope.sources.port.registry import is_live, port_of
+from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -79,7 +80,7 @@ def test_every_datagram_arrives_from_the_first_one_on(sender, heard, wait_for):
 
 
 def test_variables_that_come_in_turn_are_one_recording(sender, heard, wait_for, tmp_path, monkeypatch):
-    monkeypatch.setattr(first_items, "HOLD_S", 3.0)  # on a busy machine the first six take their time
+    monkeypatch.setattr(source, "HOLD_S", 3.0)  # on a busy machine the first six take their time
     recorder = heard.record(tmp_path / "run.csv")
     for i in range(5):
         for name in ("ax", "ay", "az", "gx", "gy", "gz"):

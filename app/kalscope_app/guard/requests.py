@@ -1,0 +1,600 @@
+"""Who may connect: the token, the rules, and the filter before viser's socket."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import gzip
+import hashlib
+import hmac
+import html
+import http
+import ipaddress
+import logging
+import math
+import os
+import re
+import secrets
+import stat
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import viser
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from kalscope.common.files import temporary_folder, write_private
+from kalscope.errors import BadSetting, describe
+from kalscope_app.program.user_settings import state_folder
+
+# Who may connect, as pure functions: the head of a request goes in, a decision comes out.
+#
+# Nothing here opens a socket or imports viser; `requests.py` calls these functions once a request. The threats:
+# a page of another site that opens our socket (Origin), a foreign name that is made to point at this machine
+# (Host: DNS rebinding), another user or program of this machine (the token), and a link to our own page that
+# makes it load foreign code (`?websocket=`, `?playbackPath=`).
+
+
+_HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?")
+_NAME = re.compile(r"[A-Za-z0-9._:-]{1,253}")
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
+_TOKEN_QUERY = re.compile(r"token=([A-Za-z0-9_-]{1,128})")
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How the server was started."""
+
+    port: int
+    """The port we listen on. It names the cookie, so that two dashboards do not overwrite each other's."""
+    token: str
+    """The secret of the printed link: 16 to 128 of A–Z a–z 0–9 _ -."""
+    extra_hosts: frozenset[str] = frozenset()
+    """Names or addresses, lower case and without port, by which this machine may be called
+    besides localhost and the loopback addresses."""
+    behind: str = ""
+    """Name, or name:port, of the https address under which a reverse proxy shows us; empty without one."""
+
+    def __post_init__(self) -> None:
+        if not is_token(self.token):
+            raise BadSetting("the token must have 16 to 128 characters out of A-Z a-z 0-9 _ -")
+        for name in self.extra_hosts:
+            if not _NAME.fullmatch(name) or name != name.lower():
+                raise BadSetting(f"an allowed host must be a name or address without a port (got {name!r})")
+
+    @property
+    def cookie_name(self) -> str:
+        """The name under which the browser keeps the token."""
+        return f"kalscope_{self.port}"
+
+    @property
+    def home(self) -> str:
+        """The path of the dashboard, "/…/", which the cookie is bound to.
+
+        Browsers send a cookie to every port of a machine, so to other users' servers too, but only under its path,
+        which these do not know. It is derived from the token, so that open tabs survive a restart.
+        """
+        return f"/{hmac.new(self.token.encode(), b'home', hashlib.sha256).hexdigest()[:24]}/"
+
+    def origin_of(self, host: str) -> str:
+        """The origin of our own pages for a browser that calls us by this Host header."""
+        return f"{'https' if self.is_behind(host) else 'http'}://{host}"
+
+    def is_behind(self, host: str) -> bool:
+        """Whether this Host header is the one that the https proxy passes on."""
+        return bool(self.behind) and host.lower() == self.behind
+
+
+def is_token(text: str) -> bool:
+    """Whether a cookie and a link can carry this as the secret: 16 to 128 of A-Z a-z 0-9 _ -."""
+    return _TOKEN.fullmatch(text) is not None
+
+
+def behind_of(address: str | None) -> str:
+    """What `Policy.behind` is for the address given with --behind: its name and, if not 443, its port.
+
+    Raises:
+        BadSetting: it is not https://NAME or https://NAME:PORT.
+    """
+    if not address:
+        return ""
+    match = re.fullmatch(r"https://([A-Za-z0-9.-]{1,253}(?::[0-9]{1,5})?)/?", address)
+    if match is None:
+        raise BadSetting(f"--behind must be https://NAME or https://NAME:PORT, without a path (got {address!r})")
+    return match[1].lower().removesuffix(":443")
+
+
+@dataclass(frozen=True)
+class RequestHead:
+    """The parts of a request that decide; headers as the peer sent them, every occurrence of each."""
+
+    hosts: tuple[str, ...] = ()
+    """The Host headers. HTTP requires exactly one."""
+    origins: tuple[str, ...] = ()
+    """The Origin headers: the page that sent the request. Browsers send one with every websocket."""
+    is_upgrade: bool = False
+    """Whether any Upgrade header asks for a websocket, in any letter case."""
+    target: str = "/"
+    """The request target: path and query."""
+    cookies: tuple[str, ...] = ()
+    """The Cookie headers."""
+
+
+@dataclass(frozen=True)
+class Allow:
+    """Let viser answer."""
+
+
+@dataclass(frozen=True)
+class SetCookie:
+    """The link was right: answer with the small page that keeps the token and leads to `Policy.home`."""
+
+    cookie: str
+    """The value of the Set-Cookie header."""
+
+
+@dataclass(frozen=True)
+class Refuse:
+    """Answer with an error page; viser never sees the request."""
+
+    status: int
+    """The HTTP status."""
+    reason: str
+    """What the user should know, in one or two sentences."""
+
+
+NOT_UNDERSTOOD = Refuse(400, "This request could not be understood.")
+
+
+def below_home(policy: Policy, target: str) -> str:
+    """A request target as viser knows it: without the path of the dashboard.
+
+    viser's page asks for its socket without the last "/".
+    """
+    home = policy.home
+    return target[len(home) - 1 :] or "/" if f"{target}/".startswith(home) else target
+
+
+def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
+    """Decide on one request. Any exception counts as a refusal."""
+    refusal = _refusal_of_sender(policy, head)
+    if refusal is not None:
+        return refusal
+    path, _, query = head.target.partition("?")
+    if query:
+        return _answer_to_query(policy, head, path, query)
+    if not _has_cookie(policy, head.cookies):
+        return Refuse(403, "This browser has not opened Kalscope's link yet, or the link has changed since.")
+    return Allow()
+
+
+def _refusal_of_sender(policy: Policy, head: RequestHead) -> Refuse | None:
+    """What is wrong before any secret is compared: the name of this machine, and the page that asks."""
+    if len(head.hosts) != 1 or not host_allowed(policy, head.hosts[0]):
+        return Refuse(
+            403,
+            "Kalscope is not known under this address. "
+            "If it should be, start it with --allow-host and the name that you typed.",
+        )
+    if not origin_allowed(policy.origin_of(head.hosts[0]), head.origins, required=head.is_upgrade):
+        return Refuse(403, "The request came from a page that is not Kalscope's.")
+    if not all(text.isascii() for text in (head.target, *head.cookies)) or not head.target.startswith("/"):
+        return NOT_UNDERSTOOD
+    return None
+
+
+def host_allowed(policy: Policy, host: str) -> bool:
+    """Whether a Host header names this machine: loopback, localhost, or a name that the user listed."""
+    match = _HOST.fullmatch(host)
+    if match is None:
+        return False
+    name = (match["v6"] or match["name"]).lower()
+    return name == "localhost" or name in policy.extra_hosts or is_loopback(name) or policy.is_behind(host)
+
+
+def is_loopback(name: str) -> bool:
+    """Whether `name` is written as a loopback address: 127.0.0.0/8 or ::1."""
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> bool:
+    """Whether the requesting page is our own: the Origin must equal ours exactly, port included."""
+    return origins == (own,) if origins else not required
+
+
+def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -> Refuse | SetCookie:
+    """Decide on a target with a query: only the printed link has one, and only for a page."""
+    match = _TOKEN_QUERY.fullmatch(query)
+    if match is None or path != "/" or head.is_upgrade:
+        return Refuse(403, "Kalscope accepts no parameter in its address except the token of its link.")
+    if not hmac.compare_digest(match[1], policy.token):
+        return Refuse(403, "This link is wrong, or no longer valid.")
+    # Strict: no page of another site can make the browser send it. A path without its last "/" covers both forms.
+    secure = "; Secure" if policy.is_behind(head.hosts[0]) else ""
+    return SetCookie(
+        f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}{secure}"
+    )
+
+
+def _has_cookie(policy: Policy, headers: tuple[str, ...]) -> bool:
+    pairs = (pair.strip().partition("=") for header in headers for pair in header.split(";"))
+    sent = [value for name, _, value in pairs if name == policy.cookie_name]
+    return any(hmac.compare_digest(value, policy.token) for value in sent)
+
+
+# The connections that no valid request has come on: the oldest is closed where there are too many.
+#
+# Anybody who reaches the port may open a connection, send nothing and keep it; each takes one of the descriptors
+# that the files of the program need too.
+
+
+_log = logging.getLogger(__name__)
+
+MAX_UNKNOWN = 64
+"""Connections without a valid request at a time. macOS gives a program 256 descriptors, Linux 1024."""
+
+BURST = 8
+"""Connections that the event loop accepts before it counts them."""
+
+REPEAT_S = 60.0
+"""Seconds for which the warning is not repeated."""
+
+
+class OpenConnections:
+    """Counts connections from their start until a request on them is allowed."""
+
+    def __init__(self) -> None:
+        self._unknown: dict[ServerConnection, None] = {}
+        self._warned = -math.inf
+        counted = self
+
+        class Counted(ServerConnection):
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                super().connection_made(transport)
+                counted._add(self)
+
+            def connection_lost(self, exc: Exception | None) -> None:
+                counted.allow(self)
+                super().connection_lost(exc)
+
+        self.connection_type = Counted
+        """For `create_connection` of websockets."""
+
+    def allow(self, connection: ServerConnection) -> None:
+        """A valid request came on it, or it has ended: no longer count it."""
+        self._unknown.pop(connection, None)
+
+    def _add(self, connection: ServerConnection) -> None:
+        self._unknown[connection] = None
+        if len(self._unknown) <= MAX_UNKNOWN:
+            return
+        oldest = next(iter(self._unknown))
+        self.allow(oldest)
+        oldest.transport.abort()
+        if (now := time.monotonic()) - self._warned >= REPEAT_S:
+            self._warned = now
+            _log.warning(
+                "too many open connections: another program opens them and sends no valid request. "
+                "More than %d are not kept, the oldest is closed first. The dashboard keeps running.",
+                MAX_UNKNOWN,
+            )
+
+
+# The secret of the link on disk: kept over a restart and passed to the browser, readable by this user only.
+
+
+_MAX_BYTES = 1024
+"""Bytes of a token file that are read, at most."""
+_IS_POSIX = os.name == "posix"
+
+
+def kept_token(port: int, folder: Path | None = None, *, renew: bool = False) -> str:
+    """The token of this port, the same as last time, so that open tabs reconnect after a restart.
+
+    A file that others could have read or put there is replaced. Where none can be kept safely the token is new each
+    time, and the log says why.
+
+    Args:
+        port: the port listened on; each has a token of its own.
+        folder: where tokens are kept; None is the user's state folder.
+        renew: make a new one, which makes the old link useless.
+    """
+    token = secrets.token_urlsafe(32)
+    try:
+        folder = state_folder() if folder is None else folder
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700, parents=True)
+        _check_folder(folder)
+        file = folder / f"token-{port}"
+        known = None if renew else _read_private(file)
+        if known is not None and is_token(known):
+            return known
+        write_private(file, token.encode())
+    except OSError as error:
+        _log.warning("The link changes with each start, because its token cannot be kept: %s", describe(error))
+    return token
+
+
+@contextmanager
+def opening_page(url: str) -> Generator[Path]:
+    """A page, readable by this user only, that sends the browser on to `url`; it is removed when the block ends.
+
+    Every user of the machine can read command lines; the name of this file tells them nothing.
+    """
+    with temporary_folder("kalscope-open-") as folder:
+        file = folder / "kalscope.html"
+        target = escape(url, quote=True)
+        page = (
+            f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
+            f'<meta http-equiv="refresh" content="0; url={target}"><title>Opening Kalscope…</title>'
+            f'<p><a href="{target}">Open Kalscope</a></p>\n'
+        )
+        write_private(file, page.encode())
+        yield file
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder in which another user could replace the file."""
+    found = folder.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        raise OSError(f"{str(folder)!r} must be a folder, not a link")
+    if not stat.S_ISDIR(found.st_mode):
+        raise OSError(f"{str(folder)!r} must be a folder, not a file")
+    if _IS_POSIX and found.st_uid != os.geteuid():
+        raise OSError(f"{str(folder)!r} must belong to you")
+    if _IS_POSIX and found.st_mode & 0o022:
+        raise OSError(f"{str(folder)!r} must not be writable by others (got mode {found.st_mode & 0o777:o})")
+
+
+def _read_private(file: Path) -> str | None:
+    """The content of a file that only this user could read and write; None for any other file, link or device."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        handle = os.open(file, flags)
+    except OSError:  # missing, or a link
+        return None
+    with os.fdopen(handle, "rb") as opened:
+        found = os.fstat(opened.fileno())  # of the open file itself: its name may point elsewhere by now
+        is_ours = not _IS_POSIX or (found.st_uid == os.geteuid() and not found.st_mode & 0o077)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or not is_ours:
+            return None
+        return opened.read(_MAX_BYTES).decode("ascii", "replace").strip()
+
+
+# The small pages besides the dashboard itself, and the security headers of every page. Pure.
+
+
+OPEN_THE_LINK = "Open the link printed in the terminal"
+
+_GO_ON = "location.replace(document.querySelector('a').href)"
+
+_KEEP_ADDRESS = (
+    "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
+)
+"""Below a path viser appends ?websocket=… to the page's address, which would be refused after a reload."""
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
+<title>{title}</title><style>
+:root {{ color-scheme: light dark;
+  --ink: #1c2430; --dim: #5a6675; --paper: #f4f6f8; --card: #fff; --line: #d9dfe6 }}
+@media (prefers-color-scheme: dark) {{
+  :root {{ --ink: #e6eaf0; --dim: #9aa6b5; --paper: #14181e; --card: #1d232b; --line: #323b47 }} }}
+body {{ margin: 0; min-height: 100vh; display: grid; place-items: center; background: var(--paper);
+  color: var(--ink); font: 16px/1.5 system-ui, sans-serif }}
+main {{ max-width: 32rem; margin: 1rem; padding: 1.5rem 2rem; background: var(--card);
+  border: 1px solid var(--line); border-radius: 12px }}
+li {{ margin: .4rem 0 }} ul {{ padding-left: 1.2rem }}
+h1 {{ font-size: 1.25rem; margin: 0 0 .5rem }} p {{ margin: .5rem 0 }} .dim {{ color: var(--dim) }}
+code {{ font-size: .9em; overflow-wrap: anywhere }} a {{ color: inherit }}
+</style></head><body><main><h1>{title}</h1>{body}</main></body></html>
+"""
+
+
+def refusal_page(policy: Policy, refusal: Refuse) -> str:
+    """The page of a refusal: what to do first, then why."""
+    return _PAGE.format(
+        title=OPEN_THE_LINK,
+        body=f"<p>{html.escape(refusal.reason)}</p><p class=dim>When Kalscope starts it prints a line like "
+        f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
+        "Open that address once in this browser. It leads to a page that may be bookmarked.</p>",
+    )
+
+
+def link_page(home: str = "/") -> str:
+    """The page behind the printed link; `home` is the path of the dashboard.
+
+    It redirects by script: a browser that follows another site's link to us would not send a Strict cookie
+    along a redirect.
+    """
+    body = f'<p><a href="{home}">Go on to the dashboard</a></p><script>{_GO_ON}</script>'
+    return _PAGE.format(title="Opening Kalscope…", body=body)
+
+
+def dashboard_page(stock: str, script: str = "") -> str:
+    """The page of viser, with our name and the scripts that must run before its own.
+
+    Args:
+        stock: viser's own page.
+        script: JavaScript of the dashboard that must run before viser's.
+
+    Raises:
+        ValueError: the page is not as expected.
+    """
+    head, title = "<head>", "<title>Viser</title>"
+    if stock.count(head) != 1 or stock.count(title) != 1:
+        raise ValueError("viser's page has another head")
+    return stock.replace(title, "<title>Kalscope</title>").replace(
+        head, f"{head}<script>{_KEEP_ADDRESS}{script}</script>"
+    )
+
+
+def inline_script_hashes(page: str) -> tuple[str, ...]:
+    """The CSP sources of the inline scripts of an HTML page, `'sha256-…'` each, in their order."""
+    scripts = re.findall(r"<script\b[^>]*>(.*?)</script>", page, re.DOTALL)
+    digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
+    return tuple(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+
+
+_NO_FRAMES = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
+def page_headers(csp: str) -> dict[str, str]:
+    """The security headers of every answer that is not a websocket."""
+    return {
+        "Content-Security-Policy": csp,
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Cross-Origin-Opener-Policy": "same-origin",
+    }
+
+
+def small_page_csp() -> str:
+    """The content policy of our own two small pages."""
+    scripts = " ".join(inline_script_hashes(link_page()))
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {scripts}; {_NO_FRAMES}"
+
+
+def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:
+    """The content policy of viser's page: its own loader runs, and nothing that a text injects.
+
+    Args:
+        script_hashes: of the inline scripts of viser's page. 'strict-dynamic' lets the loader start the
+            program it unpacks, but no script or handler inside a text (a file name, a CSV header) runs.
+        own_origin: `http://HOST` or `https://HOST`, with a HOST that `host_allowed` has accepted; some browsers
+            do not count our own websocket as 'self' and want it by name.
+    """
+    scripts = " ".join(script_hashes)
+    socket = f" {own_origin.replace('http', 'ws', 1)}" if own_origin else ""
+    return (
+        f"default-src 'none'; script-src {scripts} 'strict-dynamic' 'wasm-unsafe-eval' blob:; "
+        "worker-src blob:; style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+        f"media-src data: blob:; connect-src 'self'{socket} data: blob:; {_NO_FRAMES}"
+    )
+
+
+# The filter before viser's socket: answers each request itself, or lets viser answer, as `rules` decides.
+
+
+MAX_CLIENTS = 32
+"""Browsers at a time; the next one is refused with a message."""
+
+
+class RequestFilter:
+    """Answers each request instead of viser, or lets viser answer."""
+
+    def __init__(self, policy: Policy, page_script: str = "") -> None:
+        self._page, self._packed, self._script_hashes = served_page(page_script)
+        self._policy = policy
+        self._clients = 0
+        self.connections = OpenConnections()
+        self.is_open = False
+        """Pages are served at once, sockets after the self-test: an old tab may already be reconnecting."""
+        self.ready = asyncio.Event()
+        """Browsers that connect before it is set wait: there is nothing to show yet."""
+        self.installed = False
+        """Whether viser's socket was really opened behind this filter."""
+
+    def answer(self, viser_answer: Callable[..., Any], connection: ServerConnection, request: Request) -> Any:
+        """The `process_request` of websockets: None continues with the websocket handshake."""
+        try:
+            request.path = below_home(self._policy, request.path)
+            head = _head_of(request)
+            answer = decide(self._policy, head)
+            if isinstance(answer, Allow) and head.is_upgrade and not self.is_open:
+                answer = Refuse(503, "Kalscope is still starting.")
+            if isinstance(answer, Allow):
+                self.connections.allow(connection)
+                return self._own_page(head, request) or viser_answer(connection, request)
+        except Exception:
+            # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
+            answer = NOT_UNDERSTOOD
+        if isinstance(answer, SetCookie):
+            return _small_page(200, link_page(self._policy.home), {"Set-Cookie": answer.cookie})
+        if self.is_open:  # before that it is the self-test that is refused
+            # Without the query: it may hold the token, under a wrong name or path.
+            _log.info("refused %r: %s", request.path.partition("?")[0], answer.reason)
+        return _small_page(answer.status, refusal_page(self._policy, answer))
+
+    def _own_page(self, head: RequestHead, request: Request) -> Response | None:
+        """The page of viser with our script; None for all else."""
+        if head.target.partition("?")[0] != "/" or head.is_upgrade:
+            return None
+        headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
+        if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
+            headers, body = headers | {"Content-Encoding": "gzip"}, self._packed
+        return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
+
+    def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The handler of viser's websockets, for MAX_CLIENTS at a time."""
+
+        async def handle(connection: ServerConnection) -> None:
+            if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print on standard output
+                await connection.close(1002, "reload the page: it belongs to another version")
+                return
+            if self._clients >= MAX_CLIENTS:
+                await connection.close(1013, "too many browsers")
+                return
+            self._clients += 1
+            try:
+                await self.ready.wait()
+                await handler(connection)
+            finally:
+                self._clients -= 1
+
+        return handle
+
+    def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
+        """The `process_response` of websockets: security headers on everything but an opened websocket."""
+        if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
+            hosts = request.headers.get_all("Host")
+            known = len(hosts) == 1 and host_allowed(self._policy, hosts[0])
+            csp = dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
+            for name, value in page_headers(csp).items():
+                if name not in response.headers:
+                    response.headers[name] = value
+        return response
+
+
+@cache
+def served_page(page_script: str) -> tuple[bytes, bytes, tuple[str, ...]]:
+    """The page of viser with our script, plain and packed, and the CSP sources of its scripts.
+
+    Raises:
+        ValueError: viser's page is not as expected.
+    """
+    stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    page = dashboard_page(stock.read_text("utf-8"), page_script)
+    plain = page.encode()
+    return plain, gzip.compress(plain, 1), inline_script_hashes(page)
+
+
+def _head_of(request: Request) -> RequestHead:
+    headers = request.headers
+    return RequestHead(
+        hosts=tuple(headers.get_all("Host")),
+        origins=tuple(headers.get_all("Origin")),
+        is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),
+        target=request.path,
+        cookies=tuple(headers.get_all("Cookie")),
+    )
+
+
+def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
+    body = page.encode()
+    headers = page_headers(small_page_csp()) | (extra_headers or {})
+    headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
+    return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)

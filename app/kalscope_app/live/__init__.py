@@ -1,1 +1,0 @@
-"""The live board: its connection, its recording, what is sent to it."""

@@ -1,1 +1,0 @@
-"""Changes of the State, each a checked function State -> State."""

@@ -1,0 +1,275 @@
+"""A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
+
+The State holds the record as of the last refresh (`Snapshot`: views, so taking one costs nothing). What the user
+chose stays; only the record under it grows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from kalscope.errors import BadSetting
+from kalscope.recording import Recording
+from kalscope.sources.live.samples import Snapshot
+from kalscope.tuning.tuning import PaperTuning, Tuning
+from kalscope_app.session.changes import channel_named, select_channel
+from kalscope_app.session.opening import adapted, opened, starting_tuning
+from kalscope_app.session.state import BoardCalibration, BoardId, Change, Deferred, Live, Sent, Setting, State
+
+SPANS = {
+    "1 s": 1.0,
+    "2 s": 2.0,
+    "5 s": 5.0,
+    "10 s": 10.0,
+    "30 s": 30.0,
+    "1 min": 60.0,
+    "2 min": 120.0,
+    "5 min": 300.0,
+    "10 min": 600.0,
+    "all": math.inf,
+}
+"""Lengths of the window that follows the newest sample, s."""
+
+START_SAMPLES, START_SECONDS = 100, 2.0
+"""The starting r is measured on the first samples: on this many, or over this long if the board is slow."""
+
+MIN_SAMPLES = 10
+"""Fewer samples than this show nothing yet."""
+
+WAITING = f"waiting for the first {MIN_SAMPLES} samples"
+"""What is said instead of the size of the placeholder."""
+
+MAX_STUDIED = 100_000
+"""Newest samples that the checks, spectra and maps of a live record are computed from."""
+
+
+def opened_live(board: BoardId, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+    """A state that waits for the first samples of a board and then shows them.
+
+    Args:
+        board: the board.
+        title: its name, as the user gave it.
+        before: what was on screen.
+        tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
+    """
+    live = Live(board, deferred=None if tuning is None else Deferred(tuning))
+    return replace(opened(waiting(title), before).with_answers(note=""), live=live)
+
+
+def waiting(title: str) -> Recording:
+    """What is on screen until a board has sent something: two missing samples."""
+    return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+
+
+def defer_until_settled(state: State, channel: str | None, values: Setting) -> State:
+    """Choose channel and parameters as soon as the channels of a board are known; at once where they are."""
+    live = state.live
+    if live is None or live.settled:
+        return with_setting(state, channel, values)
+    deferred = replace(live.deferred or Deferred(), channel=channel, values=tuple(values.items()))
+    return replace(state, live=replace(live, deferred=deferred))
+
+
+def with_setting(state: State, channel: str | None, values: Setting) -> State:
+    """The state at the channel and the parameters of the command line; None and {} change nothing."""
+    if channel is not None:
+        state = select_channel(channel_named(state.recording, channel))(state)
+    if not values:
+        return state
+    state = state.with_standard_filter() if isinstance(state.tuning, PaperTuning) else state
+    return state.with_tuning(**values, how="command line")
+
+
+def _apply_deferred(state: State) -> State:
+    """The state with what the command line asked for; the note says what could not be applied."""
+    live = state.live
+    if live is None or not live.settled or live.deferred is None:
+        return state
+    deferred, state = live.deferred, replace(state, live=replace(live, deferred=None))
+    notes: list[str] = []
+
+    def apply(change: Change) -> State:
+        try:
+            after = change(state)
+        except BadSetting as error:
+            notes.append(f"Ignored command-line option: {error}.")
+            return state
+        notes.extend([after.answers.note] if after.answers.note else [])
+        return after
+
+    if (tuning := deferred.tuning) is not None:
+        state = apply(lambda state: adapted(state, tuning))
+    if deferred.channel is not None or deferred.values:
+        state = apply(lambda state: with_setting(state, deferred.channel, dict(deferred.values)))
+    return state.with_answers(note=" ".join(notes)).with_reset_view()
+
+
+def refreshed(state: State, snapshot: Snapshot | None) -> State:
+    """The state with the samples that its board has now; the same object where there are no new ones."""
+    live = state.live
+    if live is None or live.paused or snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
+        return state
+    last = live.snapshot
+    if last is not None and (last.generation, last.version) == (snapshot.generation, snapshot.version):
+        return state
+    if last is None or last.generation != snapshot.generation or not live.settled:
+        state = _begun(state, snapshot)
+    grown = replace(state.live or live, snapshot=snapshot)
+    return replace(state.with_open(recording=snapshot.recording), live=grown)
+
+
+def _begun(state: State, snapshot: Snapshot) -> State:
+    """Starting values from the first samples, and what is kept from before."""
+    recording = snapshot.recording
+    firsts = _first_values(recording)
+    begin = max(firsts, default=0)
+    lasted = float(recording.time[-1] - recording.time[begin])
+    settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
+    head = _part(recording, begin, begin + START_SAMPLES)
+    starts = tuple(
+        starting_tuning(_part(recording, first, first + START_SAMPLES), name)
+        for first, name in zip(firsts, recording.names, strict=True)
+    )
+    fresh = opened(head, state, starts)
+    live = replace(state.live, settled=settled) if state.live else None
+    last = state.live.snapshot if state.live else None
+    if last is not None and (last.generation == snapshot.generation or _has_more_channels(last, snapshot)):
+        fresh = fresh.with_answers(note=state.answers.note)
+    if fresh.recording.names == state.recording.names:
+        fresh = fresh.with_view(resets=state.view.resets)
+    choice = state.open.board_choice
+    choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
+    fresh = fresh.with_open(board_choice=choice, options=state.open.options)
+    return _apply_deferred(replace(fresh, live=live))
+
+
+def _has_more_channels(last: Snapshot, snapshot: Snapshot) -> bool:
+    """Whether channels were added to those before."""
+    before, now = last.recording.names, snapshot.recording.names
+    return len(now) > len(before) and now[: len(before)] == before
+
+
+def _first_values(recording: Recording) -> list[int]:
+    """The row of each channel's first value: a topic of a broker may first appear later."""
+    return np.isfinite(recording.values).argmax(axis=0).tolist()
+
+
+def without_samples(state: State) -> State:
+    """The state as the history keeps it: without the samples, which the connection keeps."""
+    if state.live is None or state.live.snapshot is None:
+        return state
+    few = _part(state.recording, 0, 2)
+    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep the whole array
+    return replace(state.with_open(recording=stub), live=replace(state.live, snapshot=None, paused=False))
+
+
+def with_current_samples(kept: State, present: State) -> State:
+    """A state from the history with the samples on screen, if it is the same board."""
+    if kept.live is None or present.live is None or present.live.board is not kept.live.board:
+        return kept
+    if tuple(tuning.name for tuning in kept.settings.tunings) != present.recording.names:
+        return kept
+    return replace(kept.with_open(recording=present.recording), live=present.live)
+
+
+def studied(state: State) -> State:
+    """The state that idle-time computations use: the newest samples of a live record, all of any other."""
+    n = len(state.recording)
+    if state.live is None or n <= MAX_STUDIED:
+        return state
+    return state.with_open(recording=_part(state.recording, n - MAX_STUDIED, n))
+
+
+def live_window(state: State) -> tuple[float, float] | None:
+    """First and last time on screen, s, of what is open; None = all of it."""
+    if state.live is None or not state.live.following:
+        return state.view.window
+    if math.isinf(state.live.span):
+        return None
+    end = float(state.recording.time[-1])
+    return end - state.live.span, end
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return replace(recording, time=recording.time[first:last], values=recording.values[first:last])
+
+
+def follow(state: State) -> State:
+    """The Live button: continue, at the newest sample."""
+    if state.live is None:
+        return state
+    live = replace(state.live, following=True, paused=False)
+    return replace(state, live=live).with_reset_view(window=None)
+
+
+def set_paused(paused: bool) -> Change:
+    """Freeze the screen, or continue; samples arrive in either case."""
+
+    def change(state: State) -> State:
+        return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
+
+    return change
+
+
+def set_span(words: str) -> Change:
+    """Choose the length of the window that follows, by its label."""
+    if words not in SPANS:
+        raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
+
+    def change(state: State) -> State:
+        if state.live is None:
+            return state
+        live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
+        return replace(state, live=live).with_reset_view(window=None)
+
+    return change
+
+
+def set_sent(sent: Sent | None) -> Change:
+    """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
+
+    def change(state: State) -> State:
+        if sent is not None and state.board is None and sent.filtered in state.recording.names:
+            state = state.with_open(board_choice=sent.filtered)
+        return replace(state, sent=sent)
+
+    return change
+
+
+def set_calibration(calibration: BoardCalibration | None) -> Change:
+    """The board has measured its noise, or could not; None: it begins to."""
+
+    def change(state: State) -> State:
+        # Its filter continued with what it measured: there is no restart from which to compare it.
+        sent = state.sent if calibration is None or calibration.values is None else None
+        return replace(state, calibration=calibration, sent=sent)
+
+    return change
+
+
+def set_kept(kept: bool) -> Change:
+    """The board keeps its values for its next start, or those of its export."""
+
+    def change(state: State) -> State:
+        known = state.calibration
+        return state if known is None else replace(state, calibration=replace(known, kept=kept))
+
+    return change
+
+
+def calibration_here(state: State) -> BoardCalibration | None:
+    """The result of letting the board measure the channel on screen."""
+    known = state.calibration
+    return known if known and (known.record, known.channel) == (state.record_key, state.channel) else None
+
+
+def use_calibration(state: State) -> State:
+    """Filter the channel on screen with the r and q that its board measured."""
+    known = calibration_here(state)
+    if known is None or known.values is None:
+        raise BadSetting("the board must have measured this channel first (got none)")
+    state = state if state.uses_parameters else state.with_standard_filter()
+    return state.with_tuning(**known.values.parameters, how="measured by the board")

@@ -1,0 +1,267 @@
+"""The filter on screen beside others: simpler ones, pinned settings, the filters of the other channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis.alternatives import Alternative, Comparison, compare_alternatives, stretch_of
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
+from kalscope.analysis.residuals import Run
+from kalscope.common.numbers import Array
+from kalscope.filtering.filter import filter_at
+from kalscope.filtering.steady import SteadyState
+from kalscope.recording import Recording
+from kalscope.tuning.tuning import ChannelTuning, PaperTuning
+from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices, choose_samples
+from kalscope_app.session.state import State, Variant
+
+# The filter on screen beside simpler ones: an idle-time computation.
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The present filter beside simpler ones, and which samples of them are drawn."""
+
+    state: State
+    """The choices that were compared."""
+    found: Comparison
+    """All of them, over their stretch."""
+    drawn: DrawnSamples
+    """The samples that the signal chart draws; those outside the stretch are left out."""
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Which of the drawn samples lie in the stretch, bool, shape (m,)."""
+        at = self.drawn.indices
+        return (at >= self.found.first) & (at < self.found.last)
+
+    def curve(self, one: Alternative) -> Array:
+        """A curve at the drawn samples inside the stretch."""
+        return one.curve[self.drawn.indices[self.inside] - self.found.first]
+
+    @property
+    def to_export(self) -> Alternative | None:
+        """The one chosen filter that a device can run, if one is chosen."""
+        drawn = self.alternatives
+        return drawn[0] if len(drawn) == 1 and drawn[0].chain is not None else None
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """What is drawn beside the present filter: the chosen one, or all."""
+        chosen = tuple(one for one in self.found.others if one.name == self.state.view.drawn_alternative)
+        return chosen or self.found.others
+
+
+class AlternativesStudy:
+    """Compares while idle, and keeps the last comparison while only the view changes."""
+
+    def __init__(self) -> None:
+        self._found = Cache[Comparison]()
+
+    def compute(self, state: State) -> Compared | None:
+        """Compare the Kalman filter of the q and r on screen; None where there is none of one channel."""
+        if state.fusion is not None or isinstance(state.tuning, PaperTuning):
+            return None
+        drawn = choose_samples(state.recording, state.channel, state.view.window)
+        window = (drawn.first, drawn.last)
+        stretch = stretch_of(len(state.recording), window)
+        self._found.begin(state.recording, state.channel, state.view.match_by, stretch)
+        return Compared(state, self._found.get(state.params, lambda: _compare(state, window)), drawn)
+
+
+def _compare(state: State, window: tuple[int, int]) -> Comparison:
+    truth = state.recording.truth
+    return compare_alternatives(
+        state.recording.values[:, state.index],
+        state.params,
+        match=state.view.match_by,
+        dt=state.dt,
+        truth=None if truth is None else truth[:, state.index],
+        window=window,
+    )
+
+
+# State -> Overview: every channel raw and filtered, each on its own lane; an idle-time computation.
+
+
+MAX_LANES = 16
+"""Channels that are drawn, at most: with more, the lanes are too low to read."""
+
+MAX_POINTS = 3000
+"""Points of all lanes together, at most, before what they share is drawn once."""
+
+HALF_LANE = 0.46
+"""Half the height of a lane, which is 1: a small gap stays between two."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One channel."""
+
+    name: str
+    """Name of the channel."""
+    low: float
+    """Its smallest value on screen, unit; NaN where it has none."""
+    high: float
+    """Its largest, unit."""
+    missing: int
+    """Missing samples of the whole recording."""
+    raw: Array
+    """Measurements, −1 … 1 between low and high, shape (m,); NaN where missing."""
+    filtered: Array
+    """Filtered, on the same scale."""
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The channels of a recording side by side."""
+
+    state: State
+    """The choices that it belongs to."""
+    time: Array
+    """Times drawn, s, ascending, shape (m,)."""
+    lanes: tuple[Lane, ...]
+    """At most 16 of the channels; none where the recording has only one."""
+
+
+class Overviews:
+    """Computes overviews; what a change does not touch is kept."""
+
+    def __init__(self) -> None:
+        self._drawn = Cache[NDArray[np.intp]]()
+        self._filtered = Cache[Array]()
+
+    def compute(self, state: State) -> Overview:
+        """The overview of a state."""
+        recording, window = state.recording, state.view.window
+        if len(recording.names) < 2:
+            return Overview(state, np.empty(0), ())
+        clock = np.maximum.accumulate(recording.time)
+        at = self._drawn.once(lambda: _drawn_samples(recording, clock, window), recording, window)
+        self._filtered.begin(recording, window)
+        lanes: list[Lane] = []
+        for i, name in enumerate(recording.names[:MAX_LANES]):
+            z, used = recording.values[:, i], state.settings.tunings[i].filter
+            filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
+            lanes.append(_lane(name, z, at, filtered))
+        return Overview(state, clock[at], tuple(lanes))
+
+
+def _drawn_samples(recording: Recording, clock: Array, window: tuple[float, float] | None) -> NDArray[np.intp]:
+    """Indices of the samples that show every channel in the window, ascending."""
+    first, last = 0, len(clock)
+    if window is not None:
+        first = int(np.searchsorted(clock, window[0], side="left"))
+        last = max(int(np.searchsorted(clock, window[1], side="right")), first + 1)
+    values = recording.values[first:last, :MAX_LANES]
+    share = max(2, MAX_POINTS // values.shape[1])
+    chosen = [choose_indices(np.ascontiguousarray(column), None, share) for column in values.T]
+    return first + np.unique(np.concatenate(chosen))
+
+
+def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:
+    raw = z[at]
+    seen = raw[np.isfinite(raw)]
+    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (float("nan"), float("nan"))
+    middle, half = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low) if len(seen) else (0.0, 1.0)
+    half = half if half > 0.0 else 1.0
+    missing = int(np.isnan(z).sum())
+    return Lane(name, low, high, missing, (raw - middle) / half, np.clip((filtered - middle) / half, -1.0, 1.0))
+
+
+# The table of pinned settings: what each of them does to the channel on screen. An idle-time computation.
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well the Kalman filter of one setting explains one channel."""
+
+    diagnostics: Diagnostics
+    """Size and autocorrelation of its innovations."""
+    loglik: float
+    """Log-likelihood."""
+    scored: int
+    """Samples that it sums over."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What one setting does to one channel."""
+
+    steady: SteadyState
+    """Lag, noise reduction, gain of the settled filter."""
+    rmse: float | None
+    """Root mean square of filtered − truth, unit; None where the truth is not known."""
+    fit: Fit | None
+    """How well it explains the recording; None for a chain of filters, which is not a model of it."""
+
+
+@dataclass(frozen=True)
+class VariantRow:
+    """One line of the table."""
+
+    variant: Variant | None
+    """Which; None = the present setting."""
+    tuning: ChannelTuning
+    """Its parameters."""
+    measures: Measures
+    """What they do."""
+
+
+@dataclass(frozen=True)
+class VariantComparison:
+    """All settings of the channel on screen, the present one first."""
+
+    state: State
+    """The choices that it belongs to."""
+    rows: tuple[VariantRow, ...]
+    """One per setting; empty where the Khan et al. filter runs and nothing is pinned."""
+
+    @property
+    def with_momentum(self) -> bool:
+        """Whether a setting has momentum."""
+        return any(row.tuning.momentum for row in self.rows)
+
+    @property
+    def with_chain(self) -> bool:
+        """Whether a setting is a chain of filters."""
+        return any(row.tuning.chain for row in self.rows)
+
+
+class VariantTable:
+    """Computes tables and keeps what was measured, so that a gesture measures the present setting alone."""
+
+    def __init__(self) -> None:
+        self._measures = Cache[Measures]()
+
+    def compute(self, state: State) -> VariantComparison:
+        """The table of a state."""
+        self._measures.begin(state.recording, state.channel)
+        other = state.fusion is not None or isinstance(state.tuning, PaperTuning)
+        present = [] if other else [(None, state.tuning)]
+        settings = [*present, *((variant, variant.tuning) for variant in state.variants)]
+        rows = [
+            VariantRow(variant, one, self._measures.get(one.filter, lambda one=one: measure(state, one)))
+            for variant, one in settings
+        ]
+        return VariantComparison(state, tuple(rows))
+
+
+def measure(state: State, tuning: ChannelTuning) -> Measures:
+    """What a setting does to the channel on screen, over the whole recording."""
+    recording, z, used = state.recording, state.z, tuning.filter
+    run, fit = None, None
+    if tuning.chain is None:
+        run = filter_at(z, tuning.params, np.empty(0, dtype=np.intp), state.dt)
+        diagnostics = without_residuals(diagnose_run(Run.of_samples(z, tuning.params, state.dt)))
+        fit = Fit(diagnostics, float(run.loglik), int(run.m))
+    rmse = None
+    if recording.truth is not None:
+        error = used.denoise(z, state.dt)
+        error -= recording.truth[:, state.index]
+        rmse = float(np.sqrt(np.nanmean(np.square(error, out=error)))) if np.isfinite(error).any() else None
+    steady = used.settled(run or used.run(z, state.dt), recording.sample_period)
+    return Measures(steady, rmse, fit)

@@ -1,0 +1,541 @@
+"""The charts in tabs: simpler filters, all channels, spectra and Allan deviation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+
+from kalscope.analysis.alternatives import Alternative
+from kalscope.analysis.filter_errors import MIN_OVERSHOOT, Difference
+from kalscope.common.numbers import Array
+from kalscope.common.text import count, decibels, frequency, lag_text, number, percent, squared
+from kalscope.filtering.steady import steady_state
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes import (
+    ALL_OTHERS,
+    copy_setting,
+    momentum_words,
+    set_drawn_alternative,
+    set_link,
+    set_match_by,
+    use_chain,
+)
+from kalscope_app.session.session import Session
+from kalscope_app.session.state import LINKS, State
+from kalscope_app.studies.checks import Allan, Spectra
+from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
+from kalscope_app.views.charts import (
+    DARK,
+    LIGHT,
+    Chart,
+    ChartLayout,
+    ChartLine,
+    Palette,
+    Scale,
+    axes,
+    dots,
+    gappy,
+    line,
+    log_scale_for,
+    log_ticks,
+    log_time_scale,
+    scale_for,
+    short,
+    time_label,
+    time_scale_for,
+)
+from kalscope_app.views.widgets import bind, capitalised, escape_markdown, offer, on_user, put
+from kalscope_app.views.window import EXPORT_BUTTON
+
+# Is there a simpler filter? A chart with the current filter and a simpler one, the verdict, and a table of all.
+
+
+NAMES: tuple[str, ...] = (
+    "Moving average",
+    "Exponential",
+    "Power-of-two gain",
+    "Median",
+    "2nd-order Butterworth",
+    "Delayed Savitzky-Golay",
+    "Centred Savitzky-Golay",
+    "One-euro",
+    "Smoother (offline bound)",
+)
+"""Simpler filters as the comparison names them; where a median before one helps, there are rows for that too."""
+
+ALL = "all of them"
+
+MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "noise"}
+"""Labels, and the values of the state."""
+
+COLOURS = {
+    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
+}
+"""Of the simpler filters in the order of NAMES, light and dark."""
+
+EXPORT_HINT = "Uses the drawn filter instead of yours, and opens the Export tab. Undo reverts it."
+
+NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
+
+HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
+
+MAX_UNBROKEN = 13
+"""Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
+
+AT_OVERSHOOT = 4
+"""Index of the overshoot column while the user's filter has momentum: after the noise."""
+
+
+class AlternativesView:
+    """The lower part of the Compare tab."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._to_export: Alternative | None = None
+        gui.add_markdown("### Is there a simpler filter?")
+        self._match = gui.add_dropdown(
+            "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
+        )
+        self._alternative = gui.add_dropdown(
+            "draw", list[str]((*NAMES, ALL)), hint="Which filter is plotted beside yours."
+        )
+        self._export = gui.add_button(EXPORT_BUTTON, visible=False, hint=EXPORT_HINT)
+        self._verdict = gui.add_markdown("")
+        self._chart = Chart(gui, 0.4, sync="kalscope-time")
+        self._table = gui.add_markdown("")
+        bind(self._match, session, lambda words: set_match_by(MATCHES.get(words, "lag")))
+        bind(self._alternative, session, set_drawn_alternative)
+        on_user(self._export.on_click, lambda _client: self._use())
+
+    def _use(self) -> None:
+        """The drawn filter becomes that of the channel; the page opens the Export tab."""
+        one = self._to_export
+        if one is not None and one.chain is not None:
+            self._session.request(use_chain(one.chain))
+
+    def on_emptied(self) -> None:
+        """The filter that could be exported belongs to an earlier state."""
+        self._to_export = None
+        put(self._export, visible=False)
+
+    def show(self, compared: Compared | None) -> None:
+        """Draw and write."""
+        self._to_export = None if compared is None else compared.to_export
+        put(self._export, visible=self._to_export is not None)
+        for control in (self._match, self._alternative):
+            put(control, visible=compared is not None)
+        if compared is None:
+            self._verdict.content, self._table.content = NOTHING, ""
+            self._chart.hide()
+            return
+        state = compared.state
+        match = next(words for words, inner in MATCHES.items() if inner == state.view.match_by)
+        names = [one.name for one in compared.found.others]
+        drawn = state.view.drawn_alternative if state.view.drawn_alternative in names else ALL
+        put(self._match, value=match)
+        offer(self._alternative, (*names, ALL), drawn)
+        self._verdict.content = verdict_of(compared)
+        text = text_of(compared)
+        self._table.content = text if compared.state.tuning.chain is None else about_kalman(text)
+        self._draw(compared)
+
+    def _draw(self, compared: Compared) -> None:
+        state, inside = compared.state, compared.inside
+        palette = DARK if state.view.dark else LIGHT
+        time, raw = compared.drawn.time[inside], compared.drawn.raw[inside]
+        span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
+        clock = time_scale_for(span, state.recording.sample_period)
+        scale = scale_for(raw, state.tuning.unit)
+        yours = "yours" if state.tuning.chain is None else "Kalman"
+        lines = [*gappy("raw", raw, palette.raw)]
+        if compared.drawn.truth is not None:
+            truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
+            lines.append(ChartLine(compared.drawn.truth[inside], truth))
+        lines.append(
+            ChartLine(compared.curve(compared.found.present), line(yours, palette.filtered, 2.5, scaled=False))
+        )
+        colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
+        for one in compared.alternatives:
+            lines.append(
+                ChartLine(
+                    compared.curve(one), line(one.name, colours.get(one.name, palette.truth), 1.5, scaled=False)
+                )
+            )
+        series = ({"label": time_label(clock)}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        layout = ChartLayout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
+        self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
+
+
+def verdict_of(compared: Compared) -> str:
+    """The verdict, and what it is about where another filter runs; markdown."""
+    first, dot, rest = compared.found.verdict.partition(". ")
+    verdict = f"**{first}{dot.strip()}** {rest}"
+    if (chain := compared.state.tuning.chain) is None:
+        return verdict
+    runs = f"{capitalised(chain.words)} runs now. The comparison is with the Kalman filter of q and r."
+    return f"{runs}\n\n{about_kalman(verdict)}"
+
+
+def about_kalman(text: str) -> str:
+    """A text about the user's filter, reworded for a channel that runs another filter."""
+    return (
+        text.replace("your filter", "the Kalman filter")
+        .replace("Your filter", "The Kalman filter")
+        .replace("Your outlier gate", "Its outlier gate")
+        .replace("with yours", "with Kalman")
+        .replace(" (present)", "")
+    )
+
+
+def text_of(compared: Compared) -> str:
+    """The table and the text below it; markdown."""
+    found, state = compared.found, compared.state
+    if not found.others:
+        return found.note
+    unit = escape_markdown(state.tuning.unit, 12) or "unit"
+    head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
+    head[AT_OVERSHOOT:AT_OVERSHOOT] = ["overshoot"] if state.tuning.momentum else []
+    rows = [cells(one, state) for one in (found.present, *found.others)]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
+    return (
+        f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
+        "The intervals in brackets hold jointly in 95 % of cases. Cut-offs are in cycles per sample."
+    )
+
+
+def described(one: Alternative) -> str:
+    """Its advantages and disadvantages, and what it costs."""
+    start = (
+        "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
+    )
+    memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
+    if one.memory == 1:
+        memory = "remembers one number"
+    return (
+        f"**{one.name}.** {one.sentence} It {start}, {memory}, and its steps are {number(one.roughness)} of "
+        f"the raw ones. Where samples are missing it {one.gaps}."
+    )
+
+
+def cells(one: Alternative, state: State) -> list[str]:
+    """One row of the table."""
+    error = one.prediction if one.rmse is None else one.rmse
+    row = [
+        f"**{one.name}**"
+        if one.name == state.view.drawn_alternative or (one.against is None and one.causal)
+        else one.name,
+        one.parameters,
+        lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
+        "–" if np.isnan(one.noise_reduction_db) else decibels(-one.noise_reduction_db),
+        *((_overshoot(one.overshoot),) if state.tuning.momentum else ()),
+        "–" if error is None else number(error, 4),
+        against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
+    ]
+    return [text.replace(" ", "\u00a0") if len(text) < MAX_UNBROKEN else text for text in row]
+
+
+def _overshoot(share: float) -> str:
+    """The overshoot of the step response; the smoother's is not known."""
+    return "–" if np.isnan(share) else "none" if share < MIN_OVERSHOOT else percent(share)
+
+
+def against(d: Difference | None) -> str:
+    """A difference in words: "4.2 % worse (3.3 to 5.3)"."""
+    if d is None or np.isnan(d.ratio):
+        return "–"
+    if np.isinf(d.high):
+        return "too short to tell"
+    if not d.real:
+        return "no significant difference"
+    word = "better" if d.ratio < 1.0 else "worse"
+    near, far = sorted(100.0 * abs(end - 1.0) for end in (d.low, d.high))
+    return f"{percent(abs(d.ratio - 1.0))} {word} ({number(near, 2)} to {number(far, 2)})"
+
+
+# The Channels tab: every channel on its own lane, their settings side by side, and copying between them.
+
+
+ONE = "This recording has one channel. A recording with several shows them here side by side."
+
+LANE_HEIGHT = 46
+"""Least height of a lane, px, so that eight need no scrolling at 720 px."""
+
+MIN_HEIGHT = 390
+"""Height of the chart at least, px."""
+
+
+class ChannelsView:
+    """Chart, table and copy button."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._said = gui.add_markdown(ONE)
+        self._chart = Chart(gui, 0.0, sync="kalscope-time")
+        self._chart.handle.legend = {"show": False}
+        self._chart.handle.height = MIN_HEIGHT
+        self._table = gui.add_markdown("")
+        with gui.add_folder("Set several channels", visible=False) as self._folder:
+            self._together = gui.add_dropdown(
+                "apply to",
+                LINKS,
+                hint="All together: each change under Tune sets every channel. Undo reverts it.",
+            )
+            self._to = gui.add_dropdown(
+                "copy to",
+                list[str]([ALL_OTHERS]),
+                hint="The channels that get q, r, momentum, initial state and gate.",
+            )
+            self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
+        bind(self._together, session, set_link)
+        on_user(self._copy.on_click, lambda _client: session.request(copy_setting(self._to.value)))
+
+    def show(self, frame: Frame) -> None:
+        """Offer the other channels."""
+        names = frame.state.recording.names
+        self._folder.visible = self._chart.handle.visible = len(names) > 1
+        self._together.value = frame.state.settings.link
+        others = (ALL_OTHERS, *(name for name in names if name != frame.state.channel))
+        offer(self._to, others, self._to.value if self._to.value in others else ALL_OTHERS)
+
+    def show_overview(self, overview: Overview) -> None:
+        """Draw the lanes and write the table."""
+        self._said.content = lead_of(overview)
+        self._table.content = table_of(overview)
+        if overview.lanes:
+            height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
+            self._chart.handle.height = height
+            self._chart.show(*lanes_of(overview), overview.state.view.resets)
+
+
+def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
+    """The chart: lane 1 on top; raw pale, filtered bold, the channel on screen in its own colour."""
+    state = overview.state
+    palette = DARK if state.view.dark else LIGHT
+    span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
+    clock = time_scale_for(span, state.recording.sample_period)
+    ys: list[Array] = []
+    series: list[dict[str, object]] = [{"label": time_label(clock)}]
+    for i, lane in enumerate(overview.lanes, 1):
+        ys += [i - HALF_LANE * lane.raw, i - HALF_LANE * lane.filtered]
+        series += [line(f"{i} raw", palette.raw), line(f"{i}", colour_of(lane, state, palette), 2)]
+    across, up = axes("channel")
+    layout = ChartLayout(
+        tuple(series),
+        ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
+        y_range=(0.5, len(overview.lanes) + 0.5),
+        y_down=True,
+    )
+    return overview.time * clock.factor, ys, layout
+
+
+def colour_of(lane: Lane, state: State, palette: Palette) -> str:
+    """The channel on screen as in the Signal tab, the others blue."""
+    return palette.filtered if state.measured == (lane.name,) else palette.truth
+
+
+def lead_of(overview: Overview) -> str:
+    """What is seen here; one line of markdown."""
+    if not overview.lanes:
+        return ONE
+    names = overview.state.recording.names
+    current = "" if overview.state.fusion is not None else ", the current channel in orange"
+    said = f"Each channel fills its own lane: **raw** thin, **filtered** bold{current}."
+    more = len(names) - len(overview.lanes)
+    return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
+
+
+def table_of(overview: Overview) -> str:
+    """The channels with their settings; markdown, names escaped."""
+    if not overview.lanes:
+        return ""
+    state, period = overview.state, overview.state.recording.sample_period
+    with_momentum = any(tuning.momentum for tuning in state.settings.tunings)
+    with_missing = any(lane.missing for lane in overview.lanes)
+    head = [
+        "",
+        "channel",
+        "q",
+        "r",
+        *(["τ"] if with_momentum else []),
+        "lag",
+        "noise",
+        "from … to",
+        *(["missing"] if with_missing else []),
+    ]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for i, lane in enumerate(overview.lanes):
+        tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
+        bold = "**" if state.measured == (lane.name,) else ""
+        cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
+        if not tuning.filter.is_standard:
+            cells += ["–"] * (5 if with_momentum else 4)
+        else:
+            steady = steady_state(tuning.params)
+            cells += [number(tuning.q), number(tuning.r)]
+            times = [momentum_words(tuning.momentum, period)] if with_momentum else []
+            times += [lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)]
+            cells += [text.replace(" ", "\u00a0") for text in times]
+        reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
+        cells += [reach, *([count(lane.missing) if lane.missing else "–"] if with_missing else [])]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+# The Noise tab: densities with the filter's response, and the Allan deviation beside the model's.
+
+
+SPECTRA_NOTHING = "Only the Kalman filter of one channel has a frequency response here."
+
+NO_ALLAN = "Only the Kalman filter of one channel has an Allan deviation here."
+
+DECADES = 9
+"""Decades of a logarithmic chart at most, counted from the top: what is lower is rounding error."""
+
+
+class SpectrumView:
+    """Two charts that share the frequency axis."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("")
+        self._density = Chart(gui, 0.37, sync="kalscope-frequency")
+        self._response = Chart(gui, 0.22, sync="kalscope-frequency")
+        self._note = gui.add_markdown("")
+
+    def show(self, spectra: Spectra | None) -> None:
+        """Draw and write."""
+        if spectra is None or not spectra.found.samples:
+            self._text.content = SPECTRA_NOTHING if spectra is None else spectra.found.note
+            self._note.content = ""
+            self._density.hide()
+            self._response.hide()
+            return
+        palette = DARK if spectra.state.view.dark else LIGHT
+        hertz = log_scale_for(spectra.frequency, "Hz" if spectra.found.in_hertz else "cycles/sample")
+        self._text.content = f"**{cutoff_words(spectra, hertz)}**"
+        self._note.content = spectra.found.note
+        self._draw_density(spectra, palette, hertz)
+        self._draw_response(spectra, palette, hertz)
+
+    def _draw_density(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
+        unit = squared(spectra.state.tuning.unit)
+        unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
+        low, high, ys = floored(spectra.densities)
+        scale = log_scale_for(np.array([low, high]), unit)
+        colours = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
+        x, across = (values * hertz.factor for values in (spectra.frequency, spectra.fine))
+        reach = (low * scale.factor, high * scale.factor)
+        layout = ChartLayout(
+            ({"label": f"frequency ({hertz.unit})"}, *(line(name, colour, 2) for name, colour in colours)),
+            log_axes(across, reach, scale.label("density")),
+            y_range=reach,
+            log_x=True,
+            log_y=True,
+        )
+        ends = (float(across[0]), float(across[-1]))  # as the response, which a low cut-off makes longer
+        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.view.resets, ends)
+
+    def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
+        x = spectra.fine * hertz.factor
+        cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
+        lowest, highest = float(spectra.response_db.min()), float(spectra.response_db.max())
+        layout = ChartLayout(
+            (
+                {"label": f"frequency ({hertz.unit})"},
+                line("response (dB)", palette.filtered, 2),
+                dots("−3 dB", palette.truth, 11),
+            ),
+            log_axes(x, None, "response (dB)"),
+            gaps=frozenset({1}),
+            y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))),
+            log_x=True,
+        )
+        self._response.show(x, [spectra.response_db, cut], layout, spectra.state.view.resets)
+
+
+class AllanView:
+    """One chart: the recording's Allan deviation with its spread, the model's, and the model's minimum."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("")
+        self._chart = Chart(gui, 0.35)
+        self._note = gui.add_markdown("")
+
+    def show(self, allan: Allan | None) -> None:
+        """Draw and write."""
+        if allan is None or len(allan.found.size) < 2:
+            self._text.content = NO_ALLAN if allan is None else allan.found.message
+            self._note.content = ""
+            self._chart.hide()
+            return
+        found, palette = allan.found, DARK if allan.state.view.dark else LIGHT
+        self._text.content = f"**{found.message}**"
+        self._note.content = (
+            "Allan deviation: how much neighbouring averages differ. It falls while averaging reduces the noise "
+            "(√r at one sample) and rises once the signal moves. Where the model deviates from the recording, "
+            "q or r does not fit."
+        )
+        clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
+        low, high, ys = floored((found.deviation, found.model))
+        scale = log_scale_for(np.array([low, high]), allan.state.tuning.unit[:16])
+        inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
+        best = np.argmin(found.model) if inside else -1
+        mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
+        edges = [np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0)]
+        x = found.tau * clock.factor
+        reach = (low * scale.factor, high * scale.factor)
+        marks = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
+        layout = ChartLayout(
+            (
+                {"label": f"averaging time ({clock.unit})"},
+                line("−2 σ"),
+                line("+2 σ"),
+                {**line("recording", palette.truth, 2), "points": marks},
+                line("model", palette.filtered, 2),
+                dots("minimum of the model", palette.filtered, 13),
+            ),
+            log_axes(x, reach, scale.label("Allan deviation")),
+            ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},),
+            frozenset({4}),
+            reach,
+            log_x=True,
+            log_y=True,
+        )
+        drawn = [*edges, *ys, mark]
+        self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.view.resets)
+
+
+def cutoff_words(spectra: Spectra, axis: Scale) -> str:
+    """The cut-off frequency in a sentence, in the unit of the axis too where that is another."""
+    found = spectra.found
+    if math.isnan(found.cutoff):
+        return "This filter has no cut-off: it passes more than half of the power at every frequency."
+    on_axis = f"{number(found.cutoff * axis.factor)} {axis.unit}"
+    at = frequency(found.cutoff) if found.in_hertz else on_axis
+    also = "" if at.endswith(f" {axis.unit}") else f", {on_axis} on the axis"
+    return f"Cut-off (−3 dB): {at}{also}. Lower frequencies pass, higher ones are attenuated."
+
+
+def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:
+    """Ends of a logarithmic axis, and the lines lifted to its lower end; at most DECADES between the two."""
+    everything = np.concatenate(ys)
+    good = everything[np.isfinite(everything) & (everything > 0.0)]
+    high = 1.5 * float(good.max()) if len(good) else 1.0
+    low = max(float(good.min()) / 1.5, high * 10.0**-DECADES) if len(good) else 0.1
+    return low, high, [np.clip(np.nan_to_num(y, nan=low), low, high) for y in ys]
+
+
+def log_axes(x: Array, y: tuple[float, float] | None, label: str) -> tuple[dict[str, object], ...]:
+    """Axes with round numbers written out; uPlot itself writes 0 for any value below 0.0005."""
+    across, up = axes(label)
+    across = {**across, **written(log_ticks(float(x[0]), float(x[-1])))}
+    return across, up if y is None else {**up, **written(log_ticks(*y))}
+
+
+def written(ticks: tuple[float, ...]) -> dict[str, object]:
+    """Fixed ticks and their labels."""
+    return {"splits": ticks, "values": tuple(number(tick, 1) for tick in ticks)}

@@ -1,0 +1,462 @@
+"""Does the filter fit? The verdict with its advice, and the Check tab."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+import numpy as np
+import viser
+
+from kalscope.analysis import actions
+from kalscope.analysis.actions import Action
+from kalscope.analysis.correction import MIN_SAMPLES
+from kalscope.analysis.diagnostics import expected_nis
+from kalscope.analysis.estimators import compare_methods, comparison, is_within
+from kalscope.analysis.findings import Finding, as_sentences, times
+from kalscope.analysis.judge import MAX_ADVICE, Judgement
+from kalscope.common.numbers import Array
+from kalscope.common.text import correlation, count, lag_text, number, p_value, percent, trimmed
+from kalscope.estimation.request import METHOD_NAMES, Noise, Request
+from kalscope.filtering.steady import steady_state
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.changes import (
+    FOR_LAG,
+    change_for,
+    is_same_signal,
+    momentum_words,
+    set_method_comparison,
+    set_why_shown,
+)
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.state import State
+from kalscope_app.studies.checks import Checks, Judged, MomentumProfile, momentum_profile
+from kalscope_app.views.chart_tabs import log_axes
+from kalscope_app.views.charts import (
+    DARK,
+    LIGHT,
+    Chart,
+    ChartLayout,
+    axes,
+    dots,
+    line,
+    log_scale_for,
+    log_time_scale,
+    range_text,
+    time_scale_for,
+)
+from kalscope_app.views.goal import GoalView
+from kalscope_app.views.widgets import SlowJobProgress, escape_markdown, on_user, put
+from kalscope_app.views.window import VERDICT
+
+# Advice as buttons: the label of each, and the one undoable step that it takes.
+
+
+def label_of(action: actions.Action | None, state: State) -> str:
+    """The label of the button; "" where there is none, as for a new recording or a goal that is chosen already."""
+    match action:
+        case actions.AllowMomentum():
+            words = "Allow momentum and fit again"
+        case actions.EstimateAgain():
+            words = "Fit again"
+        case actions.SetSpikesAside():
+            words = "Set the spikes aside and fit again"
+        case actions.SetGate(sigma):
+            words = "Switch the gate off" if sigma is None else f"Switch the gate on ({trimmed(sigma)} σ)"
+        case actions.UseStillStretch(first, last):
+            words = f"Use the still stretch {stretch_text(state, first, last)}"
+        case actions.Scale(q, r):
+            words = _scale_words(q, r)
+        case actions.SetRatio(ratio):
+            words = f"Set q/r to {trimmed(ratio, 2)}"
+        case actions.GiveNoise():
+            words = "Give the noise of the sensor"
+        case actions.ChooseFilter():
+            words = "Choose a lag" if state.view.search_method != FOR_LAG else ""
+        case actions.UnsetStart():
+            words = "Start from the first sample"
+        case actions.RecordLonger() | None:
+            words = ""
+    return words
+
+
+def take(action: actions.Action, state: State, session: Session, goal: GoalView) -> None:
+    """Do what a piece of advice about `state` says, as one step that Undo takes back.
+
+    Args:
+        action: what to do.
+        state: the state that was judged; nothing is done once another recording or channel is on screen.
+        session: where the change is filed.
+        goal: runs a search where one is needed.
+    """
+    request = request_of(action, state)
+    if request is None:
+        session.request(change_for(action, state))
+    else:
+        goal.search(lambda present: request if is_same_signal(present, state) else None)
+
+
+def request_of(action: actions.Action, state: State) -> Request | None:
+    """The search that an action asks for about `state`; None where it asks for none."""
+    match action:
+        case actions.UseStillStretch(first, last):
+            return Request(noise=Noise(still=(first, last)))
+        case actions.SetSpikesAside():
+            outcome = state.answers.outcome
+            before = Request() if outcome is None or outcome.request is None else outcome.request
+            return replace(before, robust=True)  # what was known about the noise still is
+        case actions.AllowMomentum() | actions.EstimateAgain():
+            return Request()
+        case _:
+            return None
+
+
+def stretch_text(state: State, first: int, last: int) -> str:
+    """A stretch of samples by its times: 12 to 19 s."""
+    time = state.recording.time
+    clock = time_scale_for(float(time.max() - time.min()), state.recording.sample_period)
+    ends = (float(time[at]) * clock.factor for at in (first, last - 1))
+    return f"{range_text(*ends)} {clock.unit}"
+
+
+def _scale_words(q: float, r: float) -> str:
+    """The change of q and r in words: "Raise q 10 × and lower r 2 ×"."""
+    parts: list[str] = []
+    for name, factor in (("q", q), ("r", r)):
+        size = max(factor, 1.0 / factor)
+        if size > 1.0:
+            verb = "raise" if factor > 1.0 else "lower"
+            parts.append(f"{verb} {name} {times(size)}")
+    words = " and ".join(parts)
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+# Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
+
+
+UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
+
+COLOURS = {"good": (0, 122, 90), "note": (176, 98, 0), "bad": (196, 46, 22)}
+"""Of the word, by tone; the page lightens them for the dark theme."""
+
+
+class VerdictView:
+    """The word, and below it the headline with its advice."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._shown = False
+        gui.add_html(VERDICT)
+        self._word = gui.add_button("…", hint="Whether the filter fits the recording. Click for the reasons.")
+        on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
+
+    def build_reasons(self, gui: viser.GuiApi) -> None:
+        """What the word hides: built separately, so that another button can be placed beside the word."""
+        with gui.add_folder(None, visible=False) as self._why:
+            self._headline = gui.add_markdown("")
+            self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
+
+    def connect(self, session: Session, goal: GoalView) -> None:
+        """Let the buttons act: change the session, or search."""
+        for row in self._advice:
+            row.connect(session, goal)
+
+    def show(self, frame: Frame) -> None:
+        """Show or hide the reasons."""
+        self._shown = self._why.visible = frame.state.view.why_shown
+
+    def on_emptied(self) -> None:
+        """Without its reasons the word, too, is that of an earlier state, and so are the buttons."""
+        self._word.label, self._word.color = "…", COLOURS["note"]
+        for row in self._advice:
+            row.show(None, None)
+
+    def _show_judged(self, judged: Judged) -> None:
+        self._word.label, self._word.color = word_of(judged.judgement)
+        self._headline.content = reasons_of(judged)
+        for row in self._advice:
+            row.show(None, None)
+
+    def show_checks(self, checks: Checks | Judged | None) -> None:
+        """Write the word and the reasons."""
+        if isinstance(checks, Judged):
+            self._show_judged(checks)
+            return
+        judgement = None if checks is None else checks.urgent
+        self._word.label, self._word.color = word_of(judgement)
+        self._headline.content = UNJUDGED if judgement is None else f"**{judgement.headline}**"
+        advice = () if judgement is None else judgement.findings
+        for i, row in enumerate(self._advice):
+            row.show(advice[i] if i < len(advice) else None, checks)
+
+
+def reasons_of(judged: Judged) -> str:
+    """The headline and the faults of fused sensors, as markdown."""
+    judgement = judged.judgement
+    faults = [escape_markdown(one.text, 400) for one in judgement.findings]
+    return "\n\n".join([f"**{escape_markdown(judgement.headline, 400)}**", *faults])
+
+
+def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
+    """The label of the button, and its colour."""
+    if judgement is None:
+        return "not judged", COLOURS["note"]
+    return judgement.word, COLOURS[judgement.tone]
+
+
+class AdviceRow:
+    """One piece of advice: what was found, and the button that does something about it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._text = gui.add_markdown("", visible=False)
+        self._button = gui.add_button("", visible=False, hint="One step; Undo reverts it.")
+        self._shown: tuple[Action, State] | None = None
+
+    def connect(self, session: Session, goal: GoalView) -> None:
+        """Let the button act on the advice that is shown at the moment of the click."""
+
+        def click() -> None:
+            if self._shown is not None:
+                take(*self._shown, session, goal)
+
+        on_user(self._button.on_click, lambda _client: click())
+
+    def show(self, advice: Finding | None, checks: Checks | None) -> None:
+        """Write the advice; without one, or without anything to do about it, take the row or the button away."""
+        action = None if advice is None else advice.action
+        label = "" if checks is None else label_of(action, checks.state)
+        self._shown = (action, checks.state) if action is not None and checks is not None else None
+        if label:
+            self._button.label = label
+        self._text.content = "" if advice is None else as_sentences(advice.text)
+        self._text.visible, self._button.visible = advice is not None, bool(label)
+
+
+# The Check tab: the tests of the residuals behind the verdict.
+
+
+class ChecksView:
+    """Table and chart in the Check tab."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._table = gui.add_markdown("")
+        self._correlation = Chart(gui, 0.26)
+
+    def show(self, checks: Checks | Judged | None) -> None:
+        """Write and draw; the residuals of fused sensors have no such tests."""
+        if not isinstance(checks, Checks):
+            self._table.content = UNJUDGED
+            self._correlation.hide()
+            return
+        self._table.content = table(checks)
+        self._correlation.show(*correlation_lines(checks))
+
+
+def correlation_lines(checks: Checks) -> tuple[Array, list[Array], ChartLayout]:
+    """Autocorrelation of the innovation at lags 1 … h, and the 95 % bound of white noise."""
+    d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
+    lags = np.arange(1.0, len(d.correlation) + 1.0)
+    bound = np.full(len(lags), d.r1_bound)
+    marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
+    layout = ChartLayout(
+        (
+            {"label": "lag (samples)"},
+            line("−bound"),
+            line("+bound"),
+            {**line("autocorrelation of the innovation", palette.innovation), "points": marks},
+        ),
+        axes("autocorrelation"),
+        ({"series": (2, 1), "fill": palette.innovation_band},),
+    )
+    return lags, [-bound, bound, d.correlation], layout
+
+
+def table(checks: Checks) -> str:
+    """Each test with the measured and the expected value; markdown."""
+    d = checks.all_samples
+    if d.n < MIN_SAMPLES:
+        return f"**{checks.judgement.headline}**"
+    half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
+    rows = [
+        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
+        (half, number(checks.held_out.nis), expected_nis(checks.held_out)),
+        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
+        ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
+        ("Low-frequency share of residual power", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
+        (
+            "Last third compared with first",
+            f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}",
+            "p above 0.05",
+        ),
+        ("Normality (skewness, excess kurtosis)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
+    ]
+    head = (
+        f"**{checks.judgement.headline}**\n\n"
+        f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"
+        "| test | measured | expected (95\u00a0%) |\n|---|---|---|\n"
+    )
+    return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
+
+
+# Part of the Check tab: five methods side by side, and which lie within the interval of the first.
+
+
+FIVE_METHODS = (
+    "Five methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
+)
+"""Why the table may find no noise where the search finds some: shown above the table, too."""
+
+
+class EstimatorsView:
+    """The button "Run five methods" and its table; they run as a job."""
+
+    def __init__(
+        self, gui: viser.GuiApi, check_tab: AbstractContextManager[object], session: Session, jobs: Jobs
+    ) -> None:
+        self._session, self._jobs = session, jobs
+        self._stop = threading.Event()
+        with check_tab:
+            heading = gui.add_markdown("### Compare estimators")
+            compare = gui.add_button("Run five methods", hint="Four other methods beside maximum likelihood.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and compare nothing.")
+            self._comparison = gui.add_markdown("")
+        self._of_one_channel = heading, compare, self._comparison
+        on_user(compare.on_click, lambda _client: self._start())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+
+    def _start(self) -> None:
+        stop = self._stop = threading.Event()
+        self._jobs.run_with_state(self._session, lambda state: self._compare(state, stop), Failed.FIND)
+
+    def _compare(self, state: State, stop: threading.Event) -> None:
+        state.require_one_channel()
+        z = samples_to_compare(state)
+        with SlowJobProgress(self._progress, self._cancel) as shown:
+            estimates = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
+        self._session.request(set_method_comparison(state.recording, state.channel, estimates))
+
+    def show(self, frame: Frame) -> None:
+        """Write the table; fused sensors have none."""
+        for part in self._of_one_channel:
+            put(part, visible=frame.state.fusion is None)
+        self._comparison.content = comparison_text(frame.state)
+
+
+def samples_to_compare(state: State) -> Array:
+    """The channel on screen without the spikes that the last search set aside: all methods see the same samples."""
+    z, aside = state.recording.channel(state.channel), state.set_aside
+    return z if aside is None else np.where(aside, np.nan, z)
+
+
+def comparison_text(state: State) -> str:
+    """The five methods side by side, and which of them lie outside the interval, as markdown."""
+    if not state.answers.method_comparison:
+        return FIVE_METHODS
+    period = state.recording.sample_period
+    rows: list[str] = []
+    best = state.answers.method_comparison[0]
+    for one in state.answers.method_comparison:
+        steady = steady_state(one.params) if one.params is not None else None
+        lag = "–" if steady is None else lag_text(steady.lag_samples, period)
+        inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
+        q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
+        rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
+    said = comparison(state.answers.method_comparison) or "No two of them can be compared."
+    head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
+    return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"
+
+
+# The likelihood over the momentum: a button in the Check tab, a chart of it, and what it says.
+
+
+LEAD = "How well each momentum explains the recording, with the best q and r of each: its log-likelihood."
+
+
+class MomentumProfileView:
+    """Part of the Check tab; the profile is computed as a job."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._profile: MomentumProfile | None = None
+        self._shown: object = None
+        self._stop = threading.Event()
+        heading = gui.add_markdown("### Momentum")
+        draw = gui.add_button("Draw the momentum profile", hint="Searches q and r at 25 values of the momentum.")
+        self._progress = gui.add_progress_bar(0.0, visible=False)
+        self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and draw nothing.")
+        self._said = gui.add_markdown(LEAD)
+        self._of_one_channel = heading, draw, self._said
+        self._chart = Chart(gui, 0.3)
+        self._chart.hide()
+        on_user(draw.on_click, lambda _client: self._start())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+
+    def _start(self) -> None:
+        stop = self._stop = threading.Event()
+
+        def work(state: State) -> None:
+            state.require_one_channel()
+            with SlowJobProgress(self._progress, self._cancel) as shown:
+                self._profile = momentum_profile(state, shown.report, stop.is_set)
+            self._session.request(lambda state: state)  # the frame of it draws the profile
+
+        self._jobs.run_with_state(self._session, work)
+
+    def show(self, frame: Frame) -> None:
+        """Draw the profile and mark the present momentum; hide the profile of another channel."""
+        state, profile = frame.state, self._profile
+        for part in self._of_one_channel:
+            put(part, visible=state.fusion is None)
+        present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.measured
+        if present == self._shown:
+            return
+        if profile is None or state.fusion is not None or not profile.belongs_to(state):
+            self._said.content = LEAD
+            self._chart.hide()
+        else:
+            self._said.content = words_of(profile)
+            self._chart.show(*lines_of(profile, state))
+        self._shown = present
+
+
+def words_of(profile: MomentumProfile) -> str:
+    """What the profile says, in one or two sentences."""
+    at = int(np.argmax(profile.loglik))
+    gain = float(profile.loglik[at]) - profile.plain
+    if gain < 1.0:
+        return f"{LEAD} No momentum explains it better than none."
+    words = momentum_words(float(profile.momentum[at]), profile.state.recording.sample_period)
+    return (
+        f"{LEAD} The best is near **{words}**: its log-likelihood lies {number(gain)} above that without momentum. "
+        "The goal *best fit* takes momentum only if it also predicts unseen samples better."
+    )
+
+
+def lines_of(profile: MomentumProfile, state: State) -> tuple[Array, list[Array], ChartLayout]:
+    """Log-likelihood below the best over the momentum, that without momentum, and a dot at the present one."""
+    palette = DARK if state.view.dark else LIGHT
+    period = profile.state.recording.sample_period
+    times = profile.momentum * (period or 1.0)
+    clock = log_scale_for(times, "samples") if period is None else log_time_scale(times)
+    best = max(float(profile.loglik.max()), profile.plain)
+    below, plain = profile.loglik - best, np.full(len(times), profile.plain - best)
+    present = np.full(len(times), np.nan)
+    if state.tuning.momentum > 0.0:
+        nearest = int(np.argmin(np.abs(np.log(profile.momentum) - np.log(state.tuning.momentum))))
+        present[nearest] = below[nearest]
+    x = times * clock.factor
+    layout = ChartLayout(
+        (
+            {"label": clock.label("momentum")},
+            {**line("without momentum", palette.truth, 1.5), "dash": (6, 4)},
+            line("with momentum", palette.filtered, 2),
+            dots("near the present one", palette.filtered, 12),
+        ),
+        log_axes(x, None, "below the best"),
+        gaps=frozenset({2}),
+        log_x=True,
+    )
+    return x, [plain, below, present], layout

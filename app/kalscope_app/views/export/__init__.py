@@ -1,1 +1,0 @@
-"""The Export tab: code, tuning file, report, command line."""

@@ -1,0 +1,195 @@
+"""The closed folder "Fuse sensors": which channels measure one quantity, and each of these sensors."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import viser
+
+from kalscope.common.text import one_line, percent
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.changes import (
+    apply_estimate,
+    candidates,
+    readings_of,
+    sensor_limits,
+    set_sensor_exponent,
+    set_sensor_text,
+    set_taking_part,
+    stop_fusing,
+)
+from kalscope_app.session.live_changes import studied
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.state import MAX_SENSORS, Change, State
+from kalscope_app.studies.checks import Judged
+from kalscope_app.views.checks import reasons_of
+from kalscope_app.views.tune import SliderWithText
+from kalscope_app.views.widgets import SlowJobProgress, TypedNumber, escape_markdown, offer, on_user, put
+
+# One of the sensors that are fused: whether it takes part, its noise, its offset, and its share.
+
+
+MAX_NAME = 24
+"""Characters of a sensor's name."""
+
+R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."
+
+OFFSET_HINT = "How much higher this sensor reads than the others. It is subtracted."
+
+
+class SensorControl(SliderWithText):
+    """A tick box with the name; below it, once sensors are fused, noise, share and offset."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, number: int) -> None:
+        """Args: the usual; which row this is."""
+        self.name: str | None = None
+        self._fused = False
+        self._tick = gui.add_checkbox("", False, visible=False, hint="Whether this sensor takes part.")
+        typed = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._r_typed)
+        slider = gui.add_slider(
+            "log₁₀ r",
+            min=-6.0,
+            max=6.0,
+            step=0.01,
+            initial_value=0.0,
+            hint="Drag, or click and use the arrow keys. To the left the sensor counts more.",
+        )
+        super().__init__(session, f"r of sensor {number}", typed, slider, self._r_moved)
+        self._offset = TypedNumber(
+            gui, session, f"offset of sensor {number}", "offset", OFFSET_HINT, self._offset_typed
+        )
+        self.set_visible(False)
+        on_user(self._tick.on_update, lambda _client: self._on_tick())
+
+    @property
+    def ticked(self) -> bool:
+        """Whether its sensor is to take part."""
+        return self.name is not None and self._tick.value
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide what belongs to a fused sensor."""
+        super().set_visible(visible)
+        self._offset.set_visible(visible)
+
+    def offer(self, name: str | None) -> None:
+        """Represent this channel, not ticked; None: no channel."""
+        self.name = name
+        put(self._tick, label=self._title, visible=name is not None)
+        put(self._tick, value=False)
+
+    @property
+    def _title(self) -> str:
+        return "" if self.name is None else one_line(self.name)[:MAX_NAME]
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame; a channel that is not fused has its tick box alone."""
+        fusion, name = frame.state.fusion, self.name
+        self._fused = fusion is not None and name in fusion.tuning.sensors
+        if fusion is None or name is None or not self._fused:
+            put(self._tick, label=self._title)
+            self.set_visible(False)
+            return
+        at, used = fusion.tuning.sensors.index(name), name not in fusion.dropped
+        share = f": share {percent(fusion.shares[name])}" if used else ""
+        put(self._tick, value=used, label=f"{self._title}{share}")
+        self.set_visible(used)
+        if not used:
+            return
+        r = fusion.tuning.r[at]
+        self.typed.show(frame, r, "0")
+        self._offset.show(frame, fusion.tuning.offset[at], "0")
+        low, high = sensor_limits(fusion, name)
+        self._follow(frame, min(max(math.log10(r), low), high) if r > 0.0 else float(low), float(low), float(high))
+
+    def _on_tick(self) -> None:
+        if self._fused and self.name is not None:  # else it only marks a channel for the button
+            self._session.request(set_taking_part(self.name, self._tick.value))
+
+    def _r_typed(self, _name: str, text: str) -> Change:
+        return set_sensor_text(self.name or "", "r", text)
+
+    def _offset_typed(self, _name: str, text: str) -> Change:
+        return set_sensor_text(self.name or "", "offset", text)
+
+    def _r_moved(self, exponent: float) -> Change:
+        return set_sensor_exponent(self.name or "", exponent)
+
+
+# The closed folder "Fuse sensors": which channels measure one quantity, and what each of them contributes.
+
+
+HOW = "Tick the channels that measure the same quantity. Their noise and offsets are found from the recording."
+
+NO_REFERENCE = "none"
+
+REFERENCE_HINT = "A sensor that reads correctly: its offset is 0. None: the offsets add up to 0."
+
+
+class FusionView:
+    """Tick boxes, one button, and a row of controls for each sensor. The estimate runs as a job."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._stop = threading.Event()
+        self._offered: tuple[str, ...] = ()
+        with gui.add_folder("Fuse sensors", expand_by_default=False, visible=False) as self._folder:
+            self._said = gui.add_markdown(HOW)
+            self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
+            self._reference = gui.add_dropdown("reference", list[str]([NO_REFERENCE]), hint=REFERENCE_HINT)
+            self._fuse = gui.add_button("Fuse", hint="Finds q, noise and offsets; Undo reverts it.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and change nothing.")
+            self._end = gui.add_button("Stop fusing", visible=False, hint="Back to the channel; Undo reverts it.")
+            self._notes = gui.add_markdown("", visible=False)
+        on_user(self._fuse.on_click, lambda _client: self._start())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        on_user(self._end.on_click, lambda _client: session.request(stop_fusing))
+
+    def _start(self) -> None:
+        sensors = tuple(row.name for row in self._rows if row.ticked and row.name is not None)
+        reference = self._reference.value if self._reference.value in sensors else None
+        stop = self._stop = threading.Event()
+        self._jobs.run_with_state(
+            self._session, lambda state: self._search(state, sensors, reference, stop), Failed.FUSE
+        )
+
+    def _search(self, state: State, sensors: tuple[str, ...], reference: str | None, stop: threading.Event) -> None:
+        from kalscope.estimation.fusion import estimate_fusion
+
+        columns, known = readings_of(state, sensors), studied(state)
+        with SlowJobProgress(self._progress, self._cancel) as shown:
+            found = estimate_fusion(
+                known.recording.values[:, columns],
+                dt=known.dt,
+                names=sensors,
+                reference=reference,
+                progress=shown.report,
+                cancelled=stop.is_set,
+            )
+        self._session.request(apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
+
+    def show(self, frame: Frame) -> None:
+        """Offer the channels of the quantity on screen, and follow what is fused."""
+        state = frame.state
+        names, fused = candidates(state), state.fusion is not None
+        self._folder.visible = bool(names)
+        if names != self._offered:
+            self._offered = names
+            for row, name in zip(self._rows, (*names, *(None,) * MAX_SENSORS), strict=False):
+                row.offer(name)
+            offer(self._reference, (NO_REFERENCE, *names), NO_REFERENCE)
+        for row in self._rows:
+            row.show(frame)
+        put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
+        put(self._end, visible=state.settings.fusion is not None)
+        put(self._notes, visible=fused)
+        if not fused:
+            put(self._said, content=HOW)
+
+    def show_judged(self, judged: object) -> None:
+        """Show what the fused value is worth, and which sensor disagrees; any other answer is about one channel."""
+        if isinstance(judged, Judged):
+            put(self._said, content=reasons_of(judged))
+            put(self._notes, content="\n\n".join(escape_markdown(one, 400) for one in judged.notes))

@@ -1,0 +1,347 @@
+"""The goal: what the filter is for, one number, Apply, and what the last search gave."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import viser
+
+from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, trimmed, typed_number
+from kalscope.errors import BadSetting
+from kalscope.estimation.request import METHOD_NAMES, Noise, Request, find_parameters
+from kalscope.filtering.steady import SteadyState, steady_state
+from kalscope.tuning.tuning import ChannelTuning
+from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.state import Outcome, State
+from kalscope_app.views.charts import Scale, time_scale_for
+from kalscope_app.views.widgets import SlowJobProgress, bind, on_user
+from kalscope_app.views.window import PRIMARY
+
+# The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
+
+
+OVERSHOOT = "overshoot (%)"
+"""Label of the box for the overshoot that a target may cost."""
+
+
+@dataclass(frozen=True)
+class SearchMethod:
+    """One way to find q and r."""
+
+    request: Callable[[State, list[str]], Request]
+    """What to look for, from the state and the typed texts."""
+    boxes: tuple[tuple[str, str], ...] = ()
+    """Label and first content of each text box it needs."""
+
+
+def _method(name: str) -> SearchMethod:
+    return SearchMethod(lambda _state, _texts: Request(name))
+
+
+def _target(
+    name: str, label: str, content: str, factor: float = 1.0, *, with_overshoot: bool = False
+) -> SearchMethod:
+    def request(state: State, texts: list[str]) -> Request:
+        allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
+        asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
+        if allowed:
+            return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
+        return replace(asked, momentum=state.tuning.momentum or "auto")
+
+    return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
+
+
+def _known_noise(state: State) -> Noise:
+    """The noise that the last search was given, while its result holds: a new goal does not change the sensor."""
+    found = state.answers.outcome
+    return Noise() if found is None or found.request is None else found.request.noise
+
+
+def _lag(period: float | None) -> SearchMethod:
+    """The goal of a lag: in samples where the sample period (s) is unknown, else in a unit that suits it."""
+    if period is None:
+        return _target("lag_samples", "lag (samples)", "10", with_overshoot=True)
+    usual = 5.0 * period
+    unit, length = TIME_UNITS[0] if usual < 1.0 else next(one for one in reversed(TIME_UNITS) if one[1] <= usual)
+    content = "50" if period <= 0.025 else trimmed(usual / length, 1)
+    return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=True)
+
+
+def _noise(*names: tuple[str, str, str]) -> SearchMethod:
+    def request(_state: State, texts: list[str]) -> Request:
+        values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
+        sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
+        return Request(noise=Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth))
+
+    return SearchMethod(request, tuple((label, content) for _, label, content in names))
+
+
+def _still(state: State, texts: list[str]) -> Request:
+    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
+    if state.view.window is None and not all(text.strip() for text in texts):
+        raise BadSetting(
+            "the still stretch must be given: type from and to, or narrow the view to it (got neither)"
+        )
+    time, factor = state.recording.time, clock_of(state).factor
+    shown = state.view.window or (float(time.min()), float(time.max()))
+    first, last = (
+        typed_number(label, text) / factor if text.strip() else default
+        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
+    )
+    low, high = min(first, last), max(first, last)
+    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h is 360 s only up to rounding
+    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+    if len(at) == 0:
+        raise BadSetting(
+            "the still stretch must lie inside the recording "
+            f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
+        )
+    return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
+
+
+def stretch_texts(state: State, first: int, last: int) -> tuple[str, str]:
+    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as suffice."""
+    time, factor = state.recording.time, clock_of(state).factor
+    ends = [float(time[at]) * factor for at in (first, last - 1)]
+    for digits in range(3, 17):
+        texts = tuple(f"{end:.{digits}g}" for end in ends)
+        if _still(state, list(texts)).noise.still == (first, last):
+            return texts[0], texts[1]
+    return repr(ends[0]), repr(ends[1])
+
+
+def clock_of(state: State) -> Scale:
+    """Unit of the time axis on screen."""
+    time = state.recording.time
+    first, last = state.view.window or (float(time.min()), float(time.max()))
+    return time_scale_for(last - first, state.recording.sample_period)
+
+
+STILL = "a still stretch, fit q"
+
+LAG_HINT = "The largest lag that you accept: the setting within it that leaves the least noise is used."
+
+BOX_HINTS = {
+    "": "A number that this method needs.",
+    "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
+    "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
+    OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
+    "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
+    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
+    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
+    "σ (std)": "The noise of one reading, one standard deviation, in the unit of the signal.",
+    "per √Hz": "The noise density, in the unit of the signal per √Hz.",
+    "bandwidth (Hz)": "The bandwidth that goes with the density.",
+}
+"""Hint of each box by its label."""
+
+
+def hint_of(label: str) -> str:
+    """The hint of a box."""
+    return LAG_HINT if label.startswith("lag (") else BOX_HINTS[label]
+
+
+LAG, MORE = "maximum lag", "more …"
+
+SEARCH_METHODS: dict[str, SearchMethod] = {
+    LAG: _lag(0.01),
+    "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
+    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
+    "best fit": _method("ml"),
+    STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
+    "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
+    "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
+    "lag with overshoot": _lag(0.01),
+    "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
+    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
+    "gain K": _target("gain", "gain K", "0.1"),
+    "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
+    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
+    **{METHOD_NAMES[name]: _method(name) for name in ("em", "moments", "als", "allan")},
+}
+"""Ways by the words on screen, the most useful first."""
+
+GOALS = tuple(SEARCH_METHODS)[:4]
+"""The ways that the first menu offers; the others are behind MORE."""
+
+MORE_METHODS = tuple(SEARCH_METHODS)[4:]
+
+HINT = "What the filter is for. Best fit: the q and r that explain the recording best."
+
+
+def method_of(state: State) -> SearchMethod:
+    """The chosen way with the boxes that this record needs: an overshoot is asked for where there is momentum."""
+    name = state.view.search_method
+    is_lag = name in (LAG, "lag with overshoot")
+    method = _lag(state.recording.sample_period) if is_lag else SEARCH_METHODS[name]
+    without = name in GOALS and state.tuning.momentum == 0.0
+    return replace(method, boxes=method.boxes[:1]) if without else method
+
+
+# What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
+
+
+NBSP = "\u00a0"
+"""Keeps a number and its unit on one line."""
+
+
+def answer_text(state: State) -> str:
+    """The last answer as markdown, "" for none; fixed words and numbers, with nothing to escape."""
+    outcome = state.answers.outcome
+    if outcome is None:
+        return ""
+    if outcome.after is None:
+        return f"**Nothing was changed.** {outcome.message}"
+    period = state.recording.sample_period
+    before, after = steady_state(outcome.before.params), steady_state(outcome.after.params)
+    said = [
+        f"{_lead(outcome)} **{_goal_lag(after, period)}** leaves **{_noise_left(after)} of the noise** "
+        f"({decibels(-float(after.noise_reduction_db)).replace(' ', NBSP)}).",
+        f"Before: {_goal_lag(before, period)}, {_noise_left(before)}.",
+    ]
+    if after.overshoot:
+        said.append(f"A step overshoots by {percent(float(after.overshoot))}.")
+    if changes := changed(outcome.before, outcome.after, period):
+        said.append(f"Changed: {changes}.")
+    if outcome.estimate is not None:
+        said.append("More in “Resulting filter”.")
+    return " ".join(said)
+
+
+def account_text(state: State) -> str:
+    """What an estimate found out about the recording, "" for none: too long for the space above the sliders."""
+    outcome = state.answers.outcome
+    return "" if outcome is None or outcome.after is None or outcome.estimate is None else outcome.message
+
+
+def _lead(outcome: Outcome) -> str:
+    """What was asked for, unless it is the lag that follows."""
+    goal = "" if outcome.request is None else outcome.request.goal
+    if goal.startswith("a lag of"):
+        return "Lag"
+    asked = goal or outcome.how
+    return f"{asked[:1].upper()}{asked[1:]}: lag"
+
+
+def _goal_lag(steady: SteadyState, period: float | None) -> str:
+    return lag_text(steady.lag_samples, period).replace(" ", NBSP)
+
+
+def _noise_left(steady: SteadyState) -> str:
+    """The size of the noise that is left, as a share of its standard deviation."""
+    return percent(10.0 ** (-steady.noise_reduction_db / 20.0)).replace(" ", NBSP)
+
+
+def changed(before: ChannelTuning, after: ChannelTuning, period: float | None) -> str:
+    """The parameters that differ, with both values: "q 0.61 → 6.97"."""
+    rows = (
+        ("q", number(before.q), number(after.q)),
+        ("r", number(before.r), number(after.r)),
+        ("momentum", momentum_words(before.momentum, period), momentum_words(after.momentum, period)),
+        ("gate", gate_text(before.gate), gate_text(after.gate)),
+    )
+    return ", ".join(f"{name}{NBSP}{old}{NBSP}→{NBSP}{new}" for name, old, new in rows if old != new)
+
+
+# The goal: what the filter is for, one number, Apply, and below it the result.
+
+
+class GoalView:
+    """The upper part of the Tune tab. A search runs as a job; its answer is filed as one undoable change."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
+        self._shown: tuple[str, ...] = ()
+        self._stretch = ("", "")
+        self._stop = threading.Event()
+        with gui.add_form(None) as self._form:
+            self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
+            self._method = gui.add_dropdown(
+                "method", MORE_METHODS, visible=False, hint="Other ways to find q and r."
+            )
+            self._boxes = [gui.add_text("", "", visible=False, hint=hint_of("")) for _ in range(2)]
+            self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
+            self._answer = gui.add_markdown("", visible=False)
+        bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
+        bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
+        on_user(self._form.on_submit, lambda _client: self._find_and_apply())
+        on_user(self._apply.on_click, lambda _client: self._find_and_apply())
+        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+
+    def _find_and_apply(self) -> None:
+        texts = [box.value for box in self._boxes]
+
+        def request(state: State) -> Request:
+            method = method_of(state)
+            return method.request(state, texts[: len(method.boxes)])
+
+        self.search(request)
+
+    def search(self, request: Callable[[State], Request | None]) -> None:
+        """Run the search that is asked for, and apply its result as one undoable change; None: no search."""
+        self._start(lambda state, stop: self._search(state, request(state), stop))
+
+    def offer_still(self, found: tuple[State, tuple[int, int] | None]) -> None:
+        """Fill the still stretch that was found into the boxes of that method, unless a user has typed there."""
+        state, stretch = found
+        before, self._stretch = self._stretch, ("", "") if stretch is None else stretch_texts(state, *stretch)
+        if self._shown[:1] == (STILL,):
+            for box, old, new in zip(self._boxes, before, self._stretch, strict=True):
+                if box.value == old:
+                    box.value = new
+
+    def _start(self, work: Callable[[State, threading.Event], None]) -> None:
+        """Queue a job on the state with every earlier request applied; each job has its own stop event."""
+        stop = self._stop = threading.Event()
+        self._jobs.run_with_state(self._session, lambda state: work(state, stop), Failed.FIND)
+
+    def _search(self, state: State, request: Request | None, stop: threading.Event) -> None:
+        if request is None:
+            return
+        z, period = state.recording.channel(state.channel), state.recording.sample_period
+        with SlowJobProgress(self._progress, self._cancel) as shown:
+            found = find_parameters(
+                z,
+                request,
+                dt=state.dt,
+                sample_period=period,
+                progress=shown.report,
+                cancelled=stop.is_set,
+            )
+        self._session.request(apply_found(state.recording, state.channel, found))
+
+    def show(self, frame: Frame) -> None:
+        """Show the boxes of the chosen method, and the last answer; it is for the Kalman filter alone."""
+        self._form.visible = frame.state.fusion is None and frame.state.tuning.chain is None
+        self._show_method(frame.state)
+        answer = answer_text(frame.state)
+        self._answer.content, self._answer.visible = answer, bool(answer)
+
+    def _show_method(self, state: State) -> None:
+        name, wanted = state.view.search_method, method_of(state).boxes
+        self._goal.value = name if name in GOALS else MORE
+        self._method.visible = name not in GOALS
+        if name not in GOALS:
+            self._method.value = name
+        labels = tuple(
+            f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label for label, _ in wanted
+        )
+        for i, box in enumerate(self._boxes):
+            box.visible = i < len(wanted)
+            if i < len(wanted):
+                if (name, *labels)[: i + 2] != self._shown[: i + 2]:
+                    box.value = self._stretch[i] if name == STILL else wanted[i][1]
+                box.label, box.hint = labels[i], hint_of(wanted[i][0])
+        self._shown = name, *labels
+
+
+def _method_for(goal: str) -> str:
+    """The search method of an entry of the menu; an unknown entry is refused with its name."""
+    return MORE_METHODS[0] if goal == MORE else goal

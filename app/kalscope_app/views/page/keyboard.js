@@ -1,0 +1,91 @@
+// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
+// every control has the name of its row and its hint, which viser shows under the mouse; see window.py.
+
+const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
+
+const FOCUSABLE = ":is(button, input, textarea, [tabindex]):not([tabindex='-1'])";
+
+const UNNAMED = {
+  "button:has(> span > .tabler-icon-list-search)": "Commands",
+  "button:has(> span > .tabler-icon-adjustments)": "Settings of the viewer",
+  ".mantine-Notification-closeButton": "Dismiss",
+  ".mantine-Spotlight-content": "Commands",
+}; // parts without a text
+
+const hints = new Map(); // uuid -> what a control is for
+
+const describe = (control, name, hint) => {
+  if (control.ariaLabel !== name) control.ariaLabel = name;
+  if (hint && control.ariaDescription !== hint) control.ariaDescription = hint;
+};
+
+const nameHeadings = () => {
+  for (const heading of document.querySelectorAll(HEADING)) {
+    heading.tabIndex = 0;
+    heading.role = "button";
+    heading.ariaExpanded = String(!!heading.querySelector(".tabler-icon-chevron-up"));
+  }
+};
+
+// Only some of viser's controls have the id that their label refers to.
+const nameControls = () => {
+  for (const row of document.querySelectorAll("p > label[for]")) {
+    const beside = row.closest("p").parentElement.nextElementSibling;
+    for (const control of beside?.querySelectorAll("input:not([type=hidden]), textarea, [role=slider]") ?? [])
+      describe(control, row.textContent, hints.get(row.htmlFor));
+  }
+};
+
+const nameTheRest = () => {
+  for (const [parts, name] of Object.entries(UNNAMED))
+    for (const part of document.querySelectorAll(parts)) describe(part, name);
+  for (const chart of document.querySelectorAll(".uplot")) {
+    const plot = chart.querySelector(".u-wrap"); // what is drawn; the legend beside it can be read
+    plot.role = "img";
+    describe(plot, `Chart of ${[...chart.querySelectorAll(".u-legend .u-label")].map((one) => one.textContent).join(", ")}`);
+  }
+  for (const view of document.querySelectorAll(".mantine-ScrollArea-viewport"))
+    if (!view.querySelector(FOCUSABLE)) view.tabIndex = 0; // else no key scrolls it
+  for (const cell of document.querySelectorAll("th:empty:not([role])")) cell.role = "cell"; // heads no column
+  for (const title of document.querySelectorAll("h3.mantine-Title-root")) title.ariaLevel = "2"; // below the page's
+  for (const title of document.querySelectorAll("[data-dock-header] div:not(:has(*))"))
+    if (title.textContent === "Kalscope") Object.assign(title, { role: "heading", ariaLevel: "1" });
+};
+
+const label = () => {
+  nameHeadings();
+  nameControls();
+  nameTheRest();
+};
+
+window.Worker = class extends Worker {
+  set onmessage(handler) {
+    super.onmessage = (event) => {
+      for (const { uuid, props } of event.data?.messages ?? []) if (props?.hint) hints.set(uuid, props.hint);
+      handler(event);
+    };
+  }
+};
+
+addEventListener("keydown", (event) => {
+  if ((event.key === "Enter" || event.key === " ") && event.target.matches?.(HEADING)) {
+    event.preventDefault();
+    event.target.click();
+  }
+});
+
+// viser turns the camera of its scene with the arrow keys, even while a slider or a tab has the focus: a dozen frames
+// for each press. It listens on the document; React has handled the key by then.
+addEventListener("DOMContentLoaded", () =>
+  document.body.addEventListener("keydown", (event) => {
+    if (event.key.startsWith("Arrow") && event.target.matches("[role=slider], [role=tab]")) event.stopPropagation();
+  }),
+);
+
+addEventListener("DOMContentLoaded", () => (document.getElementById("root").role = "main"));
+
+let waiting = 0;
+const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
+addEventListener("DOMContentLoaded", () =>
+  new MutationObserver(onChange).observe(document.body, { childList: true, subtree: true }),
+);

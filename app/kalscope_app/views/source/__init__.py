@@ -1,1 +1,0 @@
-"""The Source tab: open, generate, connect, record."""

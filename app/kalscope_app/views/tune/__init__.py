@@ -1,1 +1,0 @@
-"""The Tune tab: parameters, search, presets, pinned settings."""

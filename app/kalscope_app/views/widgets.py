@@ -1,0 +1,147 @@
+"""Connects widgets with the session, shows the progress of jobs, and writes words as markdown."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import viser
+
+from kalscope.common.text import squared
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes import set_text
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.state import Change
+
+# Words in markdown: names from outside the program, and the beginning of a sentence.
+
+
+def escape_markdown(text: str, limit: int = 60) -> str:
+    """A name from outside the program on one line, cut to `limit`, with every markup character escaped."""
+    line = re.sub(r"[^\S\u202f\xa0]+", " ", text).strip()  # no break within a number
+    line = line if len(line) <= limit else line[: limit - 1] + "…"
+    return re.sub(r"([\\`*_{}\[\]()#+\-.!|<>&~:$@\"'/^=])", r"\\\1", line)
+
+
+def capitalised(words: str) -> str:
+    """Words with a capital first letter, as at the beginning of a sentence."""
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+# Progress and Cancel, on screen only while a job takes longer than a second.
+
+
+MIN_SECONDS = 1.0
+"""Seconds after which a job shows its progress and can be cancelled."""
+
+
+class SlowJobProgress:
+    """Use it in a `with` statement around the job; pass `report` to the job."""
+
+    def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
+        self._bar, self._cancel, self._start = bar, cancel, time.monotonic()
+
+    def __enter__(self) -> SlowJobProgress:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._bar.visible = self._cancel.visible = False
+
+    def report(self, fraction: float, _text: str) -> None:
+        """Show how far it is."""
+        if time.monotonic() - self._start > MIN_SECONDS:
+            self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
+            self._bar.visible = self._cancel.visible = True
+
+
+# Connects widgets with the session: what a user does with a widget files a request.
+#
+# Values are set by plain assignment: viser sends nothing for an equal value, and `on_user` ignores assignments.
+
+
+def on_user(
+    subscribe: Callable[[Callable[[Any], Any]], object], act: Callable[[viser.ClientHandle], object]
+) -> None:
+    """Call `act` with the browser whenever a user does something with a widget.
+
+    Args:
+        subscribe: such as `button.on_click` or `slider.on_update`.
+        act: runs on viser's event loop, so it must be quick. In the thread pool, events could change their order.
+    """
+
+    async def callback(event: Any) -> None:
+        if event.client is not None:  # otherwise the program itself has set the value
+            act(event.client)
+
+    subscribe(callback)
+
+
+def bind(handle: Any, session: Session, change: Callable[[Any], Change], failed: Failed = Failed.OTHER) -> None:
+    """Request `change(value)` whenever a user edits this widget; `failed` is the heading of a refusal."""
+    on_user(handle.on_update, lambda _client: session.request(change(handle.value), failed=failed))
+
+
+def put(handle: Any, **properties: Any) -> None:
+    """Set the properties that differ. viser sends no equal value either, but takes 15 µs to find that out.
+
+    Every frame sets the properties of a hundred widgets, and almost none of them changes.
+    """
+    for name, value in properties.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
+
+
+def typed(value: float) -> str:
+    """A value for a text box, up to eight digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
+    text = f"{value:.8g}"
+    return re.sub(r"e([+-])0*(\d)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
+
+
+def offer(dropdown: viser.GuiDropdownHandle[str], options: Iterable[str], value: str) -> None:
+    """Set the options and the value of a dropdown; equal options are not sent again, which would close its menu."""
+    options = tuple(options)
+    if tuple(dropdown.options) != options:
+        dropdown.options = options
+    dropdown.value = value
+
+
+class TypedNumber:
+    """A number typed as text, so that 1e-9 works. `text_boxes.js` sends a finished text, not each key."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: Session,
+        name: str,
+        label: str,
+        hint: str,
+        change: Callable[[str, str], Change] = set_text,
+        written: Callable[[float], str] = typed,
+    ) -> None:
+        self._session, self._name, self._hint, self._change = session, name, hint, change
+        self._written = written
+        self._text = gui.add_text(label, "", hint=hint)
+        self._value: object = ...  # nothing has been shown yet
+        self._serial, self._stale = 0, False
+        on_user(self._text.on_update, lambda _client: self._file())
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide the box."""
+        put(self._text, visible=visible)
+
+    def _file(self) -> None:
+        """Request what was typed; the frame of it, or of its refusal, writes what the filter uses."""
+        self._stale = True  # before the request: its frame may come before its serial
+        change = self._change(self._name, self._text.value)
+        self._serial = self._session.request(change, key=f"text {self._name}", failed=Failed.NUMBER)
+
+    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+        """Write the frame's value, unless a newer one was typed or the value has not changed."""
+        if "{unit}" in self._hint:
+            put(self._text, hint=self._hint.format(unit=squared(frame.state.tuning.unit)))
+        if frame.serial < self._serial or (value == self._value and not self._stale):
+            return
+        self._value, self._stale = value, False
+        self._text.value = missing if value is None else self._written(value)

@@ -1,0 +1,625 @@
+"""The window: panels, header, style, notifications, command palette, and the script of the page."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, cast
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import viser
+
+from kalscope.common.compiled import Compiling
+from kalscope.common.numbers import Array
+from kalscope.common.text import decibels, duration, lag_text
+from kalscope.recording import Recording
+from kalscope.sources.reading.period import MIN_JITTER, jitter_of, rate_words
+from kalscope_app.engine.frame import Frame
+from kalscope_app.guard.viser_private import commands_of, is_on_screen, press, widgets_of
+from kalscope_app.program.log import sentence_for
+from kalscope_app.session.changes import select_channel, set_dark, set_smoother, set_velocity
+from kalscope_app.session.session import Failed, Session
+from kalscope_app.views.widgets import bind, capitalised, escape_markdown, offer, put
+
+# A few rules of style that viser leaves to the browser: legible tables, and space between paragraphs.
+#
+# `window.py` applies them, so that the first picture already has them.
+
+
+HEADING = '<span class="kalscope-heading"></span>'
+"""Starts a markdown paragraph that is two lines high at least, so that the charts below it do not move."""
+
+HEADER = '<span class="kalscope-header"></span>'
+"""Precedes the header, which stays visible while the tab below it scrolls."""
+
+VERDICT = '<span class="kalscope-verdict"></span>'
+"""Precedes the button that shows the verdict."""
+
+ONE_BUTTON = '<span class="kalscope-one-button"></span>'
+"""Precedes a row of one button, which is then as wide as its label."""
+
+COMMAND = '<span class="kalscope-command"></span>'
+"""Starts a markdown paragraph whose pieces of code are the words of one command."""
+
+PRIMARY: Literal["blue"] = "blue"
+"""Colour of the one filled button of a tab, shown as the theme's own; buttons without a colour are outlined."""
+
+RULES = """
+:root[data-mantine-color-scheme="light"] {
+  --mantine-color-dimmed: #5f6973; --mantine-primary-color-contrast: #fff;
+  --mantine-color-custom-filled: #0072b2; --mantine-color-custom-filled-hover: #005f96;
+  --mantine-color-custom-outline: #0072b2; }
+:root[data-mantine-color-scheme="dark"] {
+  --mantine-color-dimmed: #a3a3a3; --mantine-primary-color-contrast: #000;
+  --mantine-color-custom-filled: #56b4e9; --mantine-color-custom-filled-hover: #7cc5ee;
+  --mantine-color-custom-outline: #56b4e9; }
+:root { --mantine-color-placeholder: var(--mantine-color-dimmed); }
+.mantine-Slider-thumb, .multi-slider-thumb { background: var(--mantine-primary-color-filled) !important; }
+.mantine-Slider-markLabel { color: var(--mantine-color-dimmed); }
+p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
+table { border-collapse: collapse; }
+th, td { text-align: left; vertical-align: top; padding: 0 0.55em 0 0; }
+th:last-child, td:last-child { padding-right: 0; }
+p > code { overflow-wrap: anywhere; }
+p:has(> .kalscope-command) > code { display: inline-block; max-width: 100%; padding: 0; }
+th:not(:empty) { padding-bottom: 0.15em; }
+:is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
+@media (max-width: 36em) { table { display: block; overflow-x: auto; font-size: 0.9em; } }
+.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]) {
+  background: transparent; border: 1px solid var(--mantine-primary-color-filled); color: var(--mantine-color-text);
+}
+.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]):hover {
+  background: var(--mantine-primary-color-light);
+}
+.mantine-Button-root[style*="mantine-color-blue-filled"] {
+  --button-bg: var(--mantine-primary-color-filled) !important;
+  --button-color: var(--mantine-primary-color-contrast) !important;
+}
+.kalscope-stopped { position: fixed; inset: 0 0 auto; z-index: 10000; padding: 0.6em 1em; text-align: center;
+  font: 600 1rem/1.4 var(--mantine-font-family); color: #fff; background: #a61b1b; }
+.mantine-Slider-root + .mantine-NumberInput-root { display: none; }
+.mantine-Slider-root:has(+ .mantine-NumberInput-root) { margin-bottom: 0.7em; }
+@media (min-width: 36.01em) { [data-dock-region="left"] div:has(> p > label) { width: 9.3em !important; } }
+.mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
+.mantine-Slider-markWrapper { width: 0; }
+.mantine-Slider-markLabel { width: max-content; }
+.uplot:has(> .u-wrap[style*="width: 0px"]) { width: 100%; visibility: hidden; }
+div:has(> .kalscope-header) + div { padding-bottom: 3px !important; }
+div:has(> .kalscope-verdict) + div button {
+  height: 28px; color: var(--button-bg); background: color-mix(in srgb, var(--button-bg) 12%, transparent);
+  border: 1px solid color-mix(in srgb, var(--button-bg) 45%, transparent); }
+[data-mantine-color-scheme="dark"] div:has(> .kalscope-verdict) + div button {
+  color: color-mix(in srgb, var(--button-bg) 45%, white); }
+div:has(> div > .kalscope-header) { display: grid; grid-template-columns: 1fr auto; }
+div:has(> div > .kalscope-header) > div { grid-column: 1 / -1; }
+div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div { grid-column: 1; }
+div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div + div { grid-column: 2; }
+div:has(> .kalscope-verdict) + div + div button { height: 28px; }
+div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; padding: 0 1em; }
+@media (max-width: 1099.98px) { div:has(> .kalscope-verdict) + div + div { display: none; } }
+@media (min-width: 1100px) { div:has(> .kalscope-verdict) + div { margin-right: 0 !important; } }
+@media (min-width: 36.01em) {
+  .mantine-ScrollArea-viewport:has(.kalscope-header) div:has(div .kalscope-header) { height: 100%; }
+  div:has(> div > .kalscope-header) { box-sizing: border-box; grid-template-rows: repeat(19, auto) minmax(0, 1fr); }
+  div:has(> [data-dock-area]) { grid-row: 20; min-height: 0; }
+  [data-dock-area], [data-dock-area] div:has(.mantine-ScrollArea-root) { height: 100%; min-height: 0 !important; }
+}
+"""
+"""Small texts, buttons and sliders of viser lack the contrast of WCAG 2.2 AA: 4.5 : 1 for texts, else 3 : 1.
+Its markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and lets a long
+path run out of its panel. Beside a slider it repeats the position as a number, where the box above has the value,
+its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On a phone a wide
+table would make its whole panel scroll sideways.
+
+A chart does not know its width when it is made: it is hidden until it does, and as high as it will be.
+
+The last rules keep the header visible: every box around it, and around the tab below it, is as high as its panel
+allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""
+
+
+# The panels, their sizes and the theme. Sizes are for a window 900 px high; `page_script` fits them to others.
+
+
+LEFT_WIDTH = 345
+"""Width of the control panel, px."""
+
+RIGHT_WIDTH = 679
+"""Width of the chart panel beside the tuning map in a window 1440 px wide, px."""
+
+RIGHT_WIDTH_WITHOUT_MAP = 965
+"""The same without the map, px: viser keeps a strip of its canvas, which the page covers."""
+
+WINDOW_HEIGHT = 900
+"""Height of the window for which all heights below are given, px."""
+
+CHROME_HEIGHT = 166
+"""Height of everything above and below the charts of the Signal tab: tab bar, range, heading; px. Firefox draws the
+tab bar and the heading 2 px higher than Chromium."""
+
+FRAME_HEIGHT = 26
+"""Height of what surrounds each chart: its legend and the gap below it, px."""
+
+
+def height_of(share: float, charts: int = 3) -> int:
+    """Height of one of `charts` charts that takes this share of the space that a window has for them, px."""
+    return round(share * (WINDOW_HEIGHT - CHROME_HEIGHT - charts * FRAME_HEIGHT))
+
+
+def shape_of(client: viser.ClientHandle) -> float | None:
+    """Width : height of a browser's canvas; None before it is known."""
+    width, height = client.camera.image_width, client.camera.image_height
+    return width / height if width > 0 and height > 0 else None
+
+
+class Panels:
+    """The control panel at the left edge and the chart panel at the right."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._dark: bool | None = None
+        self._map_shown = False
+        self.set_theme(dark=False)
+        server.scene.configure_default_lights(False, cast_shadow=False)  # only phones see it: a flat picture
+        server.gui.main_panel.dock_left()
+        server.gui.main_panel.set_width(LEFT_WIDTH)
+        self.right = server.gui.add_panel()
+        self.charts = self.right.add_tab("Signal")
+        self.right.dock_right()
+        self.right.set_width(RIGHT_WIDTH_WITHOUT_MAP)
+        self.right.expand()
+
+    def set_theme(self, *, dark: bool) -> None:
+        """Light or dark; every call must name all options, or viser takes its own defaults again."""
+        if dark == self._dark:
+            return
+        self._dark = dark
+        self._server.gui.configure_theme(
+            dark_mode=dark,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(86, 180, 233) if dark else (0, 114, 178),
+        )
+
+    def set_map_shown(self, shown: bool) -> None:
+        """Leave space for the map, or give it to the charts."""
+        if shown != self._map_shown:
+            self._map_shown = shown
+            self.right.set_width(RIGHT_WIDTH if shown else RIGHT_WIDTH_WITHOUT_MAP)
+
+
+# Sentences that appear over the screen: what was done, what was refused, what went wrong.
+
+
+log = logging.getLogger(__name__)
+
+
+class Notifications:
+    """Shows one sentence at a time in every browser, and logs it. Any thread may call it."""
+
+    def __init__(self, server: viser.ViserServer, log_file: Path | None) -> None:
+        """Args: the server of the browsers; the log, named where something went wrong."""
+        self._server, self._log_file = server, log_file
+        self._shown = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
+        self._early: tuple[str, str, bool] | None = None
+        self._has_met = False
+        self.is_ending = False
+        """True during shutdown: errors are only logged, since what still runs may find the server closed."""
+
+    def tell(self, message: str | Exception, *, good: bool = False, failed: Failed = Failed.OTHER) -> None:
+        """Show one sentence.
+
+        Args:
+            message: the sentence, or an uncaught exception, which is logged.
+            good: whether it is not an error.
+            failed: the heading of a refusal.
+        """
+        if not isinstance(message, Exception):
+            self._show("Kalscope" if good else failed, message, good=good)
+        elif self.is_ending:
+            log.info("at the end: %r", message)
+        else:
+            log.error("uncaught %s", type(message).__name__, exc_info=message)
+            self.show_failure(message)
+
+    def show_failure(self, error: Exception) -> None:
+        """Show what to do after an uncaught exception."""
+        self._show("Something went wrong", sentence_for(error, self._log_file))
+
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Show the first browser what was said before it came, such as the note of what is opened first."""
+        if self._early is not None and not self._has_met:
+            self._show_in(client, *self._early)
+        self._has_met = True
+
+    def forget(self, client: viser.ClientHandle) -> None:
+        """The browser has disconnected."""
+        self._shown.pop(client, None)
+
+    def _show(self, title: str, message: str, *, good: bool = False) -> None:
+        """One notification; plain text, so nothing in it can act as markup."""
+        (log.info if good else log.warning)("%s", message)
+        clients = self._server.get_clients().values()
+        if not self._has_met and not clients:
+            self._early = title, message, good
+        for client in clients:
+            self._show_in(client, title, message, good)
+
+    def _show_in(self, client: viser.ClientHandle, title: str, message: str, good: bool) -> None:
+        before = self._shown.get(client)
+        if before is not None:  # one at a time: a stack of them would cover the charts
+            before.remove()
+        self._shown[client] = client.add_notification(
+            title=title,
+            body=message[:1000],
+            auto_close_seconds=5.0 if good else 8.0,
+            color=(0, 158, 115) if good else (213, 94, 0),
+        )
+
+
+# Draws views. One that fails is emptied: it must not go on showing another recording or an earlier setting.
+
+
+NO_TEXT = "\u200b"
+"""What an emptied text shows: it cannot be seen, and no view writes it."""
+
+NO_PICTURE = np.zeros((2, 2, 3), dtype=np.uint8)
+"""What an emptied picture shows: the page hides a picture of this size (`map.js`)."""
+
+
+class GuardedViews:
+    """Calls the methods that draw views. An exception is reported once, until the same method has succeeded."""
+
+    def __init__(self, report: Callable[[Exception], object]) -> None:
+        """Args: logs an exception and notifies the user."""
+        self._report = report
+        self._failed: dict[Callable[..., None], type[Exception] | None] = {}  # how the last call ended
+        self._emptied: dict[Any, list[tuple[Any, str, Any]]] = {}
+
+    def draw(self, show: Callable[..., None], *answer: Any, **options: Any) -> None:
+        """Call `show`, a method of a view."""
+        try:
+            show(*answer, **options)
+        except Exception as error:
+            self.fail(error, show)
+            return
+        self._failed[show], view = None, view_of(show)
+        if view in self._emptied and view not in [view_of(one) for one, error in [*self._failed.items()] if error]:
+            for widget, name, before in self._emptied.pop(view):
+                if is_empty(widget):  # the view has not written it again, because it has not changed
+                    setattr(widget, name, before)
+
+    def fail(self, error: Exception, *shows: Callable[..., None]) -> None:
+        """Empty the views of these methods; without any, of all methods that were called."""
+        shows = shows or tuple(self._failed)
+        if type(error) not in map(self._failed.get, shows):
+            self._report(error)
+        for show in shows:
+            self._failed[show], view = type(error), view_of(show)
+            for widget in [one for one in widgets_in(view) if not is_empty(one)]:
+                name, nothing = property_of(widget)
+                self._emptied.setdefault(view, []).append((widget, name, getattr(widget, name)))
+                setattr(widget, name, nothing)
+            if (on_emptied := getattr(view, "on_emptied", None)) is not None:
+                on_emptied()
+
+
+def view_of(show: Callable[..., None]) -> Any:
+    """The view that a method draws."""
+    return getattr(show, "__self__", None)
+
+
+def property_of(widget: Any) -> tuple[str, Any]:
+    """The property by which a widget shows something, and its value when it shows nothing; "": it has none."""
+    match widget:
+        case viser.GuiMarkdownHandle():
+            return "content", NO_TEXT
+        case viser.GuiTextHandle(multiline=True):  # the others are for typing
+            return "value", NO_TEXT
+        case viser.GuiUplotHandle():
+            return "data", (np.zeros(0),) * len(widget.data)
+        case viser.GuiImageHandle():
+            return "image", NO_PICTURE
+        case _:
+            return "", None
+
+
+def is_empty(widget: Any) -> bool:
+    """Whether a widget shows nothing."""
+    name, nothing = property_of(widget)
+    return np.array_equal(getattr(widget, name), nothing)
+
+
+def widgets_in(part: object) -> Iterator[Any]:
+    """What shows something in a view, and in the parts that it consists of."""
+    parts: Iterable[object] = ()
+    if property_of(part)[0]:
+        yield part
+    elif isinstance(part, list | tuple):
+        parts = cast("Iterable[object]", part)
+    elif type(part).__module__.startswith("kalscope_app.views"):
+        parts = vars(part).values()
+    for one in parts:
+        yield from widgets_in(one)
+
+
+# The script that fits the layout to each browser's window, in the page itself: no measuring, no round trip.
+#
+# viser has fixed sizes only, the same for every browser. The script runs before viser's own code and changes the
+# sizes in the server's messages as they arrive, so the first picture already fills the window. When the window is
+# resized it repeats those messages with new sizes. Without the script the layout fits a window of 1440 × 900 px.
+#
+# It also lets the charts write the numbers under the mouse to six digits, and their ticks as the texts write
+# numbers; uPlot itself writes three decimals, so 0 for any value below 0.0005, and marks a sample that is missing
+# in the corner of the chart.
+#
+# `keep_up.js` keeps a slow browser from falling behind a board, `text_boxes.js` decides when a typed text is sent
+# and when it may be overwritten, `keyboard.js` makes the page work without a mouse, `scene.js` without WebGL,
+# `stopped.js` says that the program has ended, and `map.js` beside `views/map.py` shows the tuning map.
+
+
+APPLY_RULES = f"""{{ const style = new CSSStyleSheet();
+style.replaceSync({json.dumps(RULES)});
+document.adoptedStyleSheets.push(style); }}
+"""
+"""Adopted rules take precedence over those of viser's own style, wherever it puts them."""
+
+PHONE_CHECKBOX = "phone"
+"""Label of the hidden checkbox with which a page reports whether it is on a phone."""
+
+ZOOM_SLIDER = "zoom"
+"""Label of the hidden slider with which a page asks for the part of the window that was dragged over."""
+
+MAP_PICTURE, MAP_MARK = "map picture", "map mark"
+"""Labels of the hidden images that the page shows as the tuning map."""
+
+MAP_PRESENT = "map present"
+"""Label of the hidden vector with the position of the mark, in shares of the picture; below 0: there is none."""
+
+MAP_POINTED = "map pointed"
+"""Label of the hidden vector with which a page reports where the user points, in shares of the picture, and in
+which gesture: a number for each, negative for a click, positive for a drag."""
+
+EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
+"""Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
+
+TYPED, OTHER_RATE = "Other address …", "another"
+"""The options of the menus of ports and of baud rates that stand for what is in the text box below."""
+
+TEXT_BOXES = {"port": [TYPED, "address"], "baud rate": [OTHER_RATE, "rate"]}
+"""Menus into which a user may type what is no option: the option for that, and the label of its text box."""
+
+SIZES = {
+    "scene": 'canvas[width="0"] + div:not([class])',  # the box of viser's 3-D scene
+    "phone": PHONE_CHECKBOX,
+    "zoom": ZOOM_SLIDER,
+    "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
+    "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
+    "withMap": RIGHT_WIDTH,
+    "withoutMap": RIGHT_WIDTH_WITHOUT_MAP,
+    "mapFrom": 1100,  # px; a narrower window has no map
+    "minMap": 300,  # px
+    "mapShare": 0.38,  # of the width beside the control panel, at most
+    "mapShape": 0.5,  # width : height at most
+    "noMap": 120,  # px of canvas that viser keeps in any case
+    "height": WINDOW_HEIGHT,
+    "minHeight": CHROME_HEIGHT + 480,  # px; lower windows scroll
+    "mapPicture": MAP_PICTURE,
+    "mapMark": MAP_MARK,
+    "mapPresent": MAP_PRESENT,
+    "mapPointed": MAP_POINTED,
+    "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
+    "exportButton": EXPORT_BUTTON,
+    "exportTab": EXPORT_TAB,
+    "textBoxes": TEXT_BOXES,
+    "typingPause": 900,  # ms without a key after which a complete number counts without Enter
+}
+
+
+NAMES = "keep_up", "stopped", "scene", "page_script", "text_boxes", "keyboard"
+"""The scripts beside this module, in the order in which they get each message."""
+
+
+def page_script() -> str:
+    """The script for the head of the page."""
+    views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
+    scripts = *(f"page/{name}.js" for name in NAMES), "page/map.js"
+    parts = (views.joinpath(script).read_text("utf-8") for script in scripts)
+    return APPLY_RULES + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
+
+
+# A note in every browser while loops are compiled, at the first start after an installation.
+
+
+STAYS_S = 1.5
+"""Seconds after the last loop for which the note stays: the next one often begins at once."""
+
+
+class CompilingNote:
+    """Shows the progress of the compiler; removed when it has finished."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._notes = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
+        self._changing = threading.Lock()
+        self._end: threading.Timer | None = None
+
+    def show(self, progress: Compiling) -> None:
+        """Show this in every browser; runs on the thread that compiles."""
+        body = f"{progress}.".capitalize()
+        with self._changing:
+            if self._end is not None:
+                self._end.cancel()
+            for client in self._server.get_clients().values():
+                if client in self._notes:
+                    self._notes[client].body = body
+                else:
+                    self._notes[client] = client.add_notification("Kalscope", body, loading=True)
+            self._end = threading.Timer(STAYS_S, self._remove)
+            if not progress.is_busy:
+                self._end.start()
+
+    def _remove(self) -> None:
+        with self._changing:
+            for note in self._notes.values():
+                note.remove()
+            self._notes.clear()
+
+
+# The command palette, Ctrl+K: every button, checkbox and button of a row, by its label.
+
+
+WITHOUT = {"", "…", "Cancel"}
+"""Widgets that have no name of their own, or show only while something runs."""
+
+
+class Commands:
+    """One command for each; made last, when all widgets are there."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._gui = gui
+        self._commands: list[tuple[Any, viser.CommandHandle]] = []
+        taken = {*WITHOUT, *commands_of(gui)}
+        for widget in widgets_of(gui):
+            if isinstance(widget, viser.GuiButtonGroupHandle):
+                for name in widget.options:
+                    if name not in taken:
+                        self._add(gui, name, widget, name)
+            elif isinstance(widget, viser.GuiCheckboxHandle | viser.GuiButtonHandle) and widget.label not in taken:
+                self._add(gui, widget.label, widget)
+
+    def _add(self, gui: viser.GuiApi, label: str, widget: Any, value: str | None = None) -> None:
+        command = gui.add_command(f"{label[:1].upper()}{label[1:]}", description=widget.hint)
+
+        async def trigger(event: viser.CommandEvent) -> None:
+            if event.client is None or not is_on_screen(gui, widget):
+                return
+            if value is not None:
+                widget.value = value
+            elif isinstance(widget, viser.GuiCheckboxHandle):
+                widget.value = not widget.value
+            await press(widget, event.client)
+
+        command.on_trigger(trigger)
+        self._commands.append((widget, command))
+
+    def show(self) -> None:
+        """Follow the names of the buttons, and what is on screen."""
+        for widget, command in self._commands:
+            put(command, disabled=not is_on_screen(self._gui, widget))
+            if isinstance(widget, viser.GuiButtonHandle):
+                put(command, label=widget.label)
+
+
+# The View tab: the theme, and what is drawn beside the filtered signal.
+
+
+class ViewTab:
+    """Three checkboxes; the map puts its own controls below them."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
+        self._smoother = gui.add_checkbox(
+            "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
+        )
+        self._velocity = gui.add_checkbox(
+            "show velocity", False, hint="In place of the gain, where the filter has momentum."
+        )
+        bind(self._dark, session, set_dark)
+        bind(self._smoother, session, set_smoother)
+        bind(self._velocity, session, set_velocity)
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame."""
+        view = frame.state.view
+        self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
+
+
+# How unevenly the samples of a recording follow each other, and what that does to a delay. Pure.
+
+
+LOOKS = 2000
+"""Spans of a recording that are measured, at most: enough for percentiles, and quick whatever its length."""
+
+TAIL = 5.0
+"""Per cent left out at each end: nine of ten lie between, and no pause distorts the result."""
+
+
+def spread_of_span(time: Array, samples: float) -> tuple[float, float] | None:
+    """How long `samples` steps last: nine of ten spans lie between the two durations.
+
+    Args:
+        time: times of the samples, s, shape (n,).
+        samples: how many steps, > 0, whole or not.
+
+    Returns:
+        The shortest and the longest usual span in s; None where the recording is too short to tell.
+    """
+    last = len(time) - 1 - math.ceil(samples) if math.isfinite(samples) else 0
+    if last < 9 or samples <= 0.0:
+        return None
+    start = np.unique(np.linspace(0, last, LOOKS).astype(np.intp))
+    whole, part = int(samples), samples - int(samples)
+    first, end = time[start], time[start + whole]
+    if part:
+        end = end + part * (time[start + whole + 1] - end)
+    low, high = np.percentile(end - first, (TAIL, 100.0 - TAIL))
+    return float(low), float(high)
+
+
+# The header above the tabs: what is open, its channel and rate, and what the filter costs and gives.
+
+
+WORTH_SAYING = 0.05
+"""Share of a lag by which nine of ten must differ to be shown: less is lost in the digits shown."""
+
+
+class HeaderView:
+    """Two lines of text, and between them the channel where there are several."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        gui.add_html(HEADER)
+        self._record = gui.add_markdown("")
+        self._channel = gui.add_dropdown("channel", list[str](["–"]), hint="Each channel has its own filter.")
+        self._numbers = gui.add_markdown("")
+        self._jitter: tuple[Recording | None, float] = None, 0.0
+        bind(self._channel, session, select_channel)
+
+    def show(self, frame: Frame) -> None:
+        """Write both lines."""
+        record, jitter = frame.state.recording, self._jitter_of(frame.state.recording)
+        self._record.content = record_line(record, jitter)
+        fusion = frame.state.settings.fusion
+        names = record.names if fusion is None else (*record.names, fusion.tuning.name)
+        offer(self._channel, names, frame.state.channel if frame.state.fusion is None else names[-1])
+        self._channel.visible = len(record.names) > 1
+        self._numbers.content = numbers_line(frame, jitter)
+
+    def _jitter_of(self, recording: Recording) -> float:
+        if recording is not self._jitter[0]:  # every stamp is read: once a recording, not once a frame
+            self._jitter = recording, jitter_of(recording)
+        return self._jitter[1]
+
+
+def record_line(recording: Recording, jitter: float) -> str:
+    """Name and rate, with how far the steps vary; markdown, escaped."""
+    return f"**{escape_markdown(recording.title, 40)}** · {rate_words(recording.sample_period, jitter)}"
+
+
+def numbers_line(frame: Frame, jitter: float) -> str:
+    """The lag and what is left of the noise; where steps vary, the range in which nine of ten lags lie.
+
+    First the filter, where it is not the Kalman filter alone.
+    """
+    lag, record, chain = frame.steady.lag_samples, frame.state.recording, frame.state.tuning.chain
+    said = f"lag **{lag_text(lag, record.sample_period)}**"
+    ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
+    if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
+        said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
+    name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
+    return f"{name}{said} · noise **{decibels(-frame.steady.noise_reduction_db)}**"

@@ -1,1 +1,0 @@
-"""The layout of the page: panels, sizes, style."""

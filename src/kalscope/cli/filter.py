@@ -1,0 +1,303 @@
+"""`kalscope filter`: a recording, or lines on stdin, through the filter."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
+
+import typer
+
+from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
+from kalscope.cli.options import (
+    SamplePeriod,
+    SensorNumbers,
+    number,
+    number_option,
+    number_or,
+    number_or_each,
+    read_options,
+    text_option,
+    with_options,
+)
+from kalscope.common.text import plural
+from kalscope.errors import BadSetting
+from kalscope.filtering.filter import Filter, KalmanFilter, StreamingFilter
+from kalscope.filtering.params import FilterParams
+from kalscope.sources.grammar.cells import is_comment, parse_number
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+
+
+# The parameters of the filter as options of `kalscope filter`.
+
+
+def params_options(
+    q: Annotated[float | None, number_option("Process-noise variance per sample, unit².", number)] = None,
+    r: Annotated[
+        SensorNumbers | None,
+        number_option(
+            "Measurement-noise variance, unit²; of fused sensors also each: a=4,b=9.", number_or_each(number)
+        ),
+    ] = None,
+    p0: Annotated[
+        float | None, number_option('Initial variance, unit², or "diffuse".', number_or("diffuse"))
+    ] = None,
+    x0: Annotated[
+        float | None, number_option('Initial value, or "first": the first sample.', number_or("first"))
+    ] = None,
+    gate: Annotated[
+        float | None, number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off"))
+    ] = None,
+    momentum: Annotated[
+        float | None, number_option("How long the signal keeps its direction, in sample periods.", number)
+    ] = None,
+    chain: Annotated[
+        str | None, text_option("FILTERS", 'Filters to run, such as "median 5, kalman" or "one-euro 0.02 0.7 0.1".')
+    ] = None,
+) -> dict[str, Any]:
+    """The options in place of the parameter `given` of the command; see `with_options`."""
+    options = {"q": q, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
+    # NaN is the word for an automatic start, which the filter's parameters write as None.
+    given: dict[str, Any] = {
+        name: None if math.isnan(one) else one for name, one in options.items() if one is not None
+    }
+    if r is not None:
+        given["r"] = r.each
+    if chain is not None:
+        from kalscope.tuning.tuning import typed_chain
+
+        given["chain"] = typed_chain(chain)
+    return given
+
+
+# The filter as a pipe: one line of numbers in, one line of filtered numbers out. No input or output here.
+
+
+Filters = Filter | Sequence[Filter] | FilterParams
+"""One for as many channels as there are, one a channel, or one that fuses all of them."""
+
+Update = Callable[[Sequence[float]], str]
+"""Takes the samples of a line and gives its answer."""
+
+
+class LineFilter:
+    """Answers each line of comma-separated channels with the filtered values, in the same order, or with one.
+
+    A cell without a number (empty, "nan") is a missing sample: its channel predicts, its answer is empty. Fused
+    channels have one answer, empty where all of them are missing. A line that cannot be read is a missing sample of
+    all channels; a comment (# % //) is not a sample, and its answer is empty.
+    """
+
+    def __init__(self, params: Filters) -> None:
+        """Start the filters.
+
+        Args:
+            params: One filter for as many channels as the first readable line has; or one a channel; or one that
+                fuses all channels.
+        """
+        self._params = params
+        self._channels = _known_channels(params)
+        """Numbers per line; 0 until the first readable line."""
+        self._update = _start(params, self._channels)
+        self._before = 0  # lines received while the number of channels was unknown
+        self.received = 0
+        """Lines received so far."""
+
+    def answer(self, line: str) -> tuple[str, str]:
+        """Take one line, with or without its newline.
+
+        Returns:
+            (answer, note): the filtered values, "" for a line without any; and for a line that cannot be read
+            one sentence about it, else "".
+        """
+        self.received += 1
+        text = line.strip().lstrip("\ufeff")  # PowerShell begins a pipe with a BOM
+        if is_comment(text):
+            return "", ""
+        if not text:
+            return self._miss(), ""
+        values = [parse_number(cell.strip()) for cell in text.split(",")]
+        samples = [value for value in values if value is not None]
+        if len(samples) < len(values):
+            return self._miss(), self._note("numbers with commas between them", text)
+        if not self._channels:
+            self._begin(len(samples))
+        if len(samples) != self._channels:
+            return self._miss(), self._note(plural(self._channels, "number"), text)
+        return self._update(samples), ""
+
+    def _begin(self, channels: int) -> None:
+        self._channels, self._update = channels, _start(self._params, channels)
+        for _ in range(self._before):
+            self._miss()
+
+    def _miss(self) -> str:
+        self._before += not self._channels
+        self._update([math.nan] * self._channels)
+        return ""
+
+    def _note(self, must: str, text: str) -> str:
+        return f"line {self.received} must hold {must} (got {text[:60]!r}): taken as missing"
+
+
+def _known_channels(params: Filters) -> int:
+    """How many channels the filters are for; 0 = any number."""
+    if isinstance(params, FilterParams):
+        return params.sensors
+    return len(params) if isinstance(params, Sequence) else 0
+
+
+def _start(params: Filters, channels: int) -> Update:
+    if isinstance(params, FilterParams):
+        return _fused(params)
+    return _each(params if isinstance(params, Sequence) else [params] * channels)
+
+
+def _each(chosen: Sequence[Filter]) -> Update:
+    """A filter a channel."""
+    filters = [one.stream() for one in chosen]
+
+    def answer(channel: StreamingFilter, sample: float) -> str:
+        x = channel.update(sample)
+        return "" if math.isnan(sample) else repr(float(x))
+
+    return lambda samples: ",".join(map(answer, filters, samples))
+
+
+def _fused(params: FilterParams) -> Update:
+    """One filter for all channels."""
+    fusion = KalmanFilter(params)
+
+    def answer(samples: Sequence[float]) -> str:
+        x = fusion.update(samples)
+        return "" if all(map(math.isnan, samples)) else repr(float(x))
+
+    return answer
+
+
+# `kalscope filter`: a recording, or lines on stdin, through the filter.
+
+
+MAX_LINE_BYTES = 65_536
+"""Bytes of one line on stdin, hundreds of channels; a longer one is not a line of numbers."""
+
+_NONE: dict[str, Any] = {}
+"""No parameter is given."""
+
+
+@with_options(reading=read_options, given=params_options)
+def filter_command(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…"; or "-": answer stdin line by line.',
+        ),
+    ],
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Tuning file with q and r.")] = None,
+    given: dict[str, Any] = _NONE,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Filter this channel only.")] = None,
+    fuse: Annotated[
+        str | None,
+        text_option("NAMES", "Fuse these channels, sensors of one quantity; default: those that --config fuses."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file.")
+    ] = None,
+    sample_period: SamplePeriod = None,
+    reading: ReadOptions = DEFAULTS,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing FILE.")] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Print on stderr how SOURCE was read, with a count of every line.")
+    ] = False,
+) -> None:
+    """Filter a recording, or lines on stdin.
+
+    The output is a CSV of time, raw and filtered signal, variance, and with momentum the velocity.
+
+    With --fuse, or where --config has a fusion and no --channel is named, the columns are those of the sensors, the
+    fused value and its variance.
+
+    --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
+    from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
+    which the filter predicts over, and for a comment (# % //), which is not a sample.
+    """
+    from kalscope.common.text import plain
+    from kalscope.export.csv import filtered_csv_chunks
+    from kalscope.sources.reading.account import account, sample_period_conflict
+    from kalscope.tuning.choose import filters_for, filters_for_stdin, fuses
+
+    tell_compiling()
+    fused = fuses(config, given, channel, fuse)  # before anything is read: it refuses contradictions
+    if source == "-":
+        _refuse_with_stdin(report=report, output=output)
+        chosen, notes = filters_for_stdin(config, given, channel, fuse, sample_period)
+        of_each = [one.filter for one in chosen]
+        _filter_stdin(chosen[0].params if fused else of_each if config else of_each[0], notes, reading)
+        return
+    recording = _read(source, reading, sample_period, output, force=force)
+    chosen, notes = filters_for(recording, config, given, channel, fuse)
+    write_output(filtered_csv_chunks(recording, chosen), output)
+    if report:
+        sys.stderr.write(plain(account(recording)))
+    if sample_period is not None:
+        notes = [*filter(None, [sample_period_conflict(recording)]), *notes]
+    for note in notes:  # last, so that an error is the only line
+        say(f"note: {note}")
+
+
+def _refuse_with_stdin(*, report: bool, output: Path | None) -> None:
+    if report:
+        raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
+    if output is not None:
+        raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
+
+
+def _read(
+    source: str, options: ReadOptions, period: float | None, output: Path | None, *, force: bool
+) -> Recording:
+    """The recording that is to be filtered into `output`, with progress on a terminal."""
+    from kalscope.catalogue import open_source
+    from kalscope.common.files import check_new
+
+    if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
+        raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
+    if output is not None:
+        check_new(output, force=force)
+    with progress_line() as report:
+        return open_source(source, options, sample_period=period, progress=report)
+
+
+def _filter_stdin(params: Filters, notes: list[str], options: ReadOptions) -> None:
+    """Answer each line at once: the program that writes them may wait for the answer."""
+    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.text import count
+    from kalscope.sources.reading.line_parser import LineParser, comma_line
+
+    for note in notes:
+        say(f"note: {note}")
+    lines, parser = LineFilter(params), LineParser(options)
+    with open_stdout() as out, said_at_stop(lambda: f"{count(lines.received)} lines answered"):
+        for line in _bounded_lines(sys.stdin.buffer):
+            answer, note = lines.answer(comma_line(parser, line))
+            out.write(f"{answer}\n".encode())
+            out.flush()
+            if note:
+                say(note)
+
+
+def _bounded_lines(stream: BinaryIO) -> Iterator[bytes]:
+    """The lines of a stream, none longer than MAX_LINE_BYTES."""
+    while line := stream.readline(MAX_LINE_BYTES):
+        if len(line) < MAX_LINE_BYTES or line.endswith(b"\n"):
+            yield line
+            continue
+        while (rest := stream.readline(MAX_LINE_BYTES)) and not rest.endswith(b"\n"):
+            pass
+        yield line[:60] + b" and so on"  # the rest was dropped, so it must not read as numbers

@@ -1,1 +1,0 @@
-"""`kalscope filter`: a recording as a CSV, or lines of standard input one by one."""

@@ -1,1 +1,0 @@
-"""`kalscope tune`: find q and r, and explain them."""

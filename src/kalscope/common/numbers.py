@@ -1,0 +1,84 @@
+"""The array types of signals, and checks and medians of numbers."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from kalscope.errors import BadSetting
+
+# The array types of signals, and of positions in them.
+
+
+Array = NDArray[np.float64]
+
+Indices = NDArray[np.intp]
+"""Positions in an array, from 0."""
+
+Mask = NDArray[np.bool_]
+"""True for the elements that are chosen."""
+
+
+# Checks of single numbers that a caller gave.
+
+
+PERIODS = (1e-50, 1e50)
+"""Sample periods in s within which rates and their squares are finite."""
+
+
+def check_sample_period(period: float) -> None:
+    """BadSetting unless this is a sample period, in s, that can be computed with."""
+    if not PERIODS[0] <= _number(period) <= PERIODS[1]:
+        raise BadSetting(
+            f"sample period must be a finite number of seconds above 0, from {PERIODS[0]:g} to {PERIODS[1]:g}"
+            f" (got {period})"
+        )
+
+
+def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> float:
+    """`value` as a float; BadSetting unless it is a number above 0 and at most `largest`."""
+    number = _number(value)
+    if not 0.0 < number <= largest:
+        most = f", at most {largest:g}" if largest < number < math.inf else ""
+        raise BadSetting(f"{name} must be a finite number above 0{most} (got {value})")
+    return number
+
+
+def _number(value: object) -> float:
+    """`value` as a float; NaN where it is not a number; a string counts as none."""
+    if isinstance(value, str):
+        return math.nan
+    try:
+        return float(value)  # pyright: ignore[reportArgumentType] (the error is caught)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+# The median of a short window around each value; the median of a chain, which sees only the past, is a filter.
+#
+# scipy.ndimage has one as fast, but takes 0.1 s to import, which `kalscope tune` on a small file would wait for.
+
+
+_ROWS = 1 << 16
+"""Windows that are sorted at once: a few MB."""
+
+
+def centred_median(values: Array, window: int) -> Array:
+    """The median of the `window` values around each, shape (n,); the ends are continued with their last value.
+
+    Args:
+        values: finite, shape (n,).
+        window: an odd number of values.
+    """
+    half, medians = window // 2, np.empty(len(values))
+    if not len(values):
+        return medians
+    windows = sliding_window_view(np.pad(values, half, mode="edge"), window)
+    for first in range(0, len(values), _ROWS):
+        rows = slice(first, first + _ROWS)
+        medians[rows] = np.partition(windows[rows], half, axis=1)[:, half]
+    return medians

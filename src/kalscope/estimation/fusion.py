@@ -1,0 +1,958 @@
+"""`estimate_fusion`: q, momentum, and the noise, offset and gain of each of several sensors of one quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.progress import OnProgress, Progress
+from kalscope.common.text import count, gate_text, number, percent, plural
+from kalscope.errors import BadSetting
+from kalscope.estimation.climb import (
+    BESIDE,
+    NORMAL,
+    Asked,
+    Found,
+    Place,
+    Readings,
+    best_fit,
+    climbed,
+    covariance,
+    guessed_noises,
+    momentum_interval,
+    movement_interval,
+    noise_interval,
+    place_at,
+    starting_gains,
+    starting_places,
+    step_of,
+    step_sizes,
+)
+from kalscope.estimation.fit import checked_momentum, estimate
+from kalscope.estimation.kernels import SIGMAS
+from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.spikes import checked_robust, rounding_variance
+from kalscope.estimation.verdict import BAD_UNIT, FLAT, MIN_SAMPLES, MIN_VARIANCE, OTHER_UNIT
+from kalscope.filtering.filter import fuse, smooth
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, refuse_infinite, samples_of, steps_of
+from kalscope.filtering.steady import steady_state
+
+# The arguments of `estimate_fusion`, checked once.
+
+
+_MAX_SIZE = 1e140
+"""Readings that vary by more, or by less than its inverse, have variances that do not fit a double."""
+_MAX_FACTOR = 1e20
+"""A known r this many times above or below what readings vary by, squared, has another unit."""
+_SAME = 1e-12
+"""Relative difference up to which two sensors are copies: that of rounding."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """A record of several sensors, and what is known of them."""
+
+    z: Array
+    """Readings, NaN where missing, shape (n, sensors)."""
+    steps: Array
+    """Nominal sample periods before each row; empty = 1 each."""
+    names: tuple[str, ...]
+    """The sensors."""
+    reference: int | None
+    """The sensor whose offset is 0 and whose gain is 1."""
+    known: Array
+    """Known r, unit², NaN where not known, shape (sensors,)."""
+
+    @property
+    def gauge(self) -> int:
+        """The sensor whose offset and gain stay while the others are searched."""
+        return 0 if self.reference is None else self.reference
+
+    def without(self, away: Mask) -> Question:
+        """The record without some readings, shape (n, sensors)."""
+        return replace(self, z=np.where(away, np.nan, self.z)) if away.any() else self
+
+    def unusable(self, gains: bool) -> tuple[str, str] | None:
+        """Verdict and words where a sensor makes the fit meaningless; a copy may have another gain with `gains`."""
+        for name, column in zip(self.names, self.z.T, strict=True):
+            readings = column[np.isfinite(column)]
+            if len(readings) < MIN_SAMPLES:
+                return "too_few", too_few(name, len(readings))
+            if np.all(readings == readings[0]):
+                return "constant", constant(name)
+            size = float(np.ptp(0.5 * readings))
+            if not 1.0 / _MAX_SIZE < size < _MAX_SIZE:
+                return "bad_unit", BAD_UNIT
+            if np.any((self.known > _MAX_FACTOR * size * size) | (self.known < size * size / _MAX_FACTOR)):
+                return "bad_unit", OTHER_UNIT
+        for i in range(len(self.names)):
+            for j in range(i):
+                if _are_copies(self.z[:, j], self.z[:, i], gains):
+                    return "copies", copies(self.names[j], self.names[i])
+        return None
+
+
+def question(
+    z: ArrayLike,
+    dt: ArrayLike | None,
+    names: Sequence[str] | None,
+    reference: int | str | None,
+    known_r: ArrayLike | None,
+) -> Question:
+    """Check what was given; BadSetting as in `estimate_fusion`."""
+    readings = samples_of(z)
+    readings = readings[:, None] if readings.ndim == 1 else readings
+    if readings.ndim != 2 or readings.shape[1] == 0:
+        raise BadSetting(f"z must have shape (n, sensors) (got {readings.shape})")
+    n, sensors = readings.shape
+    for column in readings.T:
+        refuse_infinite(column)
+    given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
+    if len(given) != sensors or len(set(given)) != sensors:
+        raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
+    try:
+        known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
+    except (TypeError, ValueError):
+        known = np.empty(0)
+    if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
+        raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
+    return Question(readings, steps_of(dt, n), given, _index(reference, given), known)
+
+
+def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
+    if reference is None:
+        return None
+    if isinstance(reference, str) and reference in names:
+        return names.index(reference)
+    whole = isinstance(reference, int | np.integer) and not isinstance(reference, bool)
+    if whole and 0 <= int(reference) < len(names):
+        return int(reference)
+    raise BadSetting(
+        f"reference must be a sensor, its name or its index from 0 to {len(names) - 1} (got {reference!r})"
+    )
+
+
+def _are_copies(first: Array, second: Array, gains: bool) -> bool:
+    """Whether two sensors differ by the same value wherever both answer; with `gains` by a factor too."""
+    both = np.isfinite(first) & np.isfinite(second)
+    if both.sum() < MIN_SAMPLES:
+        return False
+    one, other = first[both], second[both]
+    size = max(float(np.abs(one).max()), float(np.abs(other).max()))
+    one, other = (one - one[0]) / size, (other - other[0]) / size
+    squares = float(one @ one)
+    factor = float(one @ other) / squares if gains and squares > 0.0 else 1.0
+    return float(np.ptp(other - factor * one)) <= _SAME
+
+
+# Whether the quantity keeps its direction: the rule of one signal on the fused value; the fit with momentum.
+
+
+_EVEN = 0.1
+"""Share of the mean r that is added to each for the weights; of the largest, the least where a search begins."""
+
+_STILL = 1e-3
+"""Share of the squared steps of the readings from which a movement is searched that no other fit shows."""
+
+
+def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Array:
+    """The weighted mean of what the sensors say of the quantity, unit, shape (n,); NaN where none answers."""
+    said = (z - data.centre - place.offset * data.scale) / place.c
+    present = np.isfinite(z)
+    total = present @ weights
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(total > 0.0, np.where(present, said, 0.0) @ weights / total, np.nan)
+
+
+def with_momentum(
+    asked: Question, data: Readings, searched: Asked, plain: Found, tau: float | None, progress: Progress
+) -> tuple[Found, Estimate]:
+    """The fit with momentum where it is given or the signal asks for it, and what the fused signal says of it.
+
+    Args:
+        asked: the record.
+        data: the same as readings.
+        searched: what is searched.
+        plain: the fit without momentum.
+        tau: the momentum that is given; None = find it.
+        progress: receives progress reports.
+    """
+    one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
+    start = float(one.momentum) if tau is None else tau
+    if not start:
+        return plain, one
+    fitted = replace(searched, keeps=tau is None)
+    least = _STILL * float(step_sizes(data).max()) / step_of(start)
+    step = float(one.q) / data.scale**2 or plain.place.q or least
+    starts = [
+        place_at(data.middle(), step, start, noise, plain.place.c)
+        for noise in [*guessed_noises(asked.z, data, searched, plain.place.c), lifted(plain.place, searched)]
+    ]
+    found = best_fit(data, fitted, starts, progress.part(0.5, 1.0))
+    if tau is None:
+        found = within_record(data, fitted, found)
+        needed = MIN_GAIN + SHORT_RECORD / count
+        if 2.0 * (found.place.loglik - plain.place.loglik) <= needed:
+            return plain, replace(one, momentum=0.0)
+    return found, one
+
+
+def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress: Progress) -> tuple[Estimate, int]:
+    """The estimate of the fused value as one signal, and of how many rows.
+
+    Without momentum one r may come out as 0 although its sensor is no better, only quicker than the random walk
+    expects. So the mean with even weights is tried where the weighted one shows no momentum.
+    """
+    place, data = plain.place, plain.coordinates.data
+    r = place.r / place.c**2
+    dt = asked.steps if len(asked.steps) else None
+    signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()) if r.any() else np.ones(data.sensors))
+    found = _estimate(signal, dt, tau, progress.part(0.0, 0.5))
+    if data.sensors > 1 and not found.momentum:
+        signal = fused_signal(asked.z, place, data, np.ones(data.sensors))
+        found = _estimate(signal, dt, tau, progress.part(0.5, 1.0))
+    return found, int(np.isfinite(signal).sum())
+
+
+def _estimate(signal: Array, dt: Array | None, tau: float | None, progress: Progress) -> Estimate:
+    moves = "auto" if tau is None else tau
+    return estimate(signal, dt=dt, momentum=moves, robust=False, progress=progress, cancelled=progress.cancelled)
+
+
+def lifted(place: Place, searched: Asked) -> Array:
+    """Its r, none of those that are searched so small that the search begins at an edge."""
+    return np.where(np.isnan(searched.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
+
+
+def within_record(data: Readings, searched: Asked, found: Found) -> Found:
+    """A momentum longer than the record is cut to its length: the record cannot show how much longer it is."""
+    if found.place.tau <= data.span:
+        return found
+    place = place_at(data, found.place.q, data.span, found.place.r, found.place.c)
+    return climbed(data, replace(searched, keeps=False), place)
+
+
+# Noise that sensors have in common: whether the noises of two are correlated, or one noise is in all of them.
+
+
+MIN_ROWS = 30
+"""Least number of rows in which the sensors that are compared answer together."""
+SURE = 10.83
+"""Rise of twice the log-likelihood that one parameter brings by chance once in a thousand records."""
+MIN_CORRELATION = 0.2
+"""Least correlation of noises that is worth reporting."""
+QUIET, EVEN = 0.01, 0.5
+"""Start of the search: q as a share of that found, and the least r as a share of the largest."""
+RATIOS, FACTORS = (0.03, 0.1, 0.3, 1.0), (1.8, 1.35, 1.15, 1.07)
+"""β where its search begins, over the ratio of the steps of the two sensors; the factors by which it goes on."""
+COMPARED = 6000
+"""Readings in the middle of the record that are enough to find shared noise."""
+LIGHT = 0.05
+"""Least r of the other sensors for their weights, as a share of the largest."""
+FINE = 0.01
+"""Rise of the log-likelihood that matters here."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """White noise that sensors have in common."""
+
+    sensors: tuple[int, ...]
+    """Two of them, or all."""
+    correlation: float
+    """Of the noises of these two, or the largest of any two of all, 0 … 1."""
+    rise: float
+    """By how much it raises twice the log-likelihood."""
+
+
+def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | None:
+    """As `shared_noise` of the best fit near a filter; None where a sensor has hardly a reading."""
+    if np.isfinite(z).sum(axis=0).min(initial=len(z)) < MIN_ROWS:
+        return None
+    data = Readings.of(z, steps)
+    unit = data.scale * data.scale
+    start = place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
+    free = np.full(data.sensors, math.nan)
+    asked = Asked(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
+    return shared_noise(z, steps, climbed(data, asked, start, FINE))
+
+
+def shared_noise(z: Array, steps: Array, found: Found) -> Shared | None:
+    """The noise that two sensors share, or all of them, whichever explains more; None where none shows.
+
+    Args:
+        z: readings, shape (n, sensors), NaN where missing.
+        steps: nominal sample periods before each row; empty = 1 each.
+        found: the best fit with independent noises.
+    """
+    share = min(1.0, COMPARED / len(found.coordinates.data.value))
+    part = slice(int(0.5 * (1.0 - share) * len(z)), math.ceil(0.5 * (1.0 + share) * len(z)))
+    z, steps, sensors = z[part], steps[part], z.shape[1]
+    tried = [_shared_by_two(z, steps, found, pair) for pair in combinations(range(sensors), 2)]
+    tried += [_shared_by_all(z, steps, found)] if sensors > 2 else []
+    best = max((one for one in tried if one is not None), key=lambda one: one.rise, default=None)
+    return best if best is not None and best.rise > SURE and best.correlation >= MIN_CORRELATION else None
+
+
+def _shared_by_two(z: Array, steps: Array, found: Found, pair: tuple[int, ...]) -> Shared | None:
+    """The noise that sensors i and j share.
+
+    Reading j less β times reading i has a noise independent of that of i where β = ρ σ_j/σ_i. In place of reading
+    j it makes all noises independent, so that the same likelihood serves. Readings j without one of i in their row
+    are left out. The search starts from a slow signal, because shared noise may have been fitted as movement.
+    """
+    data, place = found.coordinates.data, found.place
+    i, j = sorted(pair, key=lambda one: -float(place.r[one]))
+    both = np.isfinite(z[:, [i, j]]).all(axis=1)
+    moves = [float(np.mean(np.diff(z[both, one]) ** 2)) for one in (i, j)] if both.sum() >= MIN_ROWS else [0.0]
+    if not min(moves) > 0.0:
+        return None
+    if data.sensors == 2 and (place.r.min() == 0.0 or place.q == 0.0):  # as where all share it
+        return None
+    weights = place.c**2 / np.maximum(place.r, LIGHT * place.r.max())
+    weights[[i, j]] = 0.0
+    columns, gain, r = [z[:, i], z[:, j]], place.c[[i, j]], place.r[[i, j]]
+    if weights.any():  # the others, as one sensor
+        columns.append(fused_signal(z, place, data, weights))
+        gain, r = np.append(gain, 1.0), np.append(r, 1.0 / weights.sum())
+    if not np.isfinite(columns[-1]).any():
+        return None
+    asked = Asked(np.full(len(r), math.nan), np.zeros(len(r)), found.coordinates.keeps, np.empty(0, np.intp))
+
+    def fitted(beta: float, q: float, noise: Array) -> Place:
+        turned = np.stack([columns[0], columns[1] - beta * columns[0], *columns[2:]], axis=1)
+        part = Readings.of(turned, steps, data.scale)
+        gains = np.array([gain[0], gain[1] - beta * gain[0], *gain[2:]])
+        return climbed(part, asked, place_at(part, q, place.tau, noise, gains), FINE).place
+
+    def correlated(beta: float) -> tuple[float, float, Place]:
+        one = fitted(beta, QUIET * place.q, np.maximum(r, EVEN * r.max()))
+        return one.loglik, beta, one
+
+    alone = fitted(0.0, place.q, r).loglik
+    best = max(correlated(one * math.sqrt(moves[1] / moves[0])) for one in RATIOS)
+    for factor in FACTORS if best[0] > alone else ():
+        best = max(best, correlated(best[1] / factor), correlated(best[1] * factor))
+    explained = best[1] ** 2 * float(best[2].r[0])
+    correlation = math.sqrt(explained / max(explained + float(best[2].r[1]), 1e-300))
+    return Shared(tuple(sorted(pair)), correlation, 2.0 * (best[0] - alone))
+
+
+def _shared_by_all(z: Array, steps: Array, found: Found) -> Shared | None:
+    """The noise that all sensors share.
+
+    Over the rows in which all sensors answer, the fused value is one signal of which the noise is known, 1/Σ c²/r.
+    Where it shows more, that is common to all: it counts as movement.
+    """
+    data, place = found.coordinates.data, found.place
+    rows = np.isfinite(z).all(axis=1)
+    if rows.sum() < MIN_ROWS or place.r.min() == 0.0 or place.q == 0.0:
+        return None
+    signal = np.where(rows, fused_signal(z, place, data, place.c**2 / place.r), np.nan)
+    one = Readings.of(signal[:, None], steps)
+    expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
+    step = place.q * data.scale**2 / one.scale**2
+    start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
+    asked = Asked(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
+    fixed = climbed(one, asked, start).place
+    free = climbed(one, replace(asked, known=np.array([math.nan])), fixed).place
+    common = float(free.r[0] - expected) * one.scale**2 / data.scale**2
+    least = np.sort(place.r / place.c**2)[:2]
+    correlation = common / math.sqrt(float(np.prod(least + common))) if common > 0.0 else 0.0
+    return Shared(tuple(range(data.sensors)), correlation, 2.0 * (free.loglik - fixed.loglik))
+
+
+# FusionEstimate: what several sensors of one quantity say about it and about each other.
+
+
+@dataclass(frozen=True, eq=False)
+class FusionEstimate:
+    """The fused filter found in a record, with 95 % intervals and words. No field is ever NaN."""
+
+    names: tuple[str, ...]
+    """The sensors, in the order of the columns."""
+    q: float
+    """Variance of the movement per nominal sample period, unit², ≥ 0."""
+    momentum: float
+    """Momentum τ, nominal sample periods; 0 = none."""
+    r: Array
+    """Variance of the noise of each sensor, unit², ≥ 0, shape (sensors,)."""
+    offset: Array
+    """Offset of each sensor, unit, shape (sensors,): that of the reference is 0; without one their sum is, each
+    with the sign of its gain."""
+    gain: Array
+    """Gain of each sensor, shape (sensors,): 1 unless they were asked for."""
+    q_interval: Array
+    """The q that the record allows, unit², shape (2,); ends may be 0 and inf."""
+    r_interval: Array
+    """The r that the record allows, unit², shape (sensors, 2); both ends are r itself where it was given."""
+    offset_interval: Array
+    """The offsets that it allows, unit, shape (sensors, 2)."""
+    gain_interval: Array
+    """The gains that it allows, shape (sensors, 2)."""
+    loglik: float
+    """Log-likelihood as `fuse(z, params).loglik`, of the readings without the spikes; 0 where nothing is."""
+    spikes: tuple[Indices, ...]
+    """The readings of each sensor that were set aside, their rows."""
+    verdict: str
+    """"ok", "shared_noise" (the noises of two sensors, or of all, are correlated: the fused value can be worse than
+    predicted), "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement"
+    (q = 0), "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly
+    alike), "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement
+    and noise explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another
+    unit)."""
+    message: str
+    """What was found and what to do, for the user."""
+    notes: tuple[str, ...]
+    """What cannot be known, or should be checked; one sentence each."""
+    params: FilterParams | None
+    """The fused filter; None where there is none: the message says why."""
+    shared: Shared | None = None
+    """The sensors whose noises are correlated; None where none shows."""
+
+
+# Spikes of each sensor, by the rule of one sensor, and whether the fused filter should have a gate for them.
+
+
+def spikes_of(singles: Sequence[Estimate], z: Array) -> Mask:
+    """The readings that are set aside, shape (n, sensors).
+
+    Args:
+        singles: the estimate of each sensor for itself.
+        z: the readings, shape (n, sensors), NaN where missing.
+    """
+    none = np.zeros(len(z), dtype=bool)
+    away = np.stack([none if one.outliers is None else one.outliers for one in singles], axis=1)
+    if len(singles) > 1:  # what most of the sensors see at once belongs to the quantity
+        away &= 2 * away.sum(axis=1, keepdims=True) <= np.isfinite(z).sum(axis=1, keepdims=True)
+    return away
+
+
+def with_gate(params: FilterParams, z: Array, steps: Array, away: Mask) -> FilterParams:
+    """The parameters with a gate, where it brings the fused filter nearer to the signal; as `robust.gate` for one.
+
+    Args:
+        params: the filter.
+        z: the readings with the spikes, shape (n, sensors).
+        steps: nominal sample periods before each row; empty = 1 each.
+        away: the readings set aside, shape (n, sensors).
+    """
+    if not away.any():
+        return params
+    dt = steps if len(steps) else None
+    signal = smooth(np.where(away, np.nan, z), params, dt).x
+    gated = replace(params, gate=SIGMAS**2)
+    errors = [float(np.nansum(np.square(fuse(z, one, dt).x - signal))) for one in (params, gated)]
+    return gated if errors[1] < errors[0] else params
+
+
+# What the fit of several sensors says.
+
+
+def common(gains: bool, falling: bool) -> str:
+    """What all sensors share, without a reference; `gains` where they were searched, `falling` where one is < 0."""
+    signs = ", each with the sign of its gain," if falling else ""
+    also, product = (" or gain", ", and the gains so that their sizes multiply to 1") if gains else ("", "")
+    return (
+        f"An offset{also} that all sensors share cannot be known: the offsets are given so that their sum{signs} "
+        f"is 0{product}. Name a reference sensor where one of them is right."
+    )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a list in words: a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def too_few(name: str, readings: int) -> str:
+    """A sensor with too few readings."""
+    return (
+        f"{name} has too few readings ({count(readings)}): at least {MIN_SAMPLES} are needed to find its noise. "
+        "Record longer, or leave it out."
+    )
+
+
+def constant(name: str) -> str:
+    """A sensor that always reads the same."""
+    return (
+        f"All readings of {name} are equal, so it says nothing about the quantity: it may be dead, or its steps "
+        "are too coarse. Leave it out."
+    )
+
+
+def copies(first: str, second: str) -> str:
+    """Two sensors that always move exactly alike."""
+    return (
+        f"{first} and {second} always move exactly alike: one is a copy of the other, and a copy adds nothing. "
+        "Leave one of them out."
+    )
+
+
+def too_many(name: str) -> str:
+    """A sensor of which too many readings look like spikes."""
+    return (
+        f"Over 20 % of the readings of {name} are predicted neither by those before nor by those after them: too "
+        "many for spikes. Check its wiring and its supply, leave it out, or switch the spike-proof fit off."
+    )
+
+
+def found(names: Sequence[str], shares: Sequence[float], gain: float, lag: float) -> str:
+    """The fused filter: what each sensor contributes, and how it follows."""
+    parts = [f"{percent(share)} from {name}" for name, share in zip(names, shares, strict=True)]
+    return (
+        f"The fused value takes {listed(parts)}. While all sensors answer it settles at gain {number(gain)}: it "
+        f"lags a ramp by {plural(lag, 'sample')}."
+    )
+
+
+def no_movement(q: float) -> str:
+    """For q → 0."""
+    return (
+        "No movement can be identified: a constant plus noise explains this record best, so only the noise of the "
+        f"sensors is known. q = {number(q)} is the largest that the record allows (95 %). Record while the "
+        "quantity moves, or choose a lag."
+    )
+
+
+def no_noise(name: str, r: float, alone: bool) -> str:
+    """For r → 0 of one sensor."""
+    others = "" if alone else ", and what the others show beside it counts as their noise"
+    return (
+        f"No noise can be identified in {name}: every change of it looks like movement{others}. "
+        f"r = {number(r)} is the largest that the record allows for it (95 %). Usual reasons: it "
+        "smooths or rounds its output, or the sensors do not see the same quantity. Give its r "
+        "from a still stretch or the data sheet."
+    )
+
+
+def set_aside(name: str, spikes: int, readings: int) -> str:
+    """Spikes of one sensor."""
+    return f"{plural(spikes, 'spike')} of {name} ({percent(spikes / readings)}) set aside before the fit."
+
+
+def adds_nothing(name: str, share: float) -> str:
+    """A sensor of little weight."""
+    return f"{name} adds almost nothing while the others answer: its share of the fused value is {percent(share)}."
+
+
+def at_rounding(name: str, r: float) -> str:
+    """R at the variance of rounding."""
+    return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
+
+
+def fusion_shared_noise(names: Sequence[str], correlation: float, passes: bool, known: bool) -> str:
+    """Noise that sensors share; `passes` where no other sensor shows it, `known` where some r was given."""
+    advice = (
+        "It passes as movement, because no sensor differs from the others by it: choose a longer lag to smooth it."
+        if passes
+        else "Leave one of them out, or remove what they share."
+    )
+    return (
+        f"{common_part(names, correlation)}, such as interference or a common supply: it does not average out, so "
+        f"the error of the fused value can be larger than predicted. {advice}"
+        f"{' Or an r that was given is too small.' if known else ''}"
+    )
+
+
+def common_part(names: Sequence[str], correlation: float) -> str:
+    """Which sensors share noise, and how much of it."""
+    return f"{listed(names)} share noise (correlation {'up to ' if len(names) > 2 else ''}{number(correlation, 2)})"
+
+
+def held(name: str, rows: int) -> str:
+    """A sensor whose last reading a logger fills in."""
+    return (
+        f"Each reading of {name} fills about {rows} rows, as where a logger repeats the last one of a slow "
+        "sensor: it counts that often, and the sensor seems far better than it is. Leave the repeated cells empty."
+    )
+
+
+def slow_note(names: Sequence[str], sensors: int) -> str:
+    """Sensors whose difference from the others changes slowly."""
+    who = "the sensors" if len(names) == sensors else f"the fused value and {listed(names)}"
+    return (
+        f"The difference between {who} changes slowly: an offset that drifts, or not quite the same quantity. It "
+        "counts as noise, so trust neither the shares nor the intervals too far."
+    )
+
+
+def momentum(tau: float, interval: tuple[float, float], less: float) -> str:
+    """Momentum that was found."""
+    low, high = interval
+    span = f"{number(low)} to {number(high)}" if high < float("inf") else f"{number(low)} or more"
+    return (
+        f"The quantity keeps its direction for about {number(tau)} samples ({span}): with this momentum the error "
+        f"of predicting unseen samples of the fused value is {percent(less)} smaller."
+    )
+
+
+def given_momentum(tau: float) -> str:
+    """Momentum that was given."""
+    return f"The momentum of {plural(tau, 'sample')} was given."
+
+
+def gate(threshold: float) -> str:
+    """The gate that goes with spikes."""
+    return f"The filter gets a gate of {gate_text(threshold)}, which ignores such spikes."
+
+
+def not_excluded(names: Sequence[str]) -> str:
+    """Variances whose intervals begin at 0: "q" or "r of A"."""
+    return (
+        f"The record does not exclude that {listed(names)} {'is' if len(names) == 1 else 'are'} 0: record longer."
+    )
+
+
+# What the model of independent white noise does not describe: noise that sensors share, and slow disagreement.
+
+
+MUCH = 1.3
+"""Factor by which the fused value must be noisier than the sensors explain."""
+SLOW = 0.2
+"""Correlation of a sensor's difference with that of the row before, beyond which the difference counts as slow."""
+
+EVENLY, MIN_CHANGE = 0.8, 2.0
+"""Share of readings that are repeated equally often, and usual change between them over the least, where a logger
+repeats the last reading of a slow sensor. One that rounds repeats itself too, but unevenly or in single steps."""
+
+
+def held_for(readings: Array) -> int:
+    """How many rows each new reading of a sensor stays, where a logger repeats it; else 1.
+
+    Args:
+        readings: of one sensor, finite, shape (m,).
+    """
+    changed = np.flatnonzero(np.diff(readings))
+    rows = np.diff(changed)
+    if len(rows) < MIN_ROWS:
+        return 1
+    usual, sizes = float(np.median(rows)), np.abs(np.diff(readings)[changed])
+    near = np.abs(rows - usual) <= max(1.0, 0.1 * usual)  # the rows need not divide the period of the sensor
+    evenly = float(np.mean(near & (rows > 1))) >= EVENLY
+    return round(usual) if evenly and float(np.median(sizes)) > MIN_CHANGE * float(sizes.min()) else 1
+
+
+def slow_sensors(z: Array, found: Found) -> list[int]:
+    """The sensors that differ from the fused value by more than white noise: the difference stays for some rows."""
+    data, place = found.coordinates.data, found.place
+    signal = _complete(z, found)
+    if signal is None:
+        return []
+    apart = (z - data.centre - place.offset * data.scale) / place.c - signal[:, None]
+    slow: list[int] = []
+    for i in range(data.sensors):
+        level: Array = apart[:, i] - np.nanmean(apart[:, i])
+        pairs = level[1:] * level[:-1]
+        pairs = pairs[np.isfinite(pairs)]
+        size = float(np.nanmean(level**2))
+        certain = len(pairs) >= MIN_ROWS and size > 0.0
+        if certain and float(pairs.mean()) / size > max(SLOW, 4.0 / math.sqrt(len(pairs))):
+            slow.append(i)
+    return slow
+
+
+def _complete(z: Array, found: Found) -> Array | None:
+    """The fused value of the rows in which all sensors answer, unit, NaN in the others; None if there are few."""
+    if z.shape[1] < 2:
+        return None
+    rows = np.isfinite(z).all(axis=1)
+    if int(rows.sum()) < MIN_ROWS:
+        return None
+    place = found.place
+    exact = (place.r == 0.0).astype(np.float64)
+    weights = exact if exact.any() else place.c**2 / place.r
+    return np.where(rows, fused_signal(z, place, found.coordinates.data, weights), np.nan)
+
+
+# From the top of the likelihood to a FusionEstimate: units, offsets, gains, intervals, verdict and words.
+
+
+LITTLE = 0.01
+"""Share of the fused value below which a sensor adds almost nothing."""
+
+
+def refused(asked: Question, verdict: str, message: str) -> FusionEstimate:
+    """The estimate of a record that gives none."""
+    sensors = len(asked.names)
+    none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
+    return FusionEstimate(
+        names=asked.names,
+        q=0.0,
+        momentum=0.0,
+        r=none,
+        offset=none,
+        gain=np.ones(sensors),
+        q_interval=np.array([0.0, math.inf]),
+        r_interval=wide,
+        offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
+        gain_interval=np.ones((sensors, 2)),
+        loglik=0.0,
+        spikes=tuple(np.empty(0, np.intp) for _ in asked.names),
+        verdict=verdict,
+        message=message,
+        notes=(),
+        params=None,
+    )
+
+
+def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving: Estimate | None) -> FusionEstimate:
+    """The estimate of the best place.
+
+    Args:
+        asked: the record with all of its readings.
+        away: the readings that were set aside, shape (n, sensors).
+        searched: what was searched.
+        found: the best fit.
+        moving: what the fused value as one signal says of momentum; None where it was not asked.
+    """
+    data, place = found.coordinates.data, found.place
+    unit = data.scale * data.scale
+    gain, gain_interval, stretch = _gains(asked, found)
+    offset, offset_interval = _offsets(asked, found)
+    with np.errstate(over="ignore", under="ignore"):
+        q, r = place.q * unit * stretch * stretch, place.r * unit
+        q_interval = np.array(movement_interval(found, searched)) * unit * stretch * stretch
+        r_interval = np.array([noise_interval(found, searched, i) for i in range(data.sensors)]) * unit
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
+        return refused(asked, "bad_unit", BAD_UNIT)
+    used_q = q if q > 0.0 else float(q_interval[1])
+    used_r = np.where(r > 0.0, r, r_interval[:, 1])
+    if not (math.isfinite(used_q) and np.isfinite(used_r).all()):
+        return refused(asked, "flat", FLAT)
+    params = FilterParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
+    params = with_gate(params, asked.z, asked.steps, away)
+    shared = shared_noise(asked.without(away).z, asked.steps, found)
+    verdict, message = _verdict(asked, params, place.q, r, shared)
+    sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
+    unsure = _unsure(asked, q, q_interval, r, r_interval)
+    return FusionEstimate(
+        names=asked.names,
+        q=q,
+        momentum=place.tau,
+        r=r,
+        offset=offset,
+        gain=gain,
+        q_interval=q_interval,
+        r_interval=r_interval,
+        offset_interval=offset_interval,
+        gain_interval=gain_interval,
+        loglik=place.loglik,
+        spikes=tuple(np.flatnonzero(column) for column in away.T),
+        verdict=verdict,
+        message=message,
+        notes=(*_model_notes(asked, away, found, moving), *unsure, *sensors),
+        params=params,
+        shared=shared,
+    )
+
+
+def _gains(asked: Question, found: Found) -> tuple[Array, Array, float]:
+    """Gains, their intervals, and the factor that x is stretched by, so that without a reference they average 1."""
+    gain, searched = found.place.c, found.coordinates.gained
+    if not len(searched):
+        return gain, np.stack([gain, gain], axis=1), 1.0
+    sensors = len(gain)
+    free = asked.reference is None
+    stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
+    turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
+    turned = turned[:, searched] / gain[searched]
+    error = _errors(turned, covariance(found)[-len(searched) :, -len(searched) :])
+    shown = gain / stretch
+    with np.errstate(over="ignore"):
+        return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
+
+
+def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
+    """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
+    searched = found.coordinates.gained
+    offset, turned = _without_common(asked, found, found.place)
+    error = _errors(turned, found.place.spread * found.coordinates.data.scale**2)
+    if len(searched):
+        slopes = np.empty((len(offset), len(searched)))
+        for j in range(len(searched)):
+            at = found.top.at.copy()
+            at[j - len(searched)] += BESIDE
+            slopes[:, j] = (_without_common(asked, found, found.coordinates.place(at))[0] - offset) / BESIDE
+        error = np.hypot(error, _errors(slopes, covariance(found)[-len(searched) :, -len(searched) :]))
+    return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
+
+
+def _without_common(asked: Question, found: Found, place: Place) -> tuple[Array, Array]:
+    """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
+    data, gain = found.coordinates.data, place.c
+    rule = np.sign(gain) if asked.reference is None else np.eye(data.sensors)[asked.reference]
+    turned = np.eye(data.sensors) - np.outer(gain, rule) / (rule @ gain)
+    return turned @ (place.offset * data.scale + data.centre), turned
+
+
+def _errors(turned: Array, spread: Array) -> Array:
+    """Half the 95 % intervals of `turned` times values of covariance `spread`; inf where one is not known."""
+    lost = ~np.isfinite(np.diag(spread))
+    known = np.where(lost | lost[:, None], 0.0, spread)
+    variance = np.diag(turned @ known @ turned.T)
+    unknown = (np.abs(turned[:, lost]) > 1e-12).any(axis=1)
+    return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _verdict(asked: Question, params: FilterParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
+    settled = steady_state(params.as_single)
+    said = found(asked.names, params.shares.tolist(), settled.gain, settled.lag_samples)
+    if shared is not None:
+        who, known = [asked.names[i] for i in shared.sensors], not bool(np.isnan(asked.known).all())
+        passes = len(who) == len(asked.names)
+        return "shared_noise", f"{fusion_shared_noise(who, shared.correlation, passes, known)} {said}"
+    if q == 0.0:
+        return "no_movement", f"{no_movement(params.q)} {said}"
+    if r.min() == 0.0:
+        i = int(r.argmin())
+        return "no_noise", f"{no_noise(asked.names[i], float(params.sensor_r[i]), len(r) == 1)} {said}"
+    return "ok", said
+
+
+def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | None) -> list[str]:
+    """What is said of all sensors together."""
+    notes: list[str] = []
+    if found.place.tau > 0.0 and not found.coordinates.keeps and (moving is None or moving.prediction_gain == 0.0):
+        notes.append(given_momentum(found.place.tau))
+    elif found.place.tau > 0.0 and moving is not None:
+        span = momentum_interval(found)
+        notes.append(momentum(found.place.tau, span, float(moving.prediction_gain)))
+    if len(asked.names) == 1:
+        return notes
+    if asked.reference is None:
+        notes.append(common(len(found.coordinates.gained) > 0, bool(found.place.c.min() < 0.0)))
+    z = asked.without(away).z
+    slow = slow_sensors(z, found)
+    if slow:
+        notes.append(slow_note([asked.names[i] for i in slow], len(asked.names)))
+    return notes
+
+
+def _unsure(asked: Question, q: float, q_interval: Array, r: Array, r_interval: Array) -> list[str]:
+    """What is said of variances above 0 of which the record does not exclude that they are 0."""
+    names = ["q"] if q > 0.0 and q_interval[0] == 0.0 else []
+    lowest = zip(asked.names, r, r_interval[:, 0], strict=True)
+    names += [f"the r of {name}" for name, size, low in lowest if size > 0.0 and low == 0.0]
+    return [not_excluded(names)] if names else []
+
+
+def _sensor_notes(asked: Question, away: Mask, params: FilterParams, r: Array, floor: Array) -> list[str]:
+    """What is said of single sensors; `floor` is the variance of rounding of each, unit²."""
+    notes: list[str] = []
+    for i, (name, share) in enumerate(zip(asked.names, params.shares.tolist(), strict=True)):
+        spikes, rows = int(away[:, i].sum()), held_for(asked.z[np.isfinite(asked.z[:, i]), i])
+        if spikes:
+            notes.append(set_aside(name, spikes, int(np.isfinite(asked.z[:, i]).sum())))
+        if rows > 1 and len(asked.names) > 1:
+            notes.append(held(name, rows))
+        if share < LITTLE:
+            notes.append(adds_nothing(name, share))
+        if 0.0 < r[i] <= 1.0001 * floor[i]:
+            notes.append(at_rounding(name, float(r[i])))
+    if params.gate is not None:
+        notes.append(gate(params.gate))
+    return notes
+
+
+# `estimate_fusion`: q, momentum, and the noise and offset of each of several sensors of one quantity.
+
+
+def estimate_fusion(
+    z: ArrayLike,
+    *,
+    dt: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    momentum: float | Literal["auto"] = "auto",
+    robust: bool | Literal["auto"] = "auto",
+    gains: bool = False,
+    reference: int | str | None = None,
+    known_r: ArrayLike | None = None,
+    progress: OnProgress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> FusionEstimate:
+    """Find how one quantity moves, and the noise and offset of each sensor that reads it, by maximum likelihood.
+
+    What the sensors share is the signal, what they do not is their noise: sensor i reads b_i + c_i x + noise of
+    variance r_i. Sensors may have different rates, and miss any reading.
+
+    Args:
+        z: readings, shape (n, sensors) or (n,); NaN is a missing one.
+        dt: nominal sample periods before each row, shape (n,), ≥ 0; None = 1 each.
+        names: of the sensors, for the words; None = "sensor 1", "sensor 2", …
+        momentum: τ in nominal sample periods, 0 … 1e5. "auto" = find it, and take it where the rule of `estimate`
+            takes it for the fused value as one signal, and the likelihood of all sensors is for it too.
+        robust: whether spikes are set aside before the fit, as `estimate` does for each sensor: True, False, or
+            "auto" where there are any. What most sensors show at once is not a spike.
+        gains: whether the gains c_i are searched too; else they are 1.
+        reference: the sensor, by its index or its name, whose offset is 0 and whose gain is 1; None = the offsets
+            add up to 0, each with the sign of its gain, and the sizes of the gains multiply to 1: what all sensors
+            share cannot be known.
+        known_r: noise variances from data sheets, unit², shape (sensors,), NaN where not known.
+        progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
+        cancelled: whether to stop; None = never.
+
+    Returns:
+        A FusionEstimate; its `params` are None where the record gives none, and its `message` says why.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; another argument does not fit it.
+        Cancelled: `cancelled()` was true.
+
+    Source: Durbin & Koopman (2012), sections 6.4 and 7.3; the model choice as in `estimation.momentum`.
+    """
+    asked = question(z, dt, names, reference, known_r)
+    tau, always = checked_momentum(momentum, "ml"), checked_robust(robust)
+    task = Progress(progress, cancelled)
+    wrong = asked.unusable(gains)
+    if wrong is not None:
+        return refused(asked, *wrong)
+    away = np.zeros(asked.z.shape, dtype=bool)
+    if always is not False:
+        singles = _singles(asked, momentum, robust, task.part(0.0, 0.3))
+        many = [name for name, one in zip(asked.names, singles, strict=True) if one.verdict == "too_many_outliers"]
+        if many:
+            return refused(asked, "too_many_outliers", too_many(many[0]))
+        away = spikes_of(singles, asked.z)
+    found = conclude(asked, away, *_fitted(asked.without(away), gains, tau, task.part(0.3, 0.9)))
+    task(1.0, "done")
+    return found
+
+
+def _singles(
+    asked: Question, momentum: float | Literal["auto"], robust: bool | Literal["auto"], progress: Progress
+) -> list[Estimate]:
+    """The estimate of each sensor for itself."""
+    dt, count = asked.steps if len(asked.steps) else None, len(asked.names)
+    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
+    return [
+        estimate(column, dt=dt, progress=part, cancelled=part.cancelled, momentum=momentum, robust=robust)
+        for column, part in zip(asked.z.T, parts, strict=True)
+    ]
+
+
+def _fitted(
+    asked: Question, gains: bool, tau: float | None, progress: Progress
+) -> tuple[Asked, Found, Estimate | None]:
+    """What was searched, the best fit, and what the fused value as one signal says of momentum."""
+    data = Readings.of(asked.z, asked.steps)
+    gained = np.flatnonzero(np.arange(data.sensors) != asked.gauge) if gains else np.empty(0, np.intp)
+    unit = data.scale * data.scale
+    floor = np.array([rounding_variance(column) / unit for column in asked.z.T])
+    searched = Asked(asked.known / unit, np.where(np.isnan(asked.known), floor, 0.0), False, gained)
+    tried = [np.ones(data.sensors)]
+    if gains:
+        tried.append(starting_gains(data, asked.z, gained, asked.gauge))
+    starts = [place for c in tried for place in starting_places(data, asked.z, searched, c)]
+    plain = best_fit(data, searched, starts, progress.part(0.0, 0.5))
+    if tau == 0.0 or (tau is None and plain.place.q == 0.0):
+        return searched, plain, None
+    found, one = with_momentum(asked, data, searched, plain, tau, progress.part(0.5, 1.0))
+    return searched, found, one

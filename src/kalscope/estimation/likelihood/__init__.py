@@ -1,1 +1,0 @@
-"""The likelihood of q and r: profile, search and contours."""

@@ -1,0 +1,326 @@
+"""The methods that estimate q and r, each from one record, and all of them by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.common.numbers import Array
+from kalscope.common.progress import Progress
+from kalscope.common.text import correlation, number
+from kalscope.estimation.kernels import em_pass, fixed_gain_innovations, lagged_products
+from kalscope.estimation.likelihood import Differences, Peak, find_peak, find_top_near, grid_for
+from kalscope.estimation.result import Pair
+
+# Maximum likelihood with the exact diffuse start and the scale concentrated out: one search over ln λ.
+#
+# Durbin & Koopman (2012), section 2.10. Nothing in it depends on the unit of the signal.
+
+
+_DERIVATIVE_STEP = 1e-3
+"""Step in ln λ for the slope of ln r̂(λ), which only feeds standard errors."""
+
+
+def search(data: Differences, progress: Progress) -> Peak:
+    """The peak of the concentrated likelihood over λ, with its 95 % interval."""
+    return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], progress)
+
+
+def fit_near(data: Differences, ratio: float, progress: Progress) -> Pair:
+    """The pair of a record whose λ is probably near `ratio`: searched there first."""
+    peak = find_top_near(data.concentrated, math.log(ratio)) if 0.0 < ratio < math.inf else None
+    return fit_maximum_likelihood(data, peak or search(data, progress))
+
+
+def fit_maximum_likelihood(data: Differences, peak: Peak) -> Pair:
+    """The pair at the peak, and their standard errors from the observed information in (ln r, ln λ).
+
+    There var(ln λ) = −1/ℓ″, and r given λ has var(ln r) = 2/m (m squared innovations), while the best r moves
+    with λ by the slope b: var(ln r) = 2/m + b² var(ln λ), var(ln q) = 2/m + (1 + b)² var(ln λ).
+    """
+    spread = 2.0 / data.m
+    if peak.log_ratio == math.inf:
+        q = data.random_walk()[1]
+        return Pair(q, 0.0, q * math.sqrt(spread), math.inf)
+    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+    chi2 = data.sums(np.exp(near))[0]
+    r = float(chi2[0]) / data.m
+    if peak.log_ratio == -math.inf:
+        return Pair(0.0, r, math.inf, r * math.sqrt(spread))
+    variance = -1.0 / peak.curvature if peak.curvature < 0.0 else math.inf
+    slope = float(np.log(chi2[2] / chi2[1])) / (2.0 * _DERIVATIVE_STEP)
+    q = math.exp(peak.log_ratio) * r
+    return Pair(
+        q, r, q * math.sqrt(spread + (1.0 + slope) ** 2 * variance), r * math.sqrt(spread + slope**2 * variance)
+    )
+
+
+# EM: smooth with the current pair, take the variances of the smoothed signal as the next pair, repeat.
+#
+# Monotone and robust, but slow: it reaches the maximum of the same likelihood as "ml" in hundreds of passes, and
+# an edge (q = 0, r = 0) never. Shumway & Stoffer (1982).
+
+
+SETTLED = 1e-8
+"""Relative change of q and r in one pass at which EM has converged."""
+
+_MAX_PASSES = 3000
+_MAX_SAMPLES = 20_000_000
+"""Passes, and passes × samples, at which EM gives up: one to two seconds."""
+
+
+def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
+    """The passes of EM without end: (q, r, log-likelihood of that pair), in scale² and for the scaled data."""
+    z = np.concatenate([[0.0], np.cumsum(data.d)])
+    x, p = np.empty_like(z), np.empty_like(z)
+    q = r = float(np.mean(data.d**2)) / 3.0  # the variance of a difference is q + 2r
+    while True:
+        q_next, r_next, loglik = em_pass(z, data.gap, q, r, x, p)
+        yield q, r, loglik
+        q, r = q_next, r_next
+
+
+def fit_by_em(data: Differences, progress: Progress) -> Pair:
+    """The pair where EM converges, or that of its last pass ("not_converged")."""
+    limit = max(50, min(_MAX_PASSES, _MAX_SAMPLES // (data.m + 1)))
+    q_before = r_before = q = r = math.nan
+    for i, (q, r, _) in enumerate(passes(data)):
+        if abs(q - q_before) <= SETTLED * q and abs(r - r_before) <= SETTLED * r:
+            return Pair(q, r, math.inf, math.inf)
+        if i >= limit or not (q > 0.0 and r > 0.0):
+            break
+        q_before, r_before = q, r
+        if i % 10 == 0:
+            progress(i / limit, f"EM pass {i} of at most {limit}")
+    return Pair(q, r, math.inf, math.inf, verdict="not_converged" if q > 0.0 and r > 0.0 else "")
+
+
+# ALS: the autocovariances of a running filter's innovations, solved for q and r by least squares.
+#
+# With any fixed gain L the prediction error has variance P = (q + L²r)/(1 − (1 − L)²), and the innovations have
+# C₀ = P + r and C_j = (1 − L)^(j−1) [(1 − L)P − L r]: linear in q and r. All C_j vanish where L is the best gain.
+# Mehra (1970), IEEE Trans. Automatic Control 15(2); least squares after Odelson, Rajamani & Rawlings (2006).
+
+
+TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
+
+_NOTHING = 1e-12
+"""A variance this much smaller than the other is a rounded 0."""
+
+_ROUNDS = 5
+_GAINS = 0.02, 0.95
+"""Range of the fixed gain: below it forgets too slowly, above it is insensitive to r."""
+
+
+def fit_by_correlations(data: Differences) -> Pair:
+    """The pair from the innovations' autocovariances; the filter is re-tuned a few times."""
+    gain, pair = 0.3, None
+    for _ in range(_ROUNDS):
+        lags = max(4, math.ceil(3.0 / gain))
+        innovations = np.empty(data.m)
+        fixed_gain_innovations(data.d, data.gap, gain, lags + 1, innovations)
+        present = int(np.isfinite(innovations).sum())
+        if present < 3 * lags + 10:
+            break
+        pair = solve(_design(gain, lags), *_autocovariances(innovations, lags))
+        gain = min(max(_gain(pair.q, pair.r), _GAINS[0]), _GAINS[1])
+    if pair is None or pair.q == pair.r:  # no innovations, or only zeros: all changes are across gaps
+        return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
+    return pair
+
+
+def _design(gain: float, lags: int) -> Array:
+    """Rows C₀ … C_lags, columns q and r."""
+    kept = 1.0 - gain
+    per_q = 1.0 / (1.0 - kept * kept)
+    per_r = gain * gain * per_q
+    decay = kept ** np.arange(lags)
+    later = np.outer(decay, [kept * per_q, kept * per_r - gain])
+    return np.vstack([[per_q, per_r + 1.0], later])
+
+
+def _autocovariances(innovations: Array, lags: int) -> tuple[Array, Array]:
+    """C₀ … C_lags over the pairs that are both present, and their standard errors where v is nearly white."""
+    present = np.isfinite(innovations)
+    v, there = np.where(present, innovations, 0.0), present.astype(np.float64)
+    pairs, c = np.empty(lags + 1), np.empty(lags + 1)
+    lagged_products(there, pairs)
+    lagged_products(v, c)
+    pairs = pairs.clip(1.0)
+    c /= pairs
+    return c, max(c[0], 1e-100) * np.sqrt(np.where(np.arange(lags + 1) == 0, 2.0, 1.0) / pairs)
+
+
+def solve(design: Array, seen: Array, errors: Array) -> Pair:
+    """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
+    weighted = design / errors[:, None]
+    q, r = not_negative(weighted, seen / errors)
+    covariance = np.linalg.pinv(weighted.T @ weighted)
+    q_se, r_se = np.sqrt(np.diag(covariance))
+    q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
+    return Pair(q, r, float(q_se), float(r_se))
+
+
+def not_negative(a: Array, b: Array) -> tuple[float, float]:
+    """The pair x ≥ 0 with the least ‖a x − b‖, a of shape (m, 2).
+
+    What is minimised is convex: where the pair without bounds has a negative part, the best one has a part of 0.
+    """
+    free = np.linalg.lstsq(a, b, rcond=None)[0]
+    if free.min() >= 0.0:
+        return float(free[0]), float(free[1])
+    squares, products = np.sum(a * a, axis=0), a.T @ b
+    alone = np.divide(products, squares, out=np.zeros(2), where=squares > 0.0).clip(0.0)
+    gained = alone * products  # what each takes off ‖b‖²
+    return (float(alone[0]), 0.0) if gained[0] >= gained[1] else (0.0, float(alone[1]))
+
+
+def _gain(q: float, r: float) -> float:
+    if q <= 0.0:
+        return 0.0
+    return 2.0 / (1.0 + math.sqrt(1.0 + 4.0 * r / q))
+
+
+# Moments of the differences: a quick estimate without a filter.
+#
+# Δz has variance γ₀ = q + 2r, neighbours have covariance γ₁ = −r, and nothing is left further apart, so
+# r = −γ₁ and q = γ₀ + 2γ₁. Where γ₁ > 0, or more is left two samples apart, the model does not hold.
+
+
+def fit_by_moments(data: Differences) -> Pair:
+    """The pair from γ₀ and γ₁, negative values set to 0; standard errors by Bartlett's formula."""
+    m = data.m
+    gap = float(np.mean(data.gap)) if len(data.gap) else 1.0
+    g0, g1, _ = _products(data)
+    var0, var1, cov = 2.0 * (g0**2 + 2.0 * g1**2) / m, (g0**2 + 3.0 * g1**2) / m, 4.0 * g0 * g1 / m
+    r, q = -g1, (g0 + 2.0 * g1) / gap if gap > 0.0 else 0.0
+    r_se, q_se = math.sqrt(var1), math.sqrt(max(var0 + 4.0 * var1 + 4.0 * cov, 0.0)) / max(gap, 1e-150)
+    note = what_differences_say(data)
+    if r <= 0.0:
+        return Pair(g0 / gap if gap > 0.0 else 0.0, 0.0, q_se, r_se, note=note)
+    if q <= 0.0:
+        return Pair(0.0, g0 / 2.0, q_se, r_se, note=note)
+    return Pair(q, r, q_se, r_se, note=note)
+
+
+def what_differences_say(data: Differences) -> str:
+    """How the differences of neighbouring samples contradict the model; "" where they do not."""
+    m = data.m
+    g0, g1, g2 = _products(data)
+    if m < 20 or g0 == 0.0:
+        return ""
+    r1, r2 = g1 / g0, g2 / g0
+    if r1 > 3.0 / math.sqrt(m):
+        return (
+            f"Successive changes have the same sign (correlation {correlation(r1)}; a random walk plus noise has 0 "
+            "or less): the signal moves smoothly, or the sensor already smooths it."
+        )
+    if r1 < -0.5 - 3.0 / math.sqrt(m):
+        return f"Successive changes alternate (correlation {correlation(r1)}, below −0.5): an oscillation or hum."
+    if abs(r2) > 4.0 * math.sqrt((1.0 + 2.0 * r1**2) / m) + 0.02:
+        return (
+            f"Changes two samples apart are correlated ({correlation(r2)}): a trend, an oscillation or slow noise."
+        )
+    return ""
+
+
+def _products(data: Differences) -> list[float]:
+    """Mean products of differences 0, 1 and 2 apart, scale²."""
+    sums = np.zeros(3)
+    lagged_products(data.d, sums)
+    return (sums / (data.m - np.arange(3.0))).tolist()
+
+
+# Allan variance: averages over M samples, compared with the average before.
+#
+# Under the model AVAR(M) = r/M + q(2M² + 1)/(6M) (Zhang 2008, Metrologia 45, 549; in R's avar `av_wn`, `av_rw`):
+# the noise falls with M, the movement rises, and the two slopes separate them.
+
+
+_ALLAN_ROUNDS = 3
+_CORRELATED = 1.5
+"""Neighbouring octaves share samples: standard errors are widened by this."""
+
+
+def fit_by_allan(data: Differences) -> Pair:
+    """The pair from the Allan variance over octaves of M, weighted by their standard errors."""
+    gap = data.gap if len(data.gap) else np.ones(data.m)
+    length = gap.sum() + 1.0
+    if np.any(gap != np.rint(gap)) or np.any(gap < 1.0) or length > 20 * data.m + 1000:
+        text = "This method averages over M samples in a row: it needs regular sampling."
+        return Pair(0.0, 0.0, math.inf, math.inf, verdict="irregular", text=text)
+    row = np.zeros(int(length))
+    there = np.zeros(int(length), dtype=bool)
+    where = np.concatenate([[0], np.cumsum(gap).astype(np.int64)])
+    row[where], there[where] = np.concatenate([[0.0], np.cumsum(data.d)]), True
+    sizes, seen, degrees = allan_variances(row, there)
+    if len(sizes) < 2 or seen.max() == 0.0:  # or: all change lies across the gaps
+        return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
+    design = np.stack([(2.0 * sizes**2 + 1.0) / (6.0 * sizes), 1.0 / sizes], axis=1)
+    spread = np.sqrt(2.0 / degrees)
+    least = 1e-6 * seen.max()  # the averages of an oscillation may be 0
+    expected = seen.clip(least)
+    pair = solve(design, seen, expected * spread)
+    for _ in range(_ALLAN_ROUNDS):
+        expected = (design @ [pair.q, pair.r]).clip(least)
+        pair = solve(design, seen, expected * spread)
+    return Pair(pair.q, pair.r, _CORRELATED * pair.q_se, _CORRELATED * pair.r_se)
+
+
+def allan_variances(
+    row: Array, there: NDArray[np.bool_], sizes: NDArray[np.int64] | None = None
+) -> tuple[Array, Array, Array]:
+    """M, overlapping Allan variances, and their degrees of freedom; shape (k,) each.
+
+    `row` has one value per sample period, `there` says which exist; windows with a missing sample are left out.
+    `sizes` are the M asked for, ascending; None = powers of two. Those with too few windows are left out.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(np.where(there, row, 0.0))])
+    counts = np.concatenate([[0], np.cumsum(there)])
+    if sizes is None:
+        sizes = 2 ** np.arange(max(len(row) // 4, 0).bit_length())
+    found: list[tuple[float, float, float]] = []
+    for size in map(int, sizes):
+        end = len(sums) - 2 * size
+        full = counts[2 * size :] - counts[:end] == 2 * size
+        jumps = (sums[2 * size :] - 2.0 * sums[size : size + end] + sums[:end])[full] / size
+        if len(jumps) < 2 * size:
+            break
+        found.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
+    columns = np.array(found).reshape(-1, 3).T
+    return columns[0], columns[1], columns[2]
+
+
+# The methods by their names, one way to call all of them.
+
+
+METHODS = ("ml", "em", "moments", "als", "allan")
+"""The methods of `estimate`, in the order in which `compare_methods` shows them."""
+
+QUICK = {"moments": fit_by_moments, "als": fit_by_correlations, "allan": fit_by_allan}
+"""The methods that use other properties of the record than its likelihood: from the record to a pair."""
+
+
+def fit_by_name(method: str, data: Differences, peak: Peak, progress: Progress) -> Pair:
+    """The pair that a method of METHODS finds; `peak` is that of the likelihood."""
+    if method == "ml":
+        return replace(fit_maximum_likelihood(data, peak), note=what_differences_say(data))
+    if method == "em":
+        return _climbed(data, peak, progress)
+    progress(0.0, method)
+    return QUICK[method](data)
+
+
+def _climbed(data: Differences, peak: Peak, progress: Progress) -> Pair:
+    """EM's pair, with the errors of the likelihood that it climbs."""
+    pair = fit_by_em(data, progress)
+    top = fit_maximum_likelihood(data, peak)
+    if math.isfinite(peak.log_ratio):
+        return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
+    # EM approaches an edge but never reaches it.
+    stopped = f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r else ""
+    return replace(top, note=stopped)

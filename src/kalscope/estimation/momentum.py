@@ -1,0 +1,839 @@
+"""Maximum likelihood of q, r and τ, and whether a record needs momentum."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import Chebyshev, chebyshev
+from numpy.typing import ArrayLike
+
+from kalscope.common.numbers import Array
+from kalscope.common.progress import Progress
+from kalscope.common.text import decibels, number, percent
+from kalscope.estimation import kernels, methods
+from kalscope.estimation import verdict as verdict_words
+from kalscope.estimation.likelihood import (
+    DEFAULT_LOG_RATIOS,
+    DROP,
+    Differences,
+    Peak,
+    Profile,
+    find_peak,
+    grid_for,
+    profile_input,
+    profile_of,
+    walk_profile,
+)
+from kalscope.estimation.result import USABLE, Estimate, MomentumFit
+from kalscope.estimation.verdict import MIN_VARIANCE
+from kalscope.filtering.filter import kalman_filter
+from kalscope.filtering.kernels import transition
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady import SteadyState, steady_state
+
+# The likelihood of q, r and τ, the scale concentrated out: over ln of the step variance by r, and over ln τ.
+#
+# As in `likelihood.profile` the first sample sets the exact diffuse start and is not scored, so the values compare
+# with those of the random walk. The pair is measured by the variance of one step of the signal over that of the
+# noise: on that scale the likelihood of every τ has its maximum near the same place, where q/r would run away as
+# τ².
+
+
+def moving_sums(data: Differences, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:
+    """Σv²/s (in scale²) and Σln s for each triple, shape (k,); those of one τ should be adjacent."""
+    k = len(q)
+    q, r, tau = (np.concatenate([part, np.full(-k % kernels.MOMENTUM_LANES, part[-1])]) for part in (q, r, tau))
+    chi2, logdet = np.empty_like(q), np.empty_like(q)
+    kernels.scan_lanes(data.d, data.gap, q, r, tau, chi2, logdet)
+    return chi2[:k], logdet[:k]
+
+
+def concentrated(data: Differences, log_moves: Array, tau: Array) -> tuple[Array, Array]:
+    """Log-likelihood of each ln(variance of one step / r), ∓inf allowed, and its best scale, in scale²."""
+    chi2, logdet = moving_sums(data, *pairs(log_moves, tau), tau)
+    loglik = data.from_sums(chi2, logdet)
+    # Without noise two samples at one instant, s = 0, contradict each other.
+    return np.where(np.isnan(loglik), -math.inf, loglik), chi2 / data.m
+
+
+def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:
+    """Q and r up to their scale, for each ln(variance of one step / r); exact at ∓inf."""
+    with np.errstate(over="ignore"):
+        return 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+
+
+def ratio_of(log_moves: float, tau: float) -> float:
+    """q/r of ln(variance of one step / r), 0 … inf."""
+    return math.exp(log_moves) / step_variance(tau) if log_moves < 700.0 else math.inf
+
+
+def step_variances(tau: Array) -> Array:
+    """Variance of one step of the signal for q = 1, shape of `tau`."""
+    values = tau.tolist()
+    known = {value: step_variance(value) for value in set(values)}  # many lanes have one τ
+    return np.array([known[value] for value in values])
+
+
+def step_variance(tau: float) -> float:
+    """Variance of one step of the signal for q = 1."""
+    _, f, a, _, _ = transition(1.0, 1.0, tau)
+    return float(a + 0.5 * f * f / tau)
+
+
+# The likelihood over λ = q/r for a given momentum.
+
+
+SPACING = float(DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0])
+"""Of the values of ln λ."""
+
+
+def likelihood_profile(
+    z: ArrayLike, log_ratios: ArrayLike | None = None, dt: ArrayLike | None = None, momentum: float = 0.0
+) -> Profile:
+    """Scan the likelihood of one channel over λ, exact diffuse start, in a single pass over the data.
+
+    Args:
+        z: measurements, shape (n,), at least two of them finite; NaN is a missing sample.
+        log_ratios: ln λ, shape (k,), ascending, within ±300; None = 121 values from −24 to 24, with momentum
+            as many more above as its steps are smaller.
+        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
+        momentum: τ in nominal sample periods, 0 … 1e5.
+
+    Raises:
+        BadSetting: z is not one channel, holds inf or fewer than two finite samples; log_ratios do not ascend or
+            exceed ±300; dt does not fit z; momentum is out of its range.
+    """
+    tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
+    if tau == 0.0:
+        return walk_profile(z, log_ratios, dt)
+    step = step_variance(tau)
+    data, grid = profile_input(z, log_ratios, dt, default_log_ratios(step))
+    return profile_of(data, grid, *_sums(data, grid, tau, step), step)
+
+
+def default_log_ratios(step: float) -> Array:
+    """Ln λ from lags far beyond any record to no filtering; a step of the signal has the variance q·`step`."""
+    more = math.ceil(-math.log(step) / SPACING)
+    return np.concatenate([DEFAULT_LOG_RATIOS, DEFAULT_LOG_RATIOS[-1] + SPACING * np.arange(1.0, more + 1.0)])
+
+
+def _sums(data: Differences, grid: Array, tau: float, step: float) -> tuple[Array, Array]:
+    """Σv²/f (in scale²) and Σln f with r = 1, computed with variances near 1 and scaled to that."""
+    r = 1.0 / (1.0 + np.exp(grid + math.log(step)))
+    q = 1.0 / (np.exp(-grid) + step)
+    chi2, logdet = moving_sums(data, q, r, np.full(len(grid), tau))
+    return chi2 * r, logdet - data.m * np.log(r)
+
+
+# The maximum of the likelihood over q, r and τ: a coarse table, then patches around its highest places.
+#
+# The table is of a part of a long record: only its places are used, and the whole record decides between them. The
+# likelihood is smooth in ln(step variance / r) and in ln τ, so a polynomial through a small patch of points
+# replaces it there. The patch moves until its top lies inside, and then shrinks around the top.
+
+
+MIN_MOMENTUM = 0.1
+"""Shortest τ searched, in samples: a velocity that is forgotten faster cannot be distinguished from none."""
+
+HIGHEST = 24.0
+"""Largest finite ln(step variance / r) searched: no noise, as far as a double can tell."""
+
+_PLACES = 16
+"""Momenta of the table: steps of 0.92 in ln τ."""
+_TABLE_STEP = 1.6
+"""Step of the table in ln(step variance / r)."""
+_STRETCHES, _STRETCH = 8, 512
+"""Stretches of a long record, and samples of each, that the table is made of."""
+_NODES = 4
+"""Points of a patch along each of the two: the lanes of the kernel."""
+_SIZES = 0.7, 0.15, 0.02
+"""Half the side of the patches, one after the other."""
+_MIDDLE = 0.03
+"""Share of the last patch in which its top must lie: only there it is exact to the fourth power of its size."""
+_REACH = 10.0
+"""Longest of Newton's steps from the middle of the last patch, in halves of its side: ridges are long."""
+_PLATEAU = 8.0
+"""ln(step variance / r) from which the noise of a part of the record is too little to show where it is."""
+_MAX_PEAKS = 3
+"""Local maxima of the table to examine."""
+_MAX_MOVES = 12
+"""Moves of a patch of one size."""
+_FAR_FROM_EDGE = 1e4
+"""Samples times (r / step variance)², about the loss of log-likelihood by r = 0, from which that is not tried."""
+_NODES_EDGE = 8
+"""Points of a curve along ln τ where r = 0."""
+_SIZES_EDGE = 0.7, 0.2, 0.05
+"""Half its length, one after the other."""
+_WIDE = 0.9
+"""Half the length that is searched first: one step of the table."""
+
+_NODES_1D = chebyshev.chebpts1(_NODES)
+_WEIGHTS = np.full((_NODES, 1), 2.0 / _NODES)
+_WEIGHTS[0] /= 2.0
+_FROM_VALUES = np.multiply(_WEIGHTS, chebyshev.chebvander(_NODES_1D, _NODES - 1).T, dtype=np.float64)
+"""The matrix that makes the coefficients of one variable from its values at the Chebyshev points."""
+_RAYS = np.linspace(-1.0, 1.0, 41)
+_ON_RAYS = chebyshev.chebvander(_RAYS, _NODES - 1)
+_RAYS_FINE = np.linspace(-1.0, 1.0, 2001)
+_PATCH = [part.ravel() for part in np.meshgrid(_NODES_1D, _NODES_1D, indexing="ij")]
+"""The points of a patch of half the side 1 around 0, each of the two in a row."""
+
+
+@dataclass(frozen=True)
+class Top:
+    """The best place of a likelihood, and the shape around it."""
+
+    log_tau: float
+    """ln τ."""
+    log_moves: float
+    """ln(step variance / r); inf for r = 0."""
+    loglik: float
+    """Log-likelihood there."""
+    curvature: Array
+    """Second derivatives of the log-likelihood by (ln τ, ln(step variance / r)), shape (2, 2); 0 at an edge."""
+
+    @property
+    def tau(self) -> float:
+        """τ in samples, within what the filter takes."""
+        return momentum_of(self.log_tau)
+
+
+def momentum_of(log_tau: float) -> float:
+    """τ of ln τ, not rounded beyond what the filter takes."""
+    return min(math.exp(log_tau), MAX_MOMENTUM)
+
+
+def search(data: Differences, progress: Progress) -> Top:
+    """The highest place over all τ and all ratios."""
+    log_taus = np.linspace(math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM), _PLACES)
+    progress(0.0, "likelihood over all momenta")
+    rows = [ratios_for(data.m, log_tau) for log_tau in log_taus.tolist()]
+    taus = np.exp(np.repeat(log_taus, [len(row) for row in rows]))
+    table, _ = concentrated(_part_of(data), np.concatenate(rows), taus)
+    progress(0.2, "likelihood over all momenta")
+    heights = np.split(table, np.cumsum([len(row) for row in rows])[:-1])
+    starts = _starts(log_taus, rows, heights)
+    for i, (log_tau, log_moves) in enumerate(starts):
+        if log_moves > _PLATEAU:
+            row = ratios_for(data.m, log_tau)
+            height, _ = concentrated(data, row, np.full(len(row), math.exp(log_tau)))
+            starts[i] = log_tau, float(row[int(np.argmax(height))])
+    inner = _climb(data, starts, progress.part(0.3, 0.8))
+    progress(0.8, "likelihood without noise")
+    edge, _ = concentrated(data, np.full(_PLACES, math.inf), np.exp(log_taus))
+    at = int(np.argmax(edge))
+    if _at_most(edge[max(at - 1, 0) : at + 2]) < inner.loglik:
+        return inner
+    return _without_noise(data, float(log_taus[at]), _WIDE, inner, progress.part(0.8, 1.0))
+
+
+def climb(data: Differences, start: Top, progress: Progress) -> Top:
+    """The highest place near that of almost the same record."""
+    near = start.log_tau, min(start.log_moves, HIGHEST)
+    inner, inside = _patch_top(data, *near, _SIZES[1])
+    if inside:
+        inner = _move(data, inner.log_tau, inner.log_moves, _SIZES[2], progress.part(0.1, 0.8))
+    else:
+        inner = _climb(data, [near], progress.part(0.1, 0.8))
+    if data.m * math.exp(-2.0 * inner.log_moves) > _FAR_FROM_EDGE:
+        return inner
+    return _without_noise(data, start.log_tau, _SIZES_EDGE[0], inner, progress.part(0.8, 1.0))
+
+
+def _part_of(data: Differences) -> Differences:
+    """Stretches of a long record, spread over all of it: it shows both what is near and what is far."""
+    if data.m <= 1.5 * _STRETCHES * _STRETCH:
+        return data
+    firsts = np.linspace(0, data.m + 1 - _STRETCH, _STRETCHES).astype(int).tolist()
+    return data.parts((first, first + _STRETCH) for first in firsts)
+
+
+def _at_most(heights: Array) -> float:
+    """What the maximum between such heights of a smooth curve stays below."""
+    highest = float(heights.max())
+    return highest + (highest - float(heights.min())) + 1.0 if highest > -math.inf else highest
+
+
+def ratios_for(m: int, log_tau: float) -> Array:
+    """The ln(step variance / r) of the table at one τ: from a lag beyond m samples to no noise."""
+    log_m = math.log(m)
+    lowest = -2.0 * log_m - max(log_tau, 0.0) if log_tau < log_m else -4.0 * log_m + log_tau
+    return np.arange(HIGHEST, min(lowest, 0.0) - 4.0, -_TABLE_STEP)[::-1]
+
+
+def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tuple[float, float]]:
+    """The highest places of the table that top their row and the rows beside it."""
+    best = [int(np.argmax(row)) for row in heights]
+    tops = [-math.inf, *(float(row[at]) for row, at in zip(heights, best, strict=True)), -math.inf]
+    peaks = [i for i in range(len(rows)) if tops[i] <= tops[i + 1] >= tops[i + 2]]
+    peaks = sorted(peaks, key=lambda i: -tops[i + 1])[:_MAX_PEAKS]
+    return [(float(log_taus[i]), float(rows[i][best[i]])) for i in peaks]
+
+
+def _climb(data: Differences, starts: list[tuple[float, float]], progress: Progress) -> Top:
+    """The highest place near several starts: that of the highest large patch, refined step by step."""
+    count = len(starts) + len(_SIZES) - 1
+    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
+    tops = [_move(data, *start, _SIZES[0], part) for start, part in zip(starts, parts, strict=False)]
+    top = max(tops, key=lambda one: one.loglik)
+    for size, part in zip(_SIZES[1:], parts[len(starts) :], strict=True):
+        top = _move(data, top.log_tau, top.log_moves, size, part)
+    return top
+
+
+def _move(data: Differences, log_tau: float, log_moves: float, size: float, progress: Progress) -> Top:
+    """The highest place that patches of one size come to."""
+    for moves in range(_MAX_MOVES - 1):
+        progress.step(moves, "likelihood around the best momentum")
+        top, inside = _patch_top(data, log_tau, log_moves, size)
+        moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
+        if inside or moved < 1e-9:
+            return top
+        log_tau, log_moves = top.log_tau, top.log_moves
+    return _patch_top(data, log_tau, log_moves, size)[0]
+
+
+def _patch_top(data: Differences, log_tau: float, log_moves: float, size: float) -> tuple[Top, bool]:
+    """The highest place of a patch, and whether it lies inside; the border of what is searched counts as inside."""
+    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
+    log_tau = min(max(log_tau, low + size), high - size)
+    log_moves = min(log_moves, HIGHEST - size)
+    t, y = _PATCH
+    height, _ = concentrated(data, log_moves + size * y, np.exp(log_tau + size * t))
+    shape = _FROM_VALUES @ height.reshape(_NODES, _NODES) @ _FROM_VALUES.T
+    last = size == _SIZES[-1]
+    at = _newton(_derivatives(shape, (0.0, 0.0))) if last else None
+    if at is None or not (low < log_tau + size * at[0] < high and log_moves + size * at[1] < HIGHEST):
+        at = _highest(shape)
+    place = log_tau + size * at[0], log_moves + size * at[1]
+    most = _MIDDLE if last else 0.98
+    inside = abs(at[0]) < most or not low + 0.05 * size < place[0] < high - 0.05 * size
+    inside = inside and (abs(at[1]) < most or place[1] > HIGHEST - 0.05 * size)
+    bent = _derivatives(shape, at)
+    curvature = np.array([[bent[2, 0], bent[1, 1]], [bent[1, 1], bent[0, 2]]]) / size**2
+    return Top(place[0], place[1], float(bent[0, 0]), curvature), inside
+
+
+def _newton(here: Array) -> tuple[float, float] | None:
+    """Newton's step from the derivatives of a place; None where they have no maximum within reach."""
+    a, b, c = float(here[2, 0]), float(here[1, 1]), float(here[0, 2])
+    if not (a < 0.0 and a * c > b * b):
+        return None
+    u, v, det = float(here[1, 0]), float(here[0, 1]), a * c - b * b
+    step = (b * v - c * u) / det, (b * u - a * v) / det
+    return step if max(abs(step[0]), abs(step[1])) < _REACH else None
+
+
+def _highest(shape: Array) -> tuple[float, float]:
+    """The top of the polynomial on the patch: the best of a fine grid, and Newton's steps from there."""
+    i, j = divmod(int(np.argmax(_ON_RAYS @ shape @ _ON_RAYS.T)), len(_RAYS))
+    x, y = float(_RAYS[i]), float(_RAYS[j])
+    here = _derivatives(shape, (x, y))
+    for _ in range(6):
+        step = _newton(here)
+        if step is None:
+            break
+        x_next, y_next = x + step[0], y + step[1]
+        if max(abs(x_next), abs(y_next)) > 1.0:
+            break
+        there = _derivatives(shape, (x_next, y_next))
+        if there[0, 0] < here[0, 0]:
+            break
+        x, y, here = x_next, y_next, there
+    return x, y
+
+
+def _derivatives(shape: Array, at: tuple[float, float]) -> Array:
+    """The derivatives of the polynomial at a place, shape (3, 3): how often by ln τ, and by the other."""
+    return _basis(at[0]) @ shape @ _basis(at[1]).T
+
+
+def _basis(x: float) -> Array:
+    """The first Chebyshev polynomials and their first two derivatives at x, shape (3, _NODES)."""
+    rows = [[1.0, x], [0.0, 1.0], [0.0, 0.0]]
+    for k in range(2, _NODES):
+        for order, row in enumerate(rows):
+            lower = 2.0 * order * rows[order - 1][k - 1] if order else 0.0
+            row.append(2.0 * x * row[k - 1] + lower - row[k - 2])
+    return np.array(rows)
+
+
+def _without_noise(data: Differences, log_tau: float, first: float, inner: Top, progress: Progress) -> Top:
+    """The best τ near one where r = 0, or `inner` if that is better; `first` is half the length searched first."""
+    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
+    nodes = chebyshev.chebpts1(_NODES_EDGE)
+    edge = np.full(len(nodes), math.inf)
+    top = Top(log_tau, math.inf, -math.inf, np.zeros((2, 2)))
+    for i, size in enumerate((first, *_SIZES_EDGE)):
+        progress(i / (len(_SIZES_EDGE) + 1), "likelihood without noise")
+        middle = min(max(top.log_tau, low + size), high - size)
+        places = middle + size * nodes
+        height, _ = concentrated(data, edge, np.exp(places))
+        if _at_most(height) < inner.loglik:
+            return inner
+        domain = [middle - size, middle + size]
+        curve = Chebyshev.fit(places, height, len(nodes) - 1, domain=domain)
+        fine = middle + size * _RAYS_FINE
+        at = float(fine[int(np.argmax(curve(fine)))])
+        bent = np.array([[float(curve.deriv(2)(at)), 0.0], [0.0, 0.0]])
+        top = Top(at, math.inf, float(curve(at)), bent)
+    slack = 1e-9 + 1e-12 * abs(inner.loglik)  # an inner maximum must exceed the rounding of the sums
+    return top if top.loglik >= inner.loglik - slack else inner
+
+
+# Maximum likelihood of q and r, or of q alone, where the momentum is given: one search, as without momentum.
+
+
+_DERIVATIVE_STEP = 1e-3
+"""Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
+
+
+def fit_at(data: Differences, tau: float, progress: Progress) -> MomentumFit:
+    """The best q and r of one τ > 0."""
+
+    def loglik(log_moves: Array) -> Array:
+        return concentrated(data, log_moves, np.full(len(log_moves), tau))[0]
+
+    at_infinity = float(loglik(np.array([math.inf]))[0])
+    peak = find_peak(loglik, grid_for(data.m), at_infinity, progress)
+    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+    q, r = pairs(near, np.full(3, tau))
+    unit = concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
+    q, r = q * unit, r * unit
+    errors = [_relative_error(value, peak, data.m) for value in (q, r)]
+    low, high = (ratio_of(end, tau) for end in peak.interval)
+    return MomentumFit(
+        q=float(q[0]),
+        r=float(r[0]),
+        tau=tau,
+        loglik=peak.loglik,
+        q_se=float(q[0]) * errors[0] if q[0] > 0.0 else math.inf,
+        r_se=float(r[0]) * errors[1] if r[0] > 0.0 else math.inf,
+        tau_interval=(tau, tau),
+        region=((low, tau), (high, tau)),
+    )
+
+
+def fit_movement(data: Differences, tau: float, r: float, progress: Progress) -> MomentumFit:
+    """The best q of one τ > 0 where r, unit², is known."""
+    scaled = r / data.scale / data.scale
+    constant = data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale))
+
+    def loglik(log_moves: Array) -> Array:
+        q, size = np.exp(log_moves) * scaled / step_variance(tau), len(log_moves)
+        chi2, logdet = moving_sums(data, q, np.full(size, scaled), np.full(size, tau))
+        return -0.5 * (constant + logdet + chi2)
+
+    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
+    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
+    low, high = (ratio_of(end, tau) for end in peak.interval)
+    q = ratio_of(peak.log_ratio, tau) * r
+    return MomentumFit(
+        q=q,
+        r=r,
+        tau=tau,
+        loglik=peak.loglik,
+        q_se=q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf,
+        r_se=0.0,
+        tau_interval=(tau, tau),
+        region=((low, tau), (high, tau)),
+    )
+
+
+def _relative_error(near: Array, peak: Peak, m: int) -> float:
+    """Standard error of ln of a variance, known at the peak and beside it; see `maximum_likelihood.fit`."""
+    if not math.isfinite(peak.log_ratio):
+        return math.sqrt(2.0 / m)
+    if not peak.curvature < 0.0:
+        return math.inf
+    slope = float(np.log(near[2] / near[1])) / (2.0 * _DERIVATIVE_STEP)
+    return math.sqrt(2.0 / m - slope * slope / peak.curvature)
+
+
+# The momenta that a record allows: where the profile of the likelihood over τ falls below the 95 % mark.
+
+
+_INTERVAL_NODES = 7
+"""Points of the curve over ln(step variance / r); with the point r = 0 they fill the eight lanes of the kernel."""
+_SIZE = 1.0
+"""Half the stretch of that curve."""
+_INTERVAL_MAX_MOVES = 20
+"""Moves of the curve until its top lies inside."""
+_WIDENING = 1.6
+"""Factor between two steps outwards, until the end is bracketed."""
+_HALVINGS = 8
+"""Steps towards the end within its bracket."""
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of the interval."""
+
+    tau: float
+    """The momentum, in samples."""
+    log_moves: float
+    """The best ln(step variance / r) there; inf for r = 0."""
+    crossed: bool
+    """Whether the likelihood falls below the mark there; False at the border of what is searched."""
+
+
+def momentum_ends(data: Differences, top: Top, progress: Progress) -> tuple[End, End]:
+    """The lower and the upper end of the 95 % interval of τ."""
+    return _end(data, top, -1.0, progress.part(0.0, 0.5)), _end(data, top, 1.0, progress.part(0.5, 1.0))
+
+
+def profile(data: Differences, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
+    """The highest log-likelihood of one τ, and its ln(step variance / r), searched from `log_moves` on."""
+    nodes = chebyshev.chebpts1(_INTERVAL_NODES)
+    fine = np.linspace(-1.0, 1.0, 401)
+    tau = np.full(_INTERVAL_NODES + 1, math.exp(log_tau))
+    best, place, at_edge = -math.inf, log_moves, -math.inf
+    for moves in range(_INTERVAL_MAX_MOVES):
+        progress.step(moves, "interval of the momentum")
+        middle = min(place, HIGHEST - _SIZE)
+        heights = concentrated(data, np.append(middle + _SIZE * nodes, math.inf), tau)[0]
+        at_edge = float(heights[-1])
+        curve = Chebyshev.fit(nodes, heights[:-1], _INTERVAL_NODES - 1, domain=[-1.0, 1.0])(fine)
+        at = int(np.argmax(curve))
+        best, place = float(curve[at]), middle + _SIZE * float(fine[at])
+        if 0 < at < len(fine) - 1 or place >= HIGHEST:
+            break
+    return (at_edge, math.inf) if at_edge >= best - 1e-9 else (best, place)
+
+
+def _end(data: Differences, top: Top, side: float, progress: Progress) -> End:
+    """Go outwards until the likelihood has fallen, then towards the mark; √drop is almost straight in ln τ."""
+    border = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM)
+    inside, moves, fallen = top.log_tau, top.log_moves, 0.0
+    stride = _first_stride(top)
+    left = progress  # of a number of steps that is not known
+    while True:
+        part, left = left.part(0.0, 0.2), left.part(0.2, 1.0)
+        outside = border if side * (inside + side * stride - border) >= 0.0 else inside + side * stride
+        height, there = profile(data, outside, moves, part)
+        drop = top.loglik - height
+        if drop >= DROP:
+            break
+        if outside == border:
+            return End(momentum_of(border), there, crossed=False)
+        inside, moves, fallen, stride = outside, there, max(drop, 0.0), stride * _WIDENING
+    end, beyond = End(momentum_of(outside), there, crossed=True), drop
+    for step in range(_HALVINGS):
+        share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(beyond) - math.sqrt(fallen))
+        middle = inside + (min(max(share, 0.02), 0.98) if step % 3 < 2 else 0.5) * (outside - inside)
+        height, there = profile(data, middle, moves, left.part(step / _HALVINGS, (step + 1) / _HALVINGS))
+        drop = top.loglik - height
+        end = End(momentum_of(middle), there, crossed=True)
+        if abs(drop - DROP) < 1e-3:
+            break
+        if drop < DROP:
+            inside, fallen = middle, max(drop, 0.0)
+        else:
+            outside, beyond = middle, drop
+    return end
+
+
+def _first_stride(top: Top) -> float:
+    """Half the interval if the likelihood were a parabola."""
+    (a, b), (_, c) = top.curvature.tolist()
+    bent = a - b * b / c if c < 0.0 else a
+    return min(math.sqrt(-2.0 * DROP / bent), 1.0) if bent < 0.0 else 0.5
+
+
+# Maximum likelihood of q, r and τ together, with standard errors and the interval of τ.
+
+
+_NORMAL = math.sqrt(2.0 * DROP)
+"""Standard errors from the middle to the end of a 95 % interval, 1.96."""
+
+
+def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
+    """The fit at the highest place of the likelihood, and how well the record determines it.
+
+    Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
+    much longer the signal keeps its direction.
+    """
+    low, high = momentum_ends(data, top, progress.part(0.0, 0.6))
+    tau = top.tau
+    there = fit_at(data, tau, progress.part(0.6, 0.8))
+    shortest = max(data.span, low.tau)
+    if tau > shortest:
+        there = fit_at(data, shortest, progress.part(0.8, 1.0))
+    else:
+        unit = data.scale * data.scale
+        qs, rs = zip(*(params_at(data, end)[:2] for end in (low, high)), strict=True)
+        there = replace(
+            there,
+            q_se=widened(there.q, there.q_se, [unit * q for q in qs]),
+            r_se=widened(there.r, there.r_se, [unit * r for r in rs]),
+        )
+    border = [(ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high)]
+    border += [_farthest(there, end) for end in border]
+    return replace(
+        there,
+        tau_interval=(low.tau if low.crossed else 0.0, high.tau if high.crossed else math.inf),
+        region=(*there.region, *border),
+    )
+
+
+def _farthest(there: MomentumFit, end: tuple[float, float]) -> tuple[float, float]:
+    """The pair (q/r, τ) of the largest change of q/r towards one end of the interval of τ.
+
+    The border is an ellipse in the logarithms: it goes beyond q/r at the end of τ, and beyond that of the known τ.
+    """
+    edges = (there.region[0][0], there.r and there.q / there.r, there.region[1][0], end[0])
+    if not (min(edges) > 0.0 and max(edges) < math.inf):
+        return end
+    low, middle, high, moved = map(math.log, edges)
+    shift, known = moved - middle, (high if moved > middle else low) - middle
+    size = math.hypot(shift, known) or 1.0
+    share = abs(shift) / size
+    return math.exp(middle + math.copysign(size, shift)), there.tau * (end[1] / there.tau) ** share
+
+
+def params_at(data: Differences, top: Top | End) -> tuple[float, float, float]:
+    """q, r (both in scale²) and τ of a place of the likelihood."""
+    tau = np.array([top.tau])
+    moves = np.array([top.log_moves])
+    q, r = pairs(moves, tau)
+    unit = float(concentrated(data, moves, tau)[1][0])
+    return float(q[0]) * unit, float(r[0]) * unit, float(tau[0])
+
+
+def widened(value: float, error: float, ends: Sequence[float]) -> float:
+    """Standard error of a variance where τ is not known either; inf at an edge.
+
+    The curvature at the top would be too small: a record that is a few τ long and by chance shows a short τ shows a
+    small q too. So the limits are combined, on the scale of the logarithm: those where τ is known, and what the
+    variance is at both ends of the interval of τ (Zou & Donner 2008, Statistics in Medicine 27, 1693-1702).
+
+    Args:
+        value: the variance at the top.
+        error: its standard error where τ is known.
+        ends: the best variances at the ends of the interval of τ.
+    """
+    low, high = min(*ends, value), max(*ends, value)
+    if not low > 0.0:
+        return math.inf
+    known = _NORMAL * error / value
+    both = math.hypot(math.log(value / low), known) + math.hypot(math.log(high / value), known)
+    return value * both / (2.0 * _NORMAL)
+
+
+# Whether a record needs momentum: by its likelihood, and by how well it predicts samples that it has not seen.
+#
+# Both must agree, else the simpler model stays. A few jumps of a long record can raise the likelihood although the
+# prediction of all the rest gets worse; and a slightly better prediction of a short record can be chance.
+
+
+MIN_GAIN = 12.0
+"""Twice the log-likelihood that momentum must add: 2 for its parameter by Akaike's criterion, 10 for safety."""
+SHORT_RECORD = 5000.0
+"""This over the number of samples is added to it: a short record has few changes of direction, if any."""
+MAX_ERROR = 0.995
+"""One-step error with momentum over that without, on unseen samples: at least 0.5 % less."""
+FOLDS = 5
+"""Parts of the record, each of which is predicted by fits to all the others."""
+MIN_SAMPLES = 60
+"""Samples of the record, so that each part holds a dozen."""
+_BLOCKS = 2
+"""Stretches of each part. All count alike: a sensor may lie still in one of them, and be shaken in another."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The evidence for momentum in one channel."""
+
+    gain: float
+    """Twice the log-likelihood that it adds."""
+    needed: float
+    """What it must add; inf for a record that is too short to tell."""
+    error: float
+    """One-step error with momentum over that without, on unseen samples; NaN where that was not tried."""
+
+    @property
+    def chosen(self) -> bool:
+        """Whether both tests favour it."""
+        return self.gain > self.needed and self.error <= MAX_ERROR
+
+
+def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> Choice:
+    """Weigh momentum against the random walk.
+
+    Args:
+        data: the record.
+        plain: the best random walk.
+        top: the best place of the likelihood with momentum.
+        progress: receives progress reports.
+    """
+    gain = 2.0 * (top.loglik - float(plain.loglik))
+    count = data.m + 1
+    needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
+    if not gain > needed:
+        return Choice(gain, needed, math.nan)
+    z = np.concatenate([[0.0], np.cumsum(data.d)])
+    ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
+    ratios: list[Array] = []
+    for i, part in enumerate(itertools.pairwise(ends)):
+        others = data.parts([(0, part[0]), (part[1], count)])
+        if others.d.any():
+            now = progress.part(i / FOLDS, (i + 1) / FOLDS)
+            pair = methods.fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
+            q, r, tau = params_at(others, climb(others, top, now.part(0.2, 0.9)))
+            now(0.9, "prediction of unseen samples")
+            walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part)
+            moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part)
+            still = (walk == 0.0) | (moving == 0.0)
+            ratios.append(np.sqrt(moving[~still] / walk[~still]))
+    logs = np.log(np.concatenate([np.empty(0), *ratios]))
+    return Choice(gain, needed, float(np.exp(logs.mean())) if len(logs) else math.nan)
+
+
+def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
+    """Mean squared one-step error of each stretch of a part."""
+    dt = np.append(1.0, gap[: part[1] - 1]) if len(gap) else None
+    squares = kalman_filter(z[: part[1]], params, dt).innovation[max(part[0], 1) :] ** 2
+    return np.array([float(np.mean(stretch)) for stretch in np.array_split(squares, _BLOCKS)])
+
+
+# An Estimate with momentum: intervals, a verdict and words.
+
+
+def with_momentum(data: Differences, plain: Estimate, progress: Progress) -> Estimate:
+    """The estimate of one channel with momentum, or `plain` where the record does not need it.
+
+    Args:
+        data: the record.
+        plain: its estimate without momentum.
+        progress: receives progress reports.
+    """
+    if plain.verdict == "bad_unit":
+        return plain
+    top = search(data, progress.part(0.0, 0.4))
+    choice = choose(data, plain, top, progress.part(0.4, 0.8))
+    if not choice.chosen:
+        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
+        if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
+            return kept
+        return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
+    found = fit_around(data, top, progress.part(0.8, 1.0))
+    return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
+
+
+def with_given_momentum(data: Differences, tau: float, progress: Progress) -> Estimate:
+    """The estimate of one channel with a momentum above 0, in sample periods."""
+    return conclude(fit_at(data, tau, progress), f"The momentum of {number(tau)} samples was given.")
+
+
+def _either(plain: Estimate, moving: Estimate) -> Estimate:
+    """`plain` with intervals that hold whether or not the signal has momentum.
+
+    Where the likelihood excludes τ = 0 and the choice keeps it, either model may be the true one, and the 95 %
+    interval of each holds the truth if it is: their union does in both cases.
+    """
+    names = ("ratio_interval", "gain_interval", "lag_interval", "momentum_interval")
+    ends = {name: [float(end) for one in (plain, moving) for end in getattr(one, name)] for name in names}
+    spans: dict[str, Any] = {name: (min(four), max(four)) for name, four in ends.items()}
+    short, long = (number(float(end)) for end in moving.lag_interval)
+    high = float(moving.momentum_interval[1])
+    upto = f"up to {number(high)} samples" if high < math.inf else "of any length"
+    also = f"The 95 % intervals also hold for a momentum {upto}, which allows lags from {short} to {long} samples."
+    return replace(plain, message=f"{plain.message} {also}", **spans)
+
+
+def _prediction_gain(choice: Choice) -> float:
+    return 0.0 if math.isnan(choice.error) else 1.0 - choice.error
+
+
+def _kept(choice: Choice) -> str:
+    """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
+    if choice.needed == math.inf:
+        return "The record is too short to tell whether the signal has momentum."
+    if choice.gain <= 2.0 * DROP:
+        return "No momentum: it would not fit better."
+    if math.isnan(choice.error):
+        return "No momentum: it raises the likelihood, but not by enough to be sure."
+    less = 1.0 - choice.error
+    said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
+    return f"No momentum: with it the error on unseen samples would be {said}, so it is not used."
+
+
+def _reason(found: MomentumFit, choice: Choice) -> str:
+    """Why momentum is taken, and what it costs."""
+    low, high = found.tau_interval
+    less = 1.0 - choice.error
+    share = percent(less) if less < 0.99 else "over 99 %"
+    span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
+    return (
+        f"The signal keeps its direction for about {number(found.tau)} samples ({span}). With this momentum the "
+        f"error of predicting unseen samples is {share} smaller than with the five lines."
+        f"{_cost(found)}"
+    )
+
+
+def _cost(found: MomentumFit) -> str:
+    """What the filter costs, where there is one."""
+    if found.q == 0.0 or found.r == 0.0:
+        return ""
+    overshoot = float(_settled(found.q / found.r, found.tau).overshoot)
+    step = f" and an overshoot of {percent(overshoot)} on a step" if overshoot > 0.0 else ""
+    return f" It costs a second state on the board{step}."
+
+
+def conclude(found: MomentumFit, reason: str) -> Estimate:
+    """The Estimate of a fit; `reason` is the sentence on where the momentum comes from."""
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (found.q, found.r) if size > 0.0):
+        verdict, message = "bad_unit", verdict_words.BAD_UNIT
+    else:
+        verdict = "no_noise" if found.r == 0.0 else "no_movement" if found.q == 0.0 else "ok"
+        message = f"{_words(verdict, found)} {reason}"
+    ratios = [ratio for ratio, _ in found.region]
+    settled = [_settled(ratio, tau) for ratio, tau in found.region]
+    gains, lags = [float(one.gain) for one in settled], [float(one.lag_samples) for one in settled]
+    usable = verdict in USABLE
+    return Estimate(
+        method="ml",
+        q=found.q,
+        r=found.r,
+        ratio=found.q / found.r if found.r > 0.0 else math.inf,
+        loglik=found.loglik,
+        ratio_interval=(min(ratios), max(ratios)),
+        gain_interval=(min(gains), max(gains)),
+        lag_interval=(min(lags), max(lags)),
+        q_se=found.q_se,
+        r_se=found.r_se,
+        verdict=verdict,
+        message=message,
+        params=FilterParams(q=found.q, r=found.r, momentum=found.tau) if usable else None,
+        momentum=found.tau,
+        momentum_interval=found.tau_interval,
+    )
+
+
+def _words(verdict: str, found: MomentumFit) -> str:
+    if verdict == "no_noise":
+        return (
+            "No noise can be identified at this sample rate, also with momentum: every change looks like real "
+            f"movement, and the most likely filter (r = 0) would pass the signal unchanged. {verdict_words.INSTEAD}"
+        )
+    if verdict == "no_movement":
+        return verdict_words.no_movement(0.0)
+    steady = _settled(found.q / found.r, found.tau)
+    overshoot = steady.overshoot
+    beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
+    return (
+        f"Noise and movement can be separated. The filter settles at gain {number(steady.gain)}: it lags a "
+        f"ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
+        f"{decibels(steady.noise_reduction_db)}."
+    )
+
+
+def _settled(ratio: float, tau: float) -> SteadyState:
+    if ratio == math.inf:
+        return steady_state(FilterParams(q=1.0, r=0.0, momentum=tau))
+    return steady_state(FilterParams(q=ratio, r=1.0, momentum=tau))

@@ -1,0 +1,585 @@
+"""One filter for a whole fleet: the pooled likelihood, what each device loses, which one differs or has changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kalscope.common.numbers import Array, Indices, Mask, above_zero
+from kalscope.common.progress import Progress
+from kalscope.errors import BadSetting
+from kalscope.estimation import many_kernels
+from kalscope.estimation.fit import estimate
+from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, find_peak
+from kalscope.estimation.many import Series, fitted_ratios, lags_of, reductions_of, series_of
+from kalscope.estimation.verdict import exp
+from kalscope.filtering.filter import kalman_filter
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady import steady_state
+
+# One filter for a whole fleet, by the sum of its likelihoods: what each batch adds, and the maximum.
+
+
+_NEAREST = 24
+"""Points of the grid that the polynomial between two of them goes through."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Sums over the devices of a batch, or of a fleet: `a + b` is the pool of both.
+
+    Sums of floating-point numbers depend on their order in the last digit: add parts in one order (that of their
+    names) for the same result after every restart.
+    """
+
+    sums: Array
+    """Σ m ln r̂, Σ ln r̂, ΣΣln f and Σ(slope)² at each of the 121 ln λ of DEFAULT_LOG_RATIOS, at
+    λ = 0 and at λ = ∞ (where q̂ replaces r̂), shape (4, 123)."""
+    devices: int
+    """Series that count: those that can be fitted."""
+    innovations: int
+    """Their scored innovations."""
+
+    def __add__(self, other: Pool) -> Pool:
+        return Pool(self.sums + other.sums, self.devices + other.devices, self.innovations + other.innovations)
+
+    @staticmethod
+    def empty() -> Pool:
+        """The pool of no device: where a sum of pools begins."""
+        return Pool(np.zeros((many_kernels.SUMS, len(DEFAULT_LOG_RATIOS) + 2)), 0, 0)
+
+    def loglik(self, log_ratios: Array) -> Array:
+        """The summed log-likelihood at each ln λ, ∓inf allowed, with the best r of each device."""
+        terms = self.innovations * (math.log(2.0 * math.pi) + 1.0)
+        return self._between(
+            -0.5 * (terms + self.sums[many_kernels.M_LOG_R] + self.sums[many_kernels.LOGDET]), log_ratios
+        )
+
+    def noise(self, log_ratio: float) -> float:
+        """The geometric mean of the best r of the devices at ln λ, unit²; that of q at inf."""
+        level = self.sums[many_kernels.LOG_R] / self.devices
+        level[:-2] += np.logaddexp(0.0, DEFAULT_LOG_RATIOS)  # ln r(1 + λ) is level at both ends
+        size = float(self._between(level, np.array([log_ratio]))[0])
+        return math.exp(size - (np.logaddexp(0.0, log_ratio) if math.isfinite(log_ratio) else 0.0))
+
+    def slopes(self, log_ratio: float) -> float:
+        """The sum over the devices of their squared slopes of the log-likelihood by ln λ, each with its best r."""
+        return max(float(self._between(self.sums[many_kernels.SLOPES], np.array([log_ratio]))[0]), 0.0)
+
+    def _between(self, row: Array, log_ratios: Array) -> Array:
+        """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
+        grid = DEFAULT_LOG_RATIOS
+        out = np.empty(len(log_ratios))
+        zero, infinite = np.isneginf(log_ratios), np.isposinf(log_ratios)
+        out[zero], out[infinite] = row[-2], row[-1]
+        inner = ~(zero | infinite)
+        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
+        longer = np.concatenate([np.full(_NEAREST, ends[0]), row[:-2], np.full(_NEAREST, ends[1])])
+        step = float(grid[1] - grid[0])
+        out[inner] = _interpolated(
+            longer, (np.clip(log_ratios[inner], grid[0], grid[-1]) - grid[0]) / step + _NEAREST
+        )
+        return out
+
+
+def pool_of(
+    series: Series | ArrayLike | Sequence[ArrayLike], dt: ArrayLike | Sequence[ArrayLike] | None = None
+) -> Pool:
+    """The pool of some devices, one compiled call. Series that cannot be fitted do not count.
+
+    Args:
+        series: as `estimate_many` takes them.
+        dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
+
+    Raises:
+        BadSetting: the series or dt have another shape.
+
+    Source: Durbin & Koopman (2012), section 2.10, for the likelihood; independent devices add.
+    """
+    many = series_of(series, dt)
+    pool = Pool.empty()
+    if not len(many):
+        return pool
+    counts: NDArray[np.int64] = np.zeros(2, np.int64)
+    many_kernels.add_up(many.values, many.steps, many.starts, DEFAULT_LOG_RATIOS.copy(), pool.sums, counts)
+    return Pool(pool.sums, int(counts[0]), int(counts[1]))
+
+
+def _interpolated(values: Array, where: Array) -> Array:
+    """Values at 0, 1, 2 …, read between them: the polynomial through the nearest points, barycentric."""
+    first = np.clip(np.floor(where).astype(np.int64) - _NEAREST // 2 + 1, 0, len(values) - _NEAREST)
+    points = first[:, None] + np.arange(_NEAREST)
+    away = where[:, None] - points
+    exact = np.abs(away) < 1e-12
+    weights = np.array([(-1.0) ** j * math.comb(_NEAREST - 1, j) for j in range(_NEAREST)])
+    terms = weights / np.where(exact, 1.0, away)
+    base = values[points[:, :1]]
+    smooth = np.sum(terms * (values[points] - base), axis=1) / np.sum(terms, axis=1) + base[:, 0]
+    return np.where(exact.any(axis=1), values[points[np.arange(len(points)), exact.argmax(axis=1)]], smooth)
+
+
+@dataclass(frozen=True)
+class PooledFit:
+    """One filter for all devices of a fleet: one λ, and the geometric mean of the r that suit the devices best."""
+
+    q: float
+    """Process-noise variance per nominal sample period, unit²; 0 for "no_movement"."""
+    r: float
+    """Measurement-noise variance, unit²; 0 for "no_noise"."""
+    ratio: float
+    """λ = q/r that all share, 0 … inf."""
+    loglik: float
+    """Summed log-likelihood there."""
+    ratio_interval: tuple[float, float]
+    """The λ that another fleet of such devices may have as its best one, 95 %: profile likelihood, wider where the
+    devices differ. It is narrow for a large fleet, and does not show how far its devices differ: see `outliers`."""
+    verdict: str
+    """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
+
+    @property
+    def params(self) -> FilterParams | None:
+        """The filter that all get, diffuse start; None where q or r is 0."""
+        return FilterParams(q=self.q, r=self.r) if self.q > 0.0 and self.r > 0.0 else None
+
+
+def fit_pool(pool: Pool) -> PooledFit:
+    """The most likely λ for all devices of a fleet, every device with its r, concentrated out.
+
+    Args:
+        pool: of the fleet, the sum of the pools of its batches.
+
+    Raises:
+        BadSetting: no device counts.
+    """
+    _refuse_empty(pool)
+    at_infinity = float(pool.loglik(np.array([math.inf]))[0])
+    peak = find_peak(pool.loglik, DEFAULT_LOG_RATIOS[::2], at_infinity, Progress())
+    low, high = _interval(pool, peak, at_infinity)
+    noise = pool.noise(peak.log_ratio)
+    q, r = exp(peak.log_ratio) * noise, noise
+    verdict = "flat" if (low, high) == (-math.inf, math.inf) else "ok"
+    if peak.log_ratio == math.inf:
+        q, r, verdict = noise, 0.0, "no_noise"
+    elif peak.log_ratio == -math.inf:
+        q, verdict = 0.0, "no_movement"
+    return PooledFit(q, r, exp(peak.log_ratio), peak.loglik, (exp(low), exp(high)), verdict)
+
+
+def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]:
+    """The interval of ln λ, which accounts for how much the devices differ.
+
+    The slopes of the devices at the top scatter by the curvature where all share λ, by more where they do not; the
+    likelihood is flattened by that factor.
+
+    Source: Kent (1982), Biometrika 69, 19, for the likelihood ratio of a model that is not quite true.
+    """
+    if not (math.isfinite(peak.log_ratio) and peak.curvature < 0.0):
+        return peak.interval
+    factor = pool.slopes(peak.log_ratio) / -peak.curvature
+    if factor <= 1.0:
+        return peak.interval
+
+    def flattened(at: Array) -> Array:
+        return pool.loglik(at) / factor
+
+    return find_peak(flattened, DEFAULT_LOG_RATIOS[::2], at_infinity / factor, Progress()).interval
+
+
+def pool_at(pool: Pool, ratio: float) -> PooledFit:
+    """The filter of a given λ (of `ratio_for` a lag, say) for all devices of a fleet, with the r that fits it best.
+
+    Args:
+        pool: of the fleet.
+        ratio: λ = q/r, > 0.
+
+    Raises:
+        BadSetting: no device counts; ratio is not above 0.
+    """
+    _refuse_empty(pool)
+    chosen = above_zero("ratio", ratio, MAX_VARIANCE)
+    r, loglik = pool.noise(math.log(chosen)), float(pool.loglik(np.array([math.log(chosen)]))[0])
+    return PooledFit(chosen * r, r, chosen, loglik, fit_pool(pool).ratio_interval, "given")
+
+
+def _refuse_empty(pool: Pool) -> None:
+    if pool.devices == 0:
+        raise BadSetting("the fleet must hold at least one series that can be fitted (got none)")
+
+
+# What each device loses by a filter for all: its prediction errors on samples that no fit has seen.
+
+
+LOG_RATIOS = np.linspace(-15.0, 7.0, 23)
+"""ln λ at which the errors are kept, from a lag of 1,800 samples to none."""
+LOG_RATIOS.setflags(write=False)
+
+
+def held_out(
+    series: Series | ArrayLike | Sequence[ArrayLike],
+    dt: ArrayLike | Sequence[ArrayLike] | None = None,
+    momentum: Mask | None = None,
+) -> Array:
+    """What each device would lose by any shared λ: prediction error over that of a filter of its own.
+
+    The device's own filter is the most likely one for the first half of its samples; the errors of both, root mean
+    squares of predicting the next sample, are those on the second half.
+
+    Args:
+        series: as `estimate_many` takes them.
+        dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
+        momentum: whose own filter may have momentum, shape (series,); None = none. Such a fit takes as long as in
+            `estimate`.
+
+    Returns:
+        The ratio at each of LOG_RATIOS, shape (series, 23), above 1 where the device would do better alone; NaN
+        where the first half cannot be fitted.
+
+    Raises:
+        BadSetting: the series or dt have another shape.
+    """
+    many = series_of(series, dt)
+    k = len(many)
+    errors, own_error = np.full((k, len(LOG_RATIOS)), math.nan), np.full(k, math.nan)
+    own = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)
+    if k:
+        many_kernels.errors_of_each(
+            many.values, many.steps, many.starts, np.exp(LOG_RATIOS), own, errors, own_error
+        )
+    for i in () if momentum is None else np.flatnonzero(momentum & np.isfinite(own_error)).tolist():
+        own_error[i] = _error_with_momentum(*many.one(i), own_error[i])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(own_error[:, None] > 0.0, errors / own_error[:, None], math.nan)
+
+
+def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
+    """The error on the second half of the filter fitted to the first half, which may have momentum."""
+    half, dt = len(z) // 2, steps if len(steps) else None
+    found = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
+    if found.params is None or not float(found.momentum) > 0.0:
+        return otherwise
+    seen = kalman_filter(z, found.params, dt).innovation[half:]
+    return math.sqrt(float(np.nanmean(seen**2)))
+
+
+def held_out_at(growth: ArrayLike, ratio: float) -> Array:
+    """The ratio of errors at one λ, shape (k,), by a cubic spline through those of `held_out`.
+
+    Between those points it is good to 0.1 %; beyond them the nearest one is used.
+
+    Args:
+        growth: of `held_out`, shape (k, 23), also as float32.
+        ratio: λ that all share, > 0.
+
+    Raises:
+        BadSetting: growth has another shape; ratio is not above 0.
+    """
+    from scipy.interpolate import CubicSpline
+
+    growth = np.asarray(growth, dtype=np.float64)
+    if growth.ndim != 2 or growth.shape[1] != len(LOG_RATIOS):
+        raise BadSetting(f"growth must be of shape (devices, {len(LOG_RATIOS)}) (got {growth.shape})")
+    place = min(max(math.log(above_zero("ratio", ratio, MAX_VARIANCE)), LOG_RATIOS[0]), LOG_RATIOS[-1])
+    judged = np.isfinite(growth).all(axis=1) & (growth > 0.0).all(axis=1)
+    out = np.full(len(growth), math.nan)
+    if judged.any():
+        out[judged] = np.exp(CubicSpline(LOG_RATIOS, np.log(growth[judged]), axis=1)(place))
+    return out
+
+
+def share_served(growth: ArrayLike, within: float = 0.1) -> float:
+    """Share of the judged devices whose prediction error grows by at most `within`, 0 … 1; 1 where none is judged.
+
+    Args:
+        growth: by which share the error grows, shape (k,); NaN where not judged.
+        within: allowed growth, 0.1 = 10 %.
+    """
+    shares = np.asarray(growth, dtype=np.float64)
+    judged = shares[np.isfinite(shares)]
+    return float(np.mean(judged <= within)) if len(judged) else 1.0
+
+
+LOG_RATIO, MOMENTUM, GROWTH = range(3)
+"""Columns of what a fit stores: ln λ and momentum of the device's own filter; from GROWTH on `held_out`."""
+WIDTH = GROWTH + len(LOG_RATIOS)
+"""How many there are."""
+
+
+@dataclass(frozen=True)
+class Losses:
+    """What k devices lose by a shared filter, arrays of shape (k,), NaN where not known; below 0 they gain."""
+
+    lag_samples: Array
+    """By how many samples it lags a ramp more than the device's own filter."""
+    noise_db: Array
+    """How much more white noise it leaves than the device's own filter, dB."""
+    error: Array
+    """By which share its error of predicting the next sample, on the second half of the samples, is larger than
+    that of the filter that suits the first half best."""
+
+
+def loss_inputs(own_ratio: Array, own_momentum: Array, growth: Array) -> Array:
+    """What the fits of k devices store, shape (k, WIDTH).
+
+    Args:
+        own_ratio: λ of each device's own filter, > 0, shape (k,).
+        own_momentum: its momentum, sample periods, 0 = none.
+        growth: of `held_out`, shape (k, 23).
+    """
+    return np.column_stack([np.log(own_ratio), own_momentum, growth])
+
+
+def losses_of(inputs: Array, params: FilterParams) -> Losses:
+    """What each device loses by a filter.
+
+    Args:
+        inputs: of `loss_inputs`, shape (k, WIDTH); NaN where not known.
+        params: the filter that all share, q and r above 0. With momentum the errors are not known.
+    """
+    ratio, tau = params.q / float(params.r), params.momentum
+    shared = steady_state(params)
+    own_lag, own_reduction = _settled(inputs)
+    error = np.full(len(inputs), math.nan) if tau > 0.0 else held_out_at(inputs[:, GROWTH:], ratio) - 1.0
+    return Losses(shared.lag_samples - own_lag, own_reduction - shared.noise_reduction_db, error)
+
+
+def _settled(inputs: Array) -> tuple[Array, Array]:
+    """Lag in samples and noise reduction in dB of each device's own filter."""
+    ratio, tau = np.exp(inputs[:, LOG_RATIO]), inputs[:, MOMENTUM]
+    lag, reduction = lags_of(ratio), reductions_of(ratio)
+    lag[np.isnan(ratio)] = math.nan
+    for i in np.flatnonzero((tau > 0.0) & np.isfinite(ratio)).tolist():
+        own = steady_state(FilterParams(float(ratio[i]), 1.0, momentum=float(tau[i])))
+        lag[i], reduction[i] = own.lag_samples, own.noise_reduction_db
+    return lag, reduction
+
+
+# Devices compared: which lie apart from the others, and which have changed from file to file.
+
+
+NORMAL = 1.959963984540054
+"""Standard errors from an estimate to the end of its 95 % interval."""
+
+EDGE = 1.5
+"""Least standard deviation, in ln, beyond the end of an interval whose estimate is 0: short recordings without any
+movement are more frequent than a likelihood that is quadratic in the logarithm predicts."""
+
+Interval = tuple[ArrayLike, ArrayLike]
+
+
+def checked(values: ArrayLike, interval: Interval | None) -> tuple[Array, Array, Array]:
+    """Values, shape (k,), and their standard errors downwards and upwards; 0 without an interval.
+
+    Raises:
+        BadSetting: the shapes differ, or a value lies outside its interval.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 1:
+        raise BadSetting(f"values must be one array, shape (k,) (got {values.shape})")
+    if interval is None:
+        return values, np.zeros(len(values)), np.zeros(len(values))
+    low, high = (np.asarray(end, dtype=np.float64) for end in interval)
+    if low.shape != values.shape or high.shape != values.shape:
+        raise BadSetting(f"interval must have two arrays of shape {values.shape} (got {low.shape}, {high.shape})")
+    if np.any((low > values) | (high < values)):
+        raise BadSetting("interval must hold its value (got values outside)")
+    with np.errstate(invalid="ignore"):
+        down, up = (values - low) / NORMAL, (high - values) / NORMAL
+    return values, np.where(np.isnan(down), np.inf, down), np.where(np.isnan(up), np.inf, up)
+
+
+def usual_error(down: Array, up: Array) -> float:
+    """Median of the finite standard errors, 0 without any."""
+    both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
+    known = both[np.isfinite(both)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
+def distances(
+    values: Array, interval: Interval | None, down: Array, up: Array, middle: Array, spread: float
+) -> Array:
+    """Each value's distance from `middle` in its own standard deviations, with `spread` added; NaN stays.
+
+    The side of the interval that faces the middle counts. A value at ∓inf (ln of 0) is 1.96 away where its interval
+    holds the middle, and farther by how far the interval ends before it.
+    """
+    sizes = np.hypot(spread, np.where(values < middle, up, down))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(values == middle, 0.0, (values - middle) / sizes)
+    if interval is not None:
+        size = max(float(np.hypot(spread, usual_error(down, up))), EDGE)
+        low, high = (np.asarray(end, dtype=np.float64) for end in interval)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below = -NORMAL - np.maximum(middle - high, 0.0) / size
+            above = NORMAL + np.maximum(low - middle, 0.0) / size
+        z = np.where(np.isneginf(values), below, np.where(np.isposinf(values), above, z))
+    return np.where(np.isnan(values), np.nan, z)
+
+
+_MAD = NormalDist().inv_cdf(0.75)
+"""Median distance from the median of a normal distribution, standard deviations: 0.6745."""
+
+MIN_DEVICES = 8
+"""Minimum number of devices whose spread can be judged."""
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """How far each of k devices lies from the others in one quantity."""
+
+    z: Array
+    """Distance from the fleet's middle in standard deviations, shape (k,); NaN where the device has no value, ±inf
+    where its value is infinite (ln q of q = 0)."""
+    devices: Indices
+    """Those beyond the threshold, farthest first."""
+    threshold: float
+    """|z| beyond which a device is named."""
+    expected: float
+    """How many devices of a fleet without any unlike one lie beyond it by chance, if they scatter normally."""
+    middle: float
+    """Median of the fleet."""
+    spread: float
+    """Standard deviation of the fleet by the median distance from the median, without that of the estimates."""
+
+
+def outliers(values: ArrayLike, interval: Interval | None = None, expected: float = 0.05) -> Outliers:
+    """The devices whose value is unlike that of the others.
+
+    Args:
+        values: one a device, on a scale on which they scatter normally (ln r, ln q, ln λ, ln of the rate), shape
+            (k,); NaN for a device without one.
+        interval: the 95 % interval of each, two arrays of shape (k,), ends may be infinite: a short recording
+            scatters more. None = the values are exact.
+        expected: devices that may be named by chance in the whole fleet, above 0, at most one in twenty: 0.05 names
+            one in one fleet of twenty.
+
+    Raises:
+        BadSetting: values or interval have another shape, or expected is out of range.
+
+    Source: Iglewicz & Hoaglin (1993), How to detect and handle outliers, for the robust z.
+    """
+    values, down, up = checked(values, interval)
+    given = ~np.isnan(values)
+    count = int(given.sum())
+    if count < MIN_DEVICES:
+        return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), math.inf, 0.0, math.nan, math.nan)
+    if not 0.0 < expected <= max(0.05 * count, 1.0):
+        raise BadSetting(f"expected must be above 0 and at most a twentieth of the devices (got {expected})")
+    threshold = -NormalDist().inv_cdf(0.5 * expected / count)
+    middle = float(np.median(values[given]))
+    if not math.isfinite(middle):  # most have q = 0: what is unlike them cannot be measured on this scale
+        return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), threshold, 0.0, middle, math.nan)
+    whole = float(np.median(np.abs(values[given] - middle))) / _MAD
+    usual = usual_error(down[given], up[given])
+    spread = math.sqrt(max(whole * whole - usual * usual, 0.0)) if math.isfinite(whole) else 0.0
+    z = distances(values, interval, down, up, np.full(len(values), middle), spread)
+    beyond = np.flatnonzero(np.abs(z) > threshold)
+    order = np.argsort(-np.abs(z[beyond]), kind="stable")
+    return Outliers(z, beyond[order], threshold, expected, middle, spread)
+
+
+FALSE_ALARM = 0.05
+"""Chance that any device of a fleet in which none changes is called changed."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What several files of each of d devices say about one quantity, arrays of shape (d,)."""
+
+    device: NDArray[np.generic]
+    """The devices, sorted."""
+    files: NDArray[np.int64]
+    """Files of each that give a value for it."""
+    mean: Array
+    """Their mean, weighted by their standard errors; NaN without any."""
+    chi2: Array
+    """Σ(value − mean)²/error²; for a device that does not change it follows χ² with `files` − 1 degrees of
+    freedom."""
+    p: Array
+    """Chance of so large a value of a device that does not change, 0 … 1; 1 with fewer than two files."""
+    adjusted_p: Array
+    """The same for the whole fleet (Holm): below 0.05 the device has changed; at most one fleet in twenty names one
+    wrongly."""
+    step: Array
+    """Largest difference between the means before and after one date, later minus earlier; 0 with fewer than
+    two."""
+    step_at: Indices
+    """The file (its place in the arrays given) from which on that holds; −1 of others."""
+    changed: Indices
+    """Devices whose `adjusted_p` is below 0.05, smallest first."""
+    expected: float
+    """Devices with p below 0.05 that chance alone would show."""
+
+
+def changes(values: ArrayLike, interval: Interval, device: ArrayLike, date: ArrayLike) -> Changes:
+    """Which devices have changed by more than the intervals of their files allow.
+
+    Args:
+        values: ln r or ln q of each file, shape (f,); NaN where there is none.
+        interval: the 95 % interval of each, two arrays of shape (f,), ends may be infinite.
+        device: the device of each file, numbers or names, shape (f,).
+        date: the order of the files of one device, shape (f,).
+
+    Raises:
+        BadSetting: the arrays have different lengths, or a value lies outside its interval.
+
+    Source: Cochran (1954), Biometrics 10, 101, for Σ(value − mean)²/error²; Holm (1979), Scand. J. Statist. 6, 65.
+    """
+    from scipy.special import chdtrc  # pyright: ignore[reportUnknownVariableType]
+
+    values, down, up = checked(values, interval)
+    names, group = np.unique(np.asarray(device), return_inverse=True)
+    dates, k = np.asarray(date), len(names)
+    if not values.shape == group.shape == dates.shape:
+        raise BadSetting(f"device and date must have one entry a file, {values.shape} (got {group.shape})")
+    both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
+    informative = np.isfinite(values) & np.isfinite(both) & (both > 0.0)
+    weights = np.where(informative, 1.0 / np.maximum(both, 1e-150) ** 2, 0.0)
+    total = np.bincount(group, weights, k)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(group, weights * np.where(informative, values, 0.0), k) / total
+    z = distances(values, interval, down, up, mean[group], 0.0)
+    used = np.isfinite(z) & (informative | (np.abs(z) > NORMAL))  # an edge counts where it excludes the mean
+    files = np.bincount(group[used], minlength=k)
+    chi2 = np.asarray(np.bincount(group[used], z[used] ** 2, k), dtype=np.float64)
+    p = np.where(files > 1, np.asarray(chdtrc(np.maximum(files - 1, 1), chi2), dtype=np.float64), 1.0)
+    order = np.lexsort((dates, group))
+    order = order[weights[order] > 0.0]
+    step, step_at = _steps(values[order], weights[order], group[order], order, p < FALSE_ALARM)
+    adjusted = holm(p)
+    low = np.flatnonzero(adjusted < FALSE_ALARM)
+    changed = low[np.lexsort((-chi2[low], adjusted[low]))]
+    return Changes(
+        names, files, mean, chi2, p, adjusted, step, step_at, changed, FALSE_ALARM * int((files > 1).sum())
+    )
+
+
+def holm(p: Array) -> Array:
+    """Holm's adjusted p of each of several tests, shape (k,): those below α hold together at the false alarm α."""
+    order = np.argsort(p, kind="stable")
+    raised = np.maximum.accumulate(np.minimum(p[order] * (len(p) - np.arange(len(p))), 1.0))
+    out = np.empty_like(p)
+    out[order] = raised
+    return out
+
+
+def _steps(
+    values: Array, weights: Array, group: NDArray[np.intp], files: Indices, wanted: Mask
+) -> tuple[Array, Indices]:
+    """The split of each wanted device's files, in order, that explains most of their scatter: its step, where."""
+    step, at = np.zeros(len(wanted)), np.full(len(wanted), -1, np.intp)
+    for k in np.flatnonzero(wanted).tolist():
+        low, high = np.searchsorted(group, [k, k + 1])
+        v, w = values[low:high], weights[low:high]
+        if len(v) < 2:
+            continue
+        before_w, before = np.cumsum(w)[:-1], np.cumsum(w * v)[:-1]
+        after_w, after = w.sum() - before_w, (w * v).sum() - before
+        jumps = after / after_w - before / before_w
+        i = int(np.argmax(jumps**2 * before_w * after_w))
+        step[k], at[k] = jumps[i], files[low + i + 1]
+    return step, at

@@ -1,0 +1,320 @@
+"""From what the user knows or wants to q, r and momentum, for `kalscope tune` and the dashboard alike.
+
+A target (lag, cut-off, noise reduction, gain) fixes λ = q/r; knowledge of the noise (a still stretch, a data sheet,
+a number) fixes r; what is left is estimated from the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from kalscope.common.numbers import Array, above_zero
+from kalscope.common.progress import Progress
+from kalscope.common.text import asked_delay, count, lag_in_full, lag_text, number, plural, trimmed
+from kalscope.errors import BadSetting
+from kalscope.estimation.fit import (
+    checked_momentum,
+    estimate,
+    estimate_fixed_r,
+    estimate_fixed_ratio,
+    params_for_specification,
+)
+from kalscope.estimation.methods import METHODS
+from kalscope.estimation.noise import is_even_ramp, noise_from_datasheet, noise_from_still, starting_params
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady import steady_state
+
+METHOD_NAMES = {
+    "ml": "maximum likelihood",
+    "em": "EM",
+    "moments": "moments of the differences",
+    "als": "correlations of the innovations",
+    "allan": "Allan variance",
+}
+"""Names of the methods of `estimate` for users."""
+
+TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
+"""What can fix λ, as `ratio_for` names it."""
+
+MIN_LAG = 0.01
+"""Samples: a filter with less lag behind a ramp takes nearly all of each sample, K above 0.99."""
+
+MIN_SLOWEST = 1000
+"""Samples of lag that a goal may have in any record: a live one has only begun."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known about the measurement noise: nothing, or one of r, sigma, density and still."""
+
+    r: float | None = None
+    """The variance itself, unit²."""
+    sigma: float | None = None
+    """One standard deviation from a data sheet, unit."""
+    density: float | None = None
+    """Noise density from a data sheet, unit/√Hz; needs the bandwidth."""
+    bandwidth_hz: float | None = None
+    """Bandwidth that goes with the density, Hz."""
+    still: tuple[int, int] | Literal["auto"] | None = None
+    """First sample of a still stretch and one past its last; "auto" = the one that the record shows."""
+
+    def resolve(self, z: Array, dt: Array | None = None) -> tuple[float, str] | None:
+        """The variance in unit² and a sentence on its origin; None where nothing is known."""
+        given = [name for name in ("r", "sigma", "density", "still") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise BadSetting(f"the noise must come from one source (got {', '.join(given)})")
+        if self.bandwidth_hz is not None and self.density is None:
+            raise BadSetting(f"bandwidth_hz needs density (got {' and '.join(['bandwidth_hz', *given])})")
+        if self.still is not None:
+            first, last = self._still_stretch(z, dt)
+            noise = noise_from_still(z[first:last])
+            where = f", samples {count(first)} to {count(last - 1)}" if self.still == "auto" else ""
+            return noise.r, f"r is the variance of the still stretch{where}. {noise.message}"
+        if self.r is not None:
+            return above_zero("r", self.r, MAX_VARIANCE), "r as given."
+        if self.sigma is not None or self.density is not None:
+            r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
+            return r, f"r = {number(r, 4)} from the data sheet."
+        return None
+
+    def _still_stretch(self, z: Array, dt: Array | None) -> tuple[int, int]:
+        found = find_still_stretch(z, dt) if isinstance(self.still, str) else self.still
+        if found is None:
+            raise BadSetting(
+                f"the record must show a still stretch, {MIN_SAMPLES} samples or more of noise alone "
+                "(got none): give its limits, or r from the data sheet"
+            )
+        return found
+
+    @property
+    def origin(self) -> str:
+        """The origin of r, as in "r from a still stretch"; for the tuning file."""
+        if self.still is not None:
+            return "from a still stretch"
+        return "as given" if self.r is not None else "from the data sheet"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user wants and knows; what is left is estimated."""
+
+    method: str = "ml"
+    """Method of `estimate`, used where neither a target nor the noise is given."""
+    target: dict[str, float] = field(default_factory=dict[str, float])
+    """At most one of TARGETS with its value, which fixes λ."""
+    ratio: float | None = None
+    """λ itself, such as 0.01; r is then estimated unless it is known."""
+    noise: Noise = Noise()
+    """What is known about r."""
+    momentum: float | Literal["auto"] = "auto"
+    """τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a ratio or known
+    noise it can only be 0."""
+    overshoot: float | None = None
+    """Share of a step that the target may cost; the momentum follows from both."""
+    robust: bool | Literal["auto"] = "auto"
+    """Whether spikes are set aside, as `estimate` takes it."""
+
+    @property
+    def goal(self) -> str:
+        """What was chosen and fixes λ, such as "a lag of 50 ms"; "" = nothing: λ is estimated."""
+        if self.target:
+            return _target_text(*next(iter(self.target.items())), self.overshoot)
+        return "" if self.ratio is None else f"q/r = {trimmed(self.ratio, 4)}"
+
+    def checked_momentum(self) -> float | None:
+        """τ, None = to be found.
+
+        Raises:
+            BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with a
+                ratio or known noise; an overshoot without a target or beside momentum.
+        """
+        if self.method not in METHODS:
+            raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {self.method!r})")
+        targets = [*self.target, *([] if self.ratio is None else ["q/r"])]
+        if len(targets) > 1:
+            raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
+        for name in self.target:
+            if name not in TARGETS:
+                raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {name!r})")
+        if self.ratio is not None:
+            above_zero("q/r", self.ratio, MAX_VARIANCE)
+        tau = checked_momentum(self.momentum, self.method)
+        if self.overshoot is not None and (self.momentum != "auto" or not self.target):
+            got = "none" if not self.target else f"momentum = {self.momentum}"
+            raise BadSetting(
+                f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
+            )
+        if tau and not self.target and (self.ratio is not None or self.noise != Noise()):
+            raise BadSetting(
+                'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r '
+                f"(got {tau:g})"
+            )
+        return tau
+
+
+@dataclass(frozen=True)
+class Found:
+    """The result of `find_parameters`, with or without parameters."""
+
+    params: FilterParams | None
+    """What to use; None where there is none: `message` then says what to do instead."""
+    how: str
+    """How it was found, in a few words, for the tuning file."""
+    message: str
+    """What was found and what it means, in sentences."""
+    estimate: Estimate | None = None
+    """The estimate behind it, if any."""
+    request: Request | None = None
+    """What was asked for; None where that is not known."""
+
+
+def find_parameters(
+    z: Array,
+    request: Request | None = None,
+    *,
+    dt: Array | None = None,
+    sample_period: float | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Found:
+    """Find q, r and momentum of one channel.
+
+    Args:
+        z: measurements, shape (n,); NaN is a missing sample.
+        request: what the user wants and knows; None = nothing.
+        dt: nominal sample periods before each sample, shape (n,); None = 1 each.
+        sample_period: nominal sample period in s, for a target in s or Hz.
+        progress: called with the fraction done and a few words.
+        cancelled: whether to stop.
+
+    Raises:
+        BadSetting: the request contradicts itself, or is out of range or reach.
+        Cancelled: `cancelled()` was true.
+    """
+    asked = request or Request()
+    tau, known = asked.checked_momentum(), asked.noise.resolve(z, dt)
+    if asked.target:
+        r, said = known or _noise_for_target(z, dt, asked, Progress(progress, cancelled))
+        return _with_useful_lag(_at_target(asked, r, said, tau or 0.0, sample_period), len(z), sample_period)
+    if known and asked.ratio is not None:
+        params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
+        how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
+        return _with_useful_lag(Found(params, how, message, request=asked), len(z), sample_period)
+    if known:
+        return _fit_q(z, dt, *known, asked)
+    if asked.ratio is not None:
+        how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
+        answer = _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how, asked)
+        return _with_useful_lag(answer, len(z), sample_period)
+    answer = estimate(z, asked.method, dt, progress, cancelled, asked.momentum, asked.robust)
+    return _from(answer, METHOD_NAMES[asked.method], asked)
+
+
+def _at_target(asked: Request, r: float, said: str, momentum: float, sample_period: float | None) -> Found:
+    """The filter that meets the target, with the noise r."""
+    params = _two_variances(
+        params_for_specification(
+            r, **asked.target, sample_period=sample_period, momentum=momentum, overshoot=asked.overshoot
+        )
+    )
+    how = asked.goal if asked.noise == Noise() else f"{asked.goal}, r {asked.noise.origin}"
+    return Found(params, how, f"{_ratio_text(params)} has {asked.goal}. {said}", request=asked)
+
+
+def _with_useful_lag(found: Found, samples: int, sample_period: float | None) -> Found:
+    """The same; BadSetting where the filter is slower than the record, or too fast to change a sample."""
+    if found.params is None:
+        return found
+    lag, slowest = steady_state(found.params).lag_samples, max(samples, MIN_SLOWEST)
+    if lag > slowest:
+        raise BadSetting(
+            f"the goal must be a filter that is not slower than the record, with a lag up to "
+            f"{lag_in_full(slowest, sample_period)} (got a lag of {lag_text(lag, sample_period)})"
+        )
+    if lag < MIN_LAG:
+        raise BadSetting(
+            f"the goal must be a filter with a lag from {lag_in_full(MIN_LAG, sample_period)} on: a faster one "
+            "changes nothing (got less)"
+        )
+    return found
+
+
+def _two_variances(params: FilterParams) -> FilterParams:
+    """The pair itself; BadSetting where q rounds to 0, because such a filter would stop following."""
+    if params.q == 0.0:
+        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
+    return params
+
+
+def _fit_q(z: Array, dt: Array | None, r: float, said: str, asked: Request) -> Found:
+    """The pair where r is known; with a special message where that r explains all changes."""
+    answer = estimate_fixed_r(z, r, dt, asked.robust)
+    message = str(answer.message)
+    if answer.verdict == "no_movement":
+        message = (
+            f"Noise of variance {number(r, 4)} explains all changes in this record, so q would be 0, and such a "
+            "filter stops following after a while. Instead: check that r is not too large, record while the signal "
+            "moves, or choose the lag or the cut-off that you can accept."
+        )
+    how = f"r {asked.noise.origin}, q by maximum likelihood"
+    return Found(answer.params, how, f"{said} {message}", answer, asked)
+
+
+def _from(answer: Estimate, how: str, asked: Request) -> Found:
+    return Found(answer.params, how, str(answer.message), answer, asked)
+
+
+def _noise_for_target(
+    z: Array,
+    dt: Array | None,
+    asked: Request,
+    progress: Progress,
+) -> tuple[float, str]:
+    """A value for r and its origin where only λ is given: that of the likelihood, or var(Δz)/2."""
+    band = "it sets the width of the band, not the curve."
+    answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=asked.robust)
+    if float(answer.r) > 0.0:  # valid at the edge q = 0 too
+        return float(answer.r), f"r by maximum likelihood; {band}{_spikes_text(answer)}"
+    r = float(starting_params(z).r)
+    if not shows_no_noise(z):
+        return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
+    return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
+
+
+def _spikes_text(answer: Estimate) -> str:
+    """That the spikes of the record raise no r, and that the chosen filter has no gate of its own against them."""
+    spikes = 0 if answer.outliers is None else int(np.count_nonzero(answer.outliers))
+    if not spikes:
+        return ""
+    return (
+        f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen filter "
+        "it could refuse movement."
+    )
+
+
+def shows_no_noise(z: Array) -> bool:
+    """Whether the samples z, shape (n,), show no noise: fewer than three, all equal, or an even ramp."""
+    finite = z[np.isfinite(z)]
+    return len(finite) < 3 or is_even_ramp(finite)
+
+
+def _ratio_text(params: FilterParams) -> str:
+    ratio, tau = f"q/r = {number(params.ratio, 4)}", params.momentum
+    return f"{ratio} with a momentum of {plural(tau, 'sample')}" if tau else ratio
+
+
+def _target_text(name: str, value: float, overshoot: float | None) -> str:
+    words = {
+        "lag_s": f"a lag of {asked_delay(value)}",
+        "lag_samples": f"a lag of {value:.4g} samples",
+        "cutoff_hz": f"a −3 dB cut-off at {value:.4g} Hz",
+        "noise_reduction_db": f"{value:.4g} dB less noise",
+        "gain": f"the gain {value:.4g}",
+    }[name]
+    return f"{words} and {100.0 * overshoot:.4g} % overshoot" if overshoot else words

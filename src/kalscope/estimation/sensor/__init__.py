@@ -1,1 +1,0 @@
-"""What is known of the sensor alone: its resolution, its noise, a stretch in which it is still."""

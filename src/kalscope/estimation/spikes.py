@@ -1,0 +1,299 @@
+"""The spike-proof fit: fit, set aside what neither side predicts, fit again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from kalscope.common.numbers import Array, Mask, centred_median
+from kalscope.common.progress import Progress
+from kalscope.errors import BadSetting
+from kalscope.estimation import kernels, verdict
+from kalscope.estimation.kernels import NORMAL, SIGMAS, START_SIGMAS, WINDOW
+from kalscope.estimation.noise import resolution_of
+from kalscope.estimation.result import Estimate
+from kalscope.filtering.filter import denoise, smooth
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady import steady_state
+
+# Which samples of a record are spikes: those that neither the samples before nor those after them predict.
+#
+# A genuine step is predicted well from the samples after it, and so is a fast movement: both stay.
+
+
+def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array:
+    """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others.
+
+    Where the samples around it are predicted badly too, the signal is lively there: it takes as many times more.
+
+    Args:
+        z: one channel, shape (n,), NaN where missing.
+        steps: nominal sample periods before each sample; empty = 1 each.
+        q: variance of the movement, unit².
+        r: variance of the noise, unit².
+        tau: momentum in sample periods, 0 for none.
+    """
+    return kernels.unpredicted(z, steps, q, r + rounding_variance(z), tau or None)
+
+
+def far_from_median(z: Array) -> tuple[Mask, bool]:
+    """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
+    present = np.isfinite(z)
+    away = np.abs(z[present] - centred_median(z[present], WINDOW))
+    scale = NORMAL * float(np.median(away))
+    if scale == 0.0 and away.any():
+        scale = float(np.median(away[away > 0.0]))
+    far = np.zeros(len(z), dtype=bool)
+    far[present] = away > START_SIGMAS * scale
+    return far, kernels.beyond_chance(away / scale if scale > 0.0 else away, START_SIGMAS)
+
+
+def more_than_chance(scores: Array, z: Array) -> bool:
+    """Whether the samples that neither side predicts are more, or farther away, than normal noise explains.
+
+    Args:
+        scores: of `unpredicted`.
+        z: the record, shape (n,).
+    """
+    return kernels.beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)
+
+
+def rounding_variance(z: Array) -> float:
+    """Δ²/12 of a record of which many readings equal the one before, else 0: one step of Δ is not a spike."""
+    readings = z[np.isfinite(z)]
+    return resolution_of(readings) ** 2 / 12.0 if kernels.repeats(readings) else 0.0
+
+
+# How much noise the rule itself removes: of good samples the largest few are set aside with the spikes.
+#
+# A sample is z = x + e with e of variance r, and both sides together predict it with an error v, z - prediction, of
+# variance s = r + p/2, where p is that of one side. It is set aside where |v| > c √s. The part ρ v of e, ρ = r/s,
+# is known from v, the rest is independent of it: with the share P = 2 Q(c) of the samples goes the share
+#
+#     I = ρ 2 (c φ(c) + Q(c)) + (1 - ρ) P
+#
+# of Σe², and the kept samples show the variance r (1 - I)/(1 - P). At c = 4 this is 0.999 r where x hardly moves,
+# and nearer to r where it moves fast. The movement is the same for kept samples and others, so q needs no
+# correction. It is scaled with r all the same, so that q/r stays as fitted: 0.1 % is far below its error.
+
+
+def kept_variance(gain: float, sigmas: float) -> float:
+    """Share of r that the kept samples show, (1 - I)/(1 - P).
+
+    Args:
+        gain: steady gain of the filter, p/(p + r), 0 … 1.
+        sigmas: the threshold c.
+    """
+    gone = math.erfc(sigmas / math.sqrt(2.0))
+    density = math.exp(-0.5 * sigmas * sigmas) / math.sqrt(2.0 * math.pi)
+    known = (1.0 - gain) / (1.0 - 0.5 * gain)
+    taken = known * (2.0 * sigmas * density + gone) + (1.0 - known) * gone
+    return (1.0 - taken) / (1.0 - gone)
+
+
+# Whether the filter should have a gate: only where it brings the filter nearer to the signal of this record.
+
+
+def advised_gate(z: Array, steps: Array, params: FilterParams, away: Mask) -> float | None:
+    """The gate in standard deviations of the innovation; None where the filter does better without.
+
+    A gate keeps spikes out, but it also delays the response to a step. The signal is taken from the smoother, which
+    does not get the spikes.
+
+    Args:
+        z: one channel, shape (n,), NaN where missing.
+        steps: nominal sample periods before each sample; empty = 1 each.
+        params: the filter.
+        away: the samples set aside, shape (n,).
+    """
+    dt = steps if len(steps) else None
+    signal = smooth(np.where(away, np.nan, z), params, dt).x
+    errors: list[float] = []
+    for one in (params, replace(params, gate=SIGMAS**2)):
+        error = np.abs(denoise(z, one, dt) - signal)
+        size = float(np.nanmax(error))
+        errors.append(size * float(np.sqrt(np.nanmean((error / size) ** 2))) if size > 0.0 else 0.0)
+    return SIGMAS if errors[1] < errors[0] else None
+
+
+# The loop of the spike-proof fit: fit, set aside what neither side predicts, fit again until nothing changes.
+
+
+Fit = Callable[[Array, Array, Progress], Estimate]
+"""The fit of one channel: samples, shape (n,), NaN where missing; steps, empty = 1 each."""
+
+MAX_SHARE = 0.2
+"""Share of the samples set aside beyond which no pair is given: that much is not a few spikes."""
+MAX_FITS = 20
+"""Rounds of the loop, at most."""
+_NOTHING_TO_JUDGE = ("too_few", "constant", "bad_unit")
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A fit to the samples that are left."""
+
+    estimate: Estimate
+    away: Mask
+    """The samples set aside."""
+    scores: Array
+    """e²/s of the samples that neither side predicts by this fit."""
+
+
+def checked_robust(robust: Any, known: bool = True) -> bool | None:
+    """True = always, False = never, None = where spikes are found.
+
+    Args:
+        robust: as `estimate` takes it.
+        known: whether the method has a spike-proof fit; "auto" is False where it has none.
+
+    Raises:
+        BadSetting: something else, or True for a method without such a fit.
+    """
+    if isinstance(robust, str) and robust == "auto":
+        return None if known else False
+    if not isinstance(robust, bool):
+        raise BadSetting(f'robust must be "auto", True or False (got {robust!r})')
+    if robust and not known:
+        raise BadSetting('robust must be "auto" or False with this method: only "ml" sets spikes aside (got True)')
+    return robust
+
+
+def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool | None) -> Fit:
+    """A fit that sets spikes aside.
+
+    Args:
+        full: the fit as asked for.
+        with_momentum: the same with a momentum that is given, for the steps in between; may return `full`.
+        always: False = `full` itself; None = its numbers, bit for bit, unless there are spikes that can be
+            distinguished from movement. They cannot where no noise is left without them and a gate does more harm
+            than good.
+    """
+    if always is False:
+        return full
+
+    def fit(z: Array, steps: Array, progress: Progress) -> Estimate:
+        plain = full(z, steps, progress.part(0.0, 0.3))
+        if plain.verdict in _NOTHING_TO_JUDGE:
+            return plain
+        far, looks_spiky = far_from_median(z)
+        if always is None and not (looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
+            return plain
+        found = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
+        if always is None and not more_than_chance(np.where(found.away, found.scores, 0.0), z):
+            return plain
+        answer = _conclude(z, steps, plain, found)
+        if always is None and answer.verdict == "no_noise" and plain.params is not None:
+            return replace(plain, message=f"{plain.message} {verdict.kept(int(found.away.sum()))}")
+        return answer
+
+    return fit
+
+
+def _settle(
+    z: Array,
+    steps: Array,
+    plain: Estimate,
+    full: Fit,
+    with_momentum: Callable[[float], Fit],
+    away: Mask,
+    progress: Progress,
+) -> _Found:
+    """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes."""
+    seen: list[bytes] = []
+    tau, start = float(plain.momentum), away
+    fit = with_momentum(tau)
+    for count in range(MAX_FITS):
+        progress.step(count, "samples that neither side predicts")
+        one = fit(np.where(away, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
+        if one.verdict in _NOTHING_TO_JUDGE:
+            return _Found(one, away, np.where(away, math.inf, 0.0))
+        scores = _scores(z, steps, one)
+        next_away = scores > 0.0
+        if np.array_equal(next_away, away):
+            if fit is full:
+                return _Found(one, away, scores)
+            fit = full
+            continue
+        if next_away.tobytes() in seen:  # a few doubtful samples come and go: they stay in
+            away = away & next_away
+            break
+        seen.append(away.tobytes())
+        away = next_away
+        if float(one.momentum) != tau:  # another model: from the start
+            tau, away, seen = float(one.momentum), start | away, []
+        fit = with_momentum(tau)
+    one = full(np.where(away, np.nan, z), steps, progress)
+    return _Found(one, away, _scores(z, steps, one))
+
+
+def _scores(z: Array, steps: Array, one: Estimate) -> Array:
+    return unpredicted(z, steps, float(one.q), float(one.r), float(one.momentum))
+
+
+def _conclude(z: Array, steps: Array, plain: Estimate, found: _Found) -> Estimate:
+    """The estimate with all that is known about the samples set aside."""
+    one, count = found.estimate, int(found.away.sum())
+    present = int(np.isfinite(z).sum())
+    known: dict[str, Any] = {
+        "outliers": found.away,
+        "outlier_share": count / present,
+        "plain_q": plain.q,
+        "plain_r": plain.r,
+        "plain_momentum": plain.momentum,
+    }
+    if count > MAX_SHARE * present:
+        text = verdict.too_many(count, present)
+        return replace(one, verdict="too_many_outliers", message=text, params=None, **known)
+    gate = None
+    if count:
+        one, gate = _with_gate(z, steps, one, found.away)
+    message = f"{verdict.set_aside(count, present, plain, gate)} {one.message}".strip()
+    return replace(one, message=message, gate=gate, **known)
+
+
+def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estimate, float | None]:
+    """The estimate with a gate in its parameters, and the gate in σ; None where the filter does better without."""
+    some = _only_spikes(one) if one.verdict == "no_noise" else _untruncated(one)
+    if some.params is None:
+        return some, None
+    gate = advised_gate(z, steps, some.params, away)
+    if gate is None:
+        return (one if some.verdict == "only_spikes" else some), None
+    return replace(some, params=replace(some.params, gate=gate * gate)), gate
+
+
+def _only_spikes(one: Estimate) -> Estimate:
+    """The estimate of a record whose only noise is spikes, with the largest r that it allows: a pair to gate."""
+    least = float(one.ratio_interval[0])
+    if least <= 0.0:
+        return one
+    params = FilterParams(q=float(one.q), r=float(one.q) / least, momentum=float(one.momentum))
+    return replace(
+        one,
+        r=float(one.q) / least,
+        ratio=least,
+        verdict="only_spikes",
+        message=verdict.only_spikes(params),
+        params=params,
+    )
+
+
+def _untruncated(one: Estimate) -> Estimate:
+    """With the noise of the good samples that the rule set aside too; q/r, and all that follows from it, stays."""
+    if one.params is None:
+        return one
+    shown = kept_variance(steady_state(one.params).gain, SIGMAS)
+    q, r = float(one.q) / shown, float(one.r) / shown
+    return replace(
+        one,
+        q=q,
+        r=r,
+        q_se=float(one.q_se) / shown,
+        r_se=float(one.r_se) / shown,
+        params=replace(one.params, q=q, r=r),
+    )

@@ -1,0 +1,357 @@
+"""From a pair of numbers to an Estimate: units, intervals, the verdict and its words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kalscope.common.numbers import Array
+from kalscope.common.progress import Progress
+from kalscope.common.text import count as whole
+from kalscope.common.text import decibels, number, percent, plural, trimmed
+from kalscope.estimation.likelihood import Differences, Peak, differences
+from kalscope.estimation.result import USABLE, Estimate, Pair
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
+from kalscope.filtering.steady import steady_state
+
+# The verdicts in words: what was found in a record, what it means, and what to do instead.
+
+
+INSTEAD = (
+    "Instead: take r from a still stretch or the data sheet, or choose the lag or the cut-off that you can accept."
+)
+
+BAD_UNIT = "The variances of these readings are outside 1e-300 to 1e300. Choose a unit in which they are near 1."
+"""The variances leave 1e-300 … 1e300."""
+
+OTHER_UNIT = "The given r is far too large or too small for these readings: give a variance, in their unit squared."
+"""A given r is far too large or too small for the readings."""
+
+FLAT = (
+    "Noise and movement cannot be separated: every ratio q/r explains the record almost as well as this one. "
+    "Treat the pair as a guess. Record longer, or take r from a still stretch or the data sheet."
+)
+"""Every λ from 0 to ∞ explains the record almost equally well."""
+
+NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
+"""EM reached its limit of passes."""
+
+MIN_SAMPLES = 8
+"""Finite samples that an estimate needs."""
+
+
+def too_few(n: int) -> str:
+    """Fewer than MIN_SAMPLES finite samples."""
+    return (
+        f"Too few readings ({n}): at least {MIN_SAMPLES} are needed to separate noise from movement. Record longer."
+    )
+
+
+def constant(n: int) -> str:
+    """All finite samples are equal."""
+    return (
+        f"All {n} readings are equal: they show neither noise nor movement. The sensor's resolution may be "
+        "coarser than its noise, or it is stuck. Record while it moves, or take the noise from the data sheet."
+    )
+
+
+def no_noise(gains: tuple[float, float]) -> str:
+    """For r → 0: the likelihood is highest for a filter that passes everything."""
+    return (
+        "No noise can be identified at this sample rate: every change looks like real movement, and the most "
+        "likely filter (r = 0) would pass the signal unchanged. Usual reasons: the sensor smooths or rounds its "
+        "output, or the signal changes more from sample to sample than the noise does. "
+        f"The record allows gains from {number(gains[0], 2)} to {number(gains[1], 2)}. {INSTEAD}"
+    )
+
+
+def no_movement(lag_low: float) -> str:
+    """For q → 0: a constant plus noise explains the record best."""
+    allowed = f"a lag of {number(lag_low)} samples or more" if lag_low > 0.0 else "any lag"
+    return (
+        "No movement can be identified: a constant plus noise of variance r explains this record best. With "
+        "q = 0 the filter would stop following after a while. "
+        f"The record allows {allowed}. Instead: record longer or while the signal moves, or keep this r and "
+        "choose the lag or the cut-off that you can accept."
+    )
+
+
+def blind(kind: str, low: float, high: float) -> str:
+    """This method found no `kind` ("noise" or "movement"), but the likelihood excludes that there is none."""
+    return (
+        f"This method finds no {kind} here, but that says more about the method than about the record: by the "
+        f"likelihood the record allows only q/r from {number(low)} to {number(high)}. "
+        "Use the maximum-likelihood pair."
+    )
+
+
+def ok(gain: float, lag: tuple[float, float], interval: tuple[float, float]) -> str:
+    """Both variances are found; `lag` and `interval` are the ends of the 95 % intervals of lag and ratio."""
+    reduction = 10.0 * math.log10((2.0 - gain) / gain)
+    text = (
+        f"Noise and movement can be separated. The filter settles at gain {number(gain)}: it lags a ramp by "
+        f"{number((1.0 - gain) / gain)} samples and reduces white noise by {decibels(reduction)}. "
+        f"The record allows lags from {number(lag[0])} to {number(lag[1])} samples."
+    )
+    if math.isinf(interval[1]):
+        text += " The record does not exclude r = 0: check r against a still stretch or the data sheet."
+    elif interval[0] == 0.0:
+        text += " The record does not exclude q = 0: record longer to be sure of q."
+    return text
+
+
+def chosen_ratio(low: float, high: float, ratio: float) -> str:
+    """λ was given; the record allows `low` to `high`."""
+    fits = "which the record allows" if low <= ratio <= high else "which the record contradicts"
+    return (
+        f"q/r = {number(ratio)} was chosen, {fits} ({number(low)} to {number(high)}); r is the variance that fits "
+        "the record best with it."
+    )
+
+
+def below_step(step: float, unit: str = "") -> str:
+    """The noise is smaller than the step of the readings; `unit` is theirs, where it is known."""
+    apart = " × " if unit[:1].isdigit() else " "  # not 1 1/64 g
+    return f"The sensor rounds to {trimmed(step, 4)}{apart if unit else ''}{unit}; the noise is smaller than that."
+
+
+def below_resolution(step: float, params: FilterParams) -> str:
+    """The fit found less noise than rounding adds; `params` have that of rounding."""
+    steady = steady_state(params)
+    overshoot = steady.overshoot
+    beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
+    return (
+        f"{below_step(step)} r = {number(float(params.r))} is the variance of rounding, Δ²/12: the readings carry "
+        f"that much at least. With it the most likely filter settles at gain {number(steady.gain)}: it lags "
+        f"a ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
+        f"{decibels(steady.noise_reduction_db)}. A finer range of the sensor, or one digit more, shows more."
+    )
+
+
+def rounding_share(step: float, share: float) -> str:
+    """Rounding to steps of `step` is this share of r."""
+    return f"Rounding to steps of {trimmed(step, 4)} is {percent(min(share, 1.0))} of r."
+
+
+def rounding_floor(step: float) -> str:
+    """No noise is found, but readings in steps carry some."""
+    return f"Rounding to steps of {trimmed(step, 4)} alone adds a variance of {number(step * step / 12.0)}."
+
+
+# What the spike-proof fit says.
+
+
+def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> str:
+    """How many samples were set aside, what the answer would be with them, and what the gate does.
+
+    Args:
+        count: samples set aside.
+        present: samples that are not missing.
+        plain: the estimate from all of them.
+        gate: the gate of the filter, in standard deviations; None for none.
+    """
+    if not count:
+        return "No sample was set aside: each is predicted by the samples before it or by those after it."
+    what = "sample is a spike" if count == 1 else "samples are spikes"
+    text = (
+        f"{whole(count)} of {whole(present)} {what} ({percent(count / present)}): neither the samples before nor "
+        f"those after predict {'it' if count == 1 else 'them'}. {_without(count, plain)}"
+    )
+    if gate is not None:
+        text += f" The filter gets a gate of {trimmed(gate)} σ, which ignores such samples."
+    return f"{text} If they belong to the signal, switch the spike-proof fit off."
+
+
+def only_spikes(params: FilterParams) -> str:
+    """The record shows no noise apart from its spikes; `params` have the largest r that it allows."""
+    return (
+        "Apart from the spikes, no noise can be identified: every other change looks like movement. "
+        f"r = {number(float(params.r))} is the largest that the record allows (95 %), so the gate removes the "
+        f"spikes and nearly everything else passes: it settles at gain {number(steady_state(params).gain)}."
+    )
+
+
+def kept(count: int) -> str:
+    """Without the spikes no noise is left, and a gate would do more harm than good."""
+    one = count == 1
+    return (
+        f"{whole(count)} {'sample looks like a spike' if one else 'samples look like spikes'}, but without "
+        f"{'it' if one else 'them'} no noise could be identified, and a gate would reject movement too: "
+        f"{'it stays' if one else 'they stay'} in the fit."
+    )
+
+
+def too_many(count: int, present: int) -> str:
+    """More than a fifth of the samples would have to be set aside."""
+    return (
+        f"{whole(count)} of {whole(present)} samples ({percent(count / present)}) are predicted neither by the "
+        "samples before nor by those after them: too many for spikes, so no pair is given. Check the wiring, the "
+        "supply and the decoding of the sensor, or take a stretch without them. If they belong to the signal, "
+        "switch the spike-proof fit off, or choose the lag or the cut-off that you can accept."
+    )
+
+
+def _without(count: int, plain: Estimate) -> str:
+    them = "it" if count == 1 else "them"
+    aside = f"{'It was' if count == 1 else 'They were'} set aside"
+    if plain.verdict == "no_noise":
+        return f"{aside}; with {them} no noise could be identified."
+    if plain.verdict == "no_movement":
+        return f"{aside}; with {them} r would be {number(float(plain.r))}, and no movement could be identified."
+    if plain.verdict not in USABLE:
+        return f"{aside}; with {them} no pair could be found."
+    tau = float(plain.momentum)
+    momentum = f" and the momentum {plural(tau, 'sample')}" if tau else ""
+    return f"{aside}; with {them} q would be {number(float(plain.q))}, r {number(float(plain.r))}{momentum}."
+
+
+# From a pair of numbers to an Estimate: units, intervals, verdict and message; the same for every method.
+
+
+NOWHERE = Peak(-math.inf, 0.0, 0.0, (-math.inf, math.inf))
+"""The peak of a record without information."""
+
+MIN_VARIANCE = 1e-300
+"""Smallest variance accepted, unit²; smaller ones lose digits."""
+
+
+def fit_record(
+    z: ArrayLike, dt: ArrayLike | None, progress: Progress, fit: Callable[[Array, Array, Progress], Estimate]
+) -> Estimate:
+    """Check z and dt, and `fit` them."""
+    found = fit(*one_record(z, dt), progress)
+    progress(1.0, "done")
+    return found
+
+
+def channel_fit(
+    method: str,
+    fit: Callable[[Differences, Progress], Estimate],
+) -> Callable[[Array, Array, Progress], Estimate]:
+    """The fit of one channel, for `fit_record`: `fit` it if it passes the precheck."""
+
+    def whole(column: Array, steps: Array, progress: Progress) -> Estimate:
+        data = _informative(differences(column, steps))
+        verdict, message = _precheck(data, min(data.m + 1, int(np.isfinite(column).sum())))
+        if verdict:
+            return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message)
+        return fit(data, progress)
+
+    return whole
+
+
+def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate:
+    """The Estimate of one channel from a method's pair and the peak of the likelihood."""
+    with np.errstate(over="ignore", under="ignore"):
+        numbers = np.array([pair.q, pair.r, pair.q_se, pair.r_se]) * data.scale * data.scale
+    q, r, q_se, r_se = numbers.tolist()
+    verdict = pair.verdict or _judge(pair, peak)
+    sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
+        return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", BAD_UNIT)
+    message = pair.text or _message(verdict, pair, peak)
+    if pair.note:
+        message = f"{message} {pair.note}"
+    return _estimate(method, peak, _loglik(data, pair), (q, r), (q_se, r_se), verdict, message)
+
+
+def gain_of(ratio: float) -> float:
+    """Steady gain of λ = 0 … inf: 2/(1 + √(1 + 4/λ)), Durbin & Koopman (2012), section 2.11."""
+    return 0.0 if ratio == 0.0 else 2.0 / (1.0 + math.hypot(1.0, 2.0 / math.sqrt(ratio)))
+
+
+def lag_of(ratio: float) -> float:
+    """Lag on a ramp in samples for λ = 0 … inf, (1 − K)/K without cancellation."""
+    if ratio == 0.0:
+        return math.inf
+    half = 2.0 / math.sqrt(ratio)
+    return 0.5 * half * (half / (math.hypot(1.0, half) + 1.0))
+
+
+def _informative(data: Differences) -> Differences:
+    """Without repeated lines of the same time and value: they add nothing, yet would prove r = 0."""
+    if len(data.gap) == 0:
+        return data
+    new = (data.gap > 0.0) | (data.d != 0.0)
+    return data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
+
+
+def _precheck(data: Differences, n: int) -> tuple[str, str]:
+    if n < MIN_SAMPLES:
+        return "too_few", too_few(n)
+    if not data.d.any():
+        return "constant", constant(n)
+    return "", ""
+
+
+def _judge(pair: Pair, peak: Peak) -> str:
+    if pair.r == 0.0:
+        return "no_noise"
+    if pair.q == 0.0:
+        return "no_movement"
+    return "flat" if peak.interval == (-math.inf, math.inf) else "ok"
+
+
+def _message(verdict: str, pair: Pair, peak: Peak) -> str:
+    low, high = (exp(end) for end in peak.interval)
+    if verdict == "no_noise":
+        seen = high < math.inf
+        return blind("noise", low, high) if seen else no_noise((gain_of(low), gain_of(high)))
+    if verdict == "no_movement":
+        return blind("movement", low, high) if low > 0.0 else no_movement(lag_of(high))
+    if verdict == "flat":
+        return FLAT
+    if verdict == "not_converged":
+        return NOT_CONVERGED
+    return ok(gain_of(pair.q / pair.r), (lag_of(high), lag_of(low)), (low, high))
+
+
+def _loglik(data: Differences, pair: Pair) -> float:
+    """Log-likelihood at the pair itself; 0 where there is none."""
+    if pair.q == 0.0 and pair.r == 0.0:
+        return 0.0
+    if pair.r == 0.0:
+        gap = data.gap if len(data.gap) else np.ones(data.m)
+        if np.any(gap == 0.0):
+            return -math.inf  # two different samples at one instant cannot both be exact
+        chi2, logdet, unit = float(np.sum(data.d**2 / gap)), float(np.log(gap).sum()), pair.q
+    else:
+        (chi2,), (logdet,) = data.sums(np.array([pair.q / pair.r]))
+        unit = pair.r
+    log_unit = math.log(unit) + 2.0 * math.log(data.scale)
+    return float(-0.5 * (data.m * (math.log(2.0 * math.pi) + log_unit) + logdet + chi2 / unit))
+
+
+def _estimate(
+    method: str,
+    peak: Peak,
+    loglik: float,
+    pair: tuple[float, float],
+    errors: tuple[float, float],
+    verdict: str,
+    message: str,
+) -> Estimate:
+    (q, r), (low, high) = pair, (exp(end) for end in peak.interval)
+    return Estimate(
+        method=method,
+        q=q,
+        r=r,
+        ratio=q / r if r > 0.0 else (math.inf if q > 0.0 else 0.0),
+        loglik=loglik,
+        ratio_interval=(low, high),
+        gain_interval=(gain_of(low), gain_of(high)),
+        lag_interval=(lag_of(high), lag_of(low)),
+        q_se=errors[0],
+        r_se=errors[1],
+        verdict=verdict,
+        message=message,
+        params=FilterParams(q=q, r=r) if verdict in USABLE else None,
+    )
+
+
+def exp(log_ratio: float) -> float:
+    """λ of ln λ, inf beyond a double."""
+    return math.exp(log_ratio) if log_ratio < 700.0 else math.inf

@@ -1,1 +1,0 @@
-"""What a pair of numbers means: the Estimate of one channel with its intervals, its verdict and its words."""

@@ -1,0 +1,557 @@
+"""The report on a recording and its tuning, on one page: HTML or a picture of a sheet of A4."""
+
+from __future__ import annotations
+
+import io
+import math
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kalscope.analysis.alternatives import Comparison, compare_alternatives
+from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, expected_nis, without_residuals
+from kalscope.analysis.findings import as_sentences, request_in, still_met
+from kalscope.analysis.fused import judge_fusion
+from kalscope.analysis.judge import advice_words, judge
+from kalscope.analysis.residuals import Run
+from kalscope.common.charts import COLOURS, Line, Panel, document, draw_panels, draw_svg, drawing, markup_of_table
+from kalscope.common.numbers import Array
+from kalscope.common.text import (
+    correlation,
+    count,
+    decibels,
+    frequency,
+    lag_in_full,
+    lag_text,
+    number,
+    one_line,
+    p_value,
+    percent,
+    program,
+    sample_rate,
+    squared,
+    trimmed,
+)
+from kalscope.errors import BadSetting
+from kalscope.filtering.filter import FilterResult
+from kalscope.filtering.steady import SteadyState
+from kalscope.recording import Recording
+from kalscope.sources.reading.account import summary, warnings
+from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+# The tables of a report.
+
+
+Rows = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """Rows of cells."""
+
+    heading: str
+    """Above it."""
+    rows: Rows
+    """Equally long rows, the name first; none = the table is left out."""
+    columns: tuple[str, ...] = ()
+    """Column headings; () = names and values, which need none."""
+
+
+def parameters(own: ChannelTuning, period: float | None) -> Rows:
+    """The numbers of the filter and how they were found."""
+    unit = squared(own.unit)
+    if own.chain is not None and own.chain.then is not None:
+        return ("filter", own.chain.words), ("found", own.how)
+    rows = [
+        *(() if own.chain is None else (("filter", own.chain.words),)),
+        ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
+        *(() if own.sensors else (("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),)),
+        ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
+        ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
+    ]
+    if own.momentum > 0.0:
+        rows.insert(-2, ("momentum τ", lag_in_full(own.momentum, period)))
+    if own.gate is not None:
+        rows.append(("outlier gate on v²/s", trimmed(own.gate)))
+    return (*rows, ("found", own.how))
+
+
+def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: float | None, error: str) -> Rows:
+    """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
+    lag, settle = steady.lag_samples, steady.settle_samples
+    rows = [
+        ("lag", lag_in_full(lag, period)),
+        ("noise reduction", decibels(steady.noise_reduction_db)),
+        *([] if math.isnan(steady.p) else [("gain K", number(steady.gain))]),
+        ("settling time (to 1 %)", lag_in_full(settle, period)),
+    ]
+    if result.m:
+        rows.append(("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"))
+    if error:
+        rows.append(("RMSE to the truth", error))
+    if steady.velocity_gain:
+        rows.insert(2, ("overshoot on a step", percent(steady.overshoot)))
+    if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
+        rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
+    return tuple(rows)
+
+
+def residual_tests(d: Diagnostics) -> Rows:
+    """What the residuals show beside what a fitting filter would show."""
+    return (
+        ("mean NIS", f"{number(d.nis)}, expected: {expected_nis(d)}"),
+        ("lag-1 autocorrelation", f"{correlation(d.r1)}, expected: within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box test", f"{p_value(d.ljung_box_p)}, expected: above 0.05"),
+        (
+            "beyond 4 σ",
+            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; expected {number(d.spikes_expected, 2)}",
+        ),
+        ("last third over first third", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
+    )
+
+
+def simpler_filters(found: Comparison) -> ReportTable:
+    """Side by side; with their overshoot where the present one overshoots."""
+    rows: list[tuple[str, ...]] = []
+    beyond = found.present.overshoot > 0.0
+    for one in (found.present, *found.others):
+        error = one.prediction if one.rmse is None else one.rmse
+        decibel = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
+        overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
+        last = "–" if error is None else number(error)
+        rows.append((one.name, number(one.lag_samples), decibel, *((overshoot,) if beyond else ()), last))
+    error = "next sample" if found.present.rmse is None else "RMSE"
+    heading = "Simpler filters, at this lag"
+    columns = ("", "lag", "dB", *(("overshoot",) if beyond else ()), error)
+    return ReportTable(heading, tuple(rows) if found.others else (), columns)
+
+
+def pinned_settings(
+    own: ChannelTuning,
+    pins: Sequence[tuple[str, ChannelTuning]],
+    z: Array,
+    dt: Array | None,
+    truth: Array | None,
+    period: float | None,
+) -> ReportTable:
+    """The present setting and the pinned ones of the channel, by name."""
+    rows: list[tuple[str, ...]] = []
+    for name, one in (("current", own), *pins) if pins else ():
+        result = one.filter.run(z, dt)
+        steady, chain = one.filter.settled(result, period), one.chain
+        label = f"{name}, τ {number(one.momentum)}" if one.momentum > 0.0 else name
+        label = label if chain is None else f"{name}: {chain.words}"
+        used = (number(one.q), number(one.r)) if chain is None or chain.then is None else ("–", "–")
+        likely = "–" if chain else number(float(result.loglik), 6)
+        last = likely if truth is None else number(rmse(result.x, truth))
+        lag, reduction = lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)
+        rows.append((label, *used, lag, reduction, last))
+    last = "log-likelihood" if truth is None else "RMSE"
+    return ReportTable("Pinned settings", tuple(rows), ("", "q", "r", "lag", "noise", last))
+
+
+def rmse(x: Array, truth: Array) -> float:
+    """Root mean square of filtered − truth, unit; NaN where no sample has both."""
+    error = x - truth
+    error = error[np.isfinite(error)]
+    return math.sqrt(float(np.mean(error * error))) if len(error) else math.nan
+
+
+# The content of a report, computed once from a recording and a tuning, for HTML and PNG.
+
+
+MAX_DRAWN_POINTS = 1500
+"""Points of a curve, approximately."""
+
+UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is not a model of the signal."
+"""What is shown instead of the verdict on a chain."""
+
+STYLES = ("raw", "s1", "s3", "s4")
+"""Of the sensors, from the first; the fused value is s2."""
+
+_MAX_BRIDGED = 10
+"""A sensor's line is broken where it has no reading for this many of its usual steps."""
+
+MAX_DETAIL_SAMPLES = 240
+"""Samples of the detail; a recording of less than twice as many has none."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything on the page, as text and curves. Texts from outside are raw: escape them when drawing."""
+
+    title: str
+    """Recording and channel."""
+    subtitle: str
+    """Samples, rate, what is missing."""
+    charts: tuple[Panel, ...]
+    """The whole recording, then a detail where that helps."""
+    tables: tuple[ReportTable, ...]
+    """Parameters, what they do, tests, simpler filters, pinned settings."""
+    texts: tuple[tuple[str, str], ...]
+    """Headings with a few sentences: does it fit, is there a simpler filter."""
+    command: str
+    """Reopens this state."""
+    origin: Rows
+    """File, SHA-256, versions, date."""
+
+    @property
+    def table_columns(self) -> tuple[tuple[ReportTable, ...], ...]:
+        """The tables that have rows, for the left and the right column of the page."""
+        return tuple(tuple(one for one in self.tables[side::2] if one.rows) for side in (0, 1))
+
+
+def make_report(
+    recording: Recording,
+    tuning: Tuning,
+    channel: str | None = None,
+    *,
+    fusion: ChannelTuning | None = None,
+    config: str = "tuning.toml",
+    options: Sequence[str] = (),
+    now: datetime | None = None,
+    command: str = "",
+    pins: Sequence[tuple[str, ChannelTuning]] = (),
+) -> Report:
+    """The report on one channel, or on sensors that are fused.
+
+    Args:
+        recording: the data.
+        tuning: its filters, at the recording's sample period.
+        channel: which one; None = the selected, else the first.
+        fusion: the filter and its sensors, at the recording's sample period; None = the report is on a channel.
+        config: name of the tuning file in the command.
+        options: more words of the command, where the filter is not that of the file.
+        now: time to print; None = now. Everything else is the same in every run.
+        command: what reopens this state; "" = with the tuning file `config`.
+        pins: names and settings of the channel to show beside the present one.
+
+    Raises:
+        BadSetting: the recording or the tuning has no such channel or sensor, or there are no samples.
+    """
+    shown = fusion or tuning.channel(channel or tuning.selected or tuning.channels[0].name)
+    if not len(recording):
+        raise BadSetting("a report must have samples to show (got none)")
+    z, sources, period = shown.readings(recording), shown.sensors or (shown.name,), recording.sample_period
+    truth = None if recording.truth is None else recording.truth[:, recording.index(sources[0])]
+    dt = recording.steps() if recording.gaps == "dt" else None
+    judged, texts = (_judged_fusion if shown.sensors else _judged)(
+        shown, z, dt, period, truth
+    )  # before the run is kept: memory
+    result = shown.filter.run(z, dt)
+    error = "" if truth is None else f"{number(rmse(result.x, truth))} {shown.unit}".strip()
+    effect = meaning(shown.filter.settled(result, period), result, period, error)
+    values = ReportTable("Parameters", parameters(shown, period))
+    pinned = pinned_settings(shown, pins, z, dt, truth, period)
+    if shown.sensors:
+        tables = (*judged, ReportTable("While all sensors answer", effect), values, pinned)
+    else:
+        tables = (values, ReportTable("Resulting filter", effect), *judged, pinned)
+    return Report(
+        title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(sources)}",
+        subtitle=_subtitle(recording, result.x if shown.sensors else z),
+        charts=_charts(recording, shown, z, result, truth),
+        tables=tables,
+        texts=texts,
+        command=command or _command(recording, config, options),
+        origin=_origin(recording, tuning, now),
+    )
+
+
+Judged = tuple[tuple[ReportTable, ...], tuple[tuple[str, str], ...]]
+"""Tables, and texts with their headings."""
+
+
+def _judged_fusion(
+    fusion: ChannelTuning, z: Array, dt: Array | None, period: float | None, _: Array | None
+) -> Judged:
+    """A row per sensor, with a gain in place of the error alone where there are any; and what fusing is worth."""
+    verdict = judge_fusion(z, fusion.params, dt, names=fusion.sensors, unit=fusion.unit, sample_period=period)
+    rows = tuple(
+        (
+            one.name,
+            number(math.sqrt(fusion.r[i])),
+            number(fusion.offset[i]),
+            number(fusion.gain[i] if fusion.has_gains else one.error),
+            percent(one.share),
+            number(one.error_without),
+        )
+        for i, one in enumerate(verdict.sensors)
+    )
+    heading = f"Sensors ({fusion.unit})" if fusion.unit else "Sensors"
+    columns = ("", "noise σ", "offset", "gain" if fusion.has_gains else "alone", "share", "without")
+    failing = " ".join(sentence for one in verdict.sensors for sentence in one.if_it_fails)
+    texts = ("What does fusing bring?", " ".join(verdict.sentences)), ("If a sensor fails", failing)
+    return (ReportTable(heading, rows, columns),), texts
+
+
+def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None, truth: Array | None) -> Judged:
+    """The tables and the texts on how well the filter fits, and on simpler ones; of a chain there are none."""
+    if own.chain is not None:
+        return (), (("Does the filter fit?", UNJUDGED),)
+    checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
+    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
+    texts = (
+        ("Does the filter fit?", _fits(own, checks, period)),
+        ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
+    )
+    return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
+
+
+def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
+    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
+    advice = f" {as_sentences(advice_words(judgement))}" if judgement.findings else ""
+    return f"{judgement.headline}{advice}"
+
+
+def _subtitle(recording: Recording, z: Array) -> str:
+    """How much there is of the samples z, in a few words."""
+    parts = [f"{count(len(z))} samples"]
+    if recording.sample_period is not None:
+        parts.append(sample_rate(recording.sample_period))
+    missing = int(np.isnan(z).sum())
+    if missing:
+        parts.append(f"{count(missing)} missing")
+    return ", ".join(parts)
+
+
+def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
+    """What reopens the recording with a tuning file."""
+    source = recording.source or "FILE"
+    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
+
+
+def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
+    """File, SHA-256, versions, date."""
+    moment = (now or datetime.now(UTC)).astimezone(UTC)
+    rows = [
+        ("data", recording.source or recording.title),
+        ("read as", summary(recording)),
+        *(("warning", sentence) for sentence in warnings(recording)),
+        ("SHA-256", recording.sha256 or "none: the data were generated"),
+        ("tuned with", f"{tuning.tool or 'unknown'}, {tuning.date or 'no date'}"),
+        ("made with", f"{program()}, numpy {version('numpy')}, scipy {version('scipy')}"),
+        ("date", f"{moment:%Y-%m-%d %H:%M} UTC"),
+    ]
+    return tuple(rows)
+
+
+def _charts(
+    recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
+) -> tuple[Panel, ...]:
+    if own.sensors:
+
+        def fused(x: Array, part: slice) -> list[Line]:
+            sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
+            return [*sensors, _line(x, result.x[part], own.name, "s2")]
+
+        return panels_of(recording, (own.name, own.unit), [z], fused)
+    measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
+
+    def lines(x: Array, part: slice) -> list[Line]:
+        at = chosen_samples(z[part])
+        x, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
+        return [Line(x, y[part][at], name, style) for name, y, style in (*measured, ("filtered", result.x, "s2"))]
+
+    return panels_of(recording, (own.name, own.unit), [y for _, y, _ in measured], lines)
+
+
+def panels_of(
+    recording: Recording,
+    labels: tuple[str, str],
+    measured: list[Array],
+    lines: Callable[[Array, slice], list[Line]],
+) -> tuple[Panel, ...]:
+    """The whole recording, and a detail from the middle of a long one.
+
+    Args:
+        recording: gives the abscissae.
+        labels: name and unit of the ordinate.
+        measured: what must be in the picture, each of shape (n, …); a wild start of the filter may leave it.
+        lines: makes the curves of a part from its abscissae and its rows.
+    """
+    n, timed = len(recording), recording.sample_period is not None
+    x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
+    first = (n - MAX_DETAIL_SAMPLES) // 2
+    last = first + MAX_DETAIL_SAMPLES - 1
+    parts = {"The whole recording": slice(0, n), f"Detail: samples {first} to {last}": slice(first, last + 1)}
+    return tuple(
+        Panel(
+            title,
+            tuple(lines(x[part], part)),
+            "time (s)" if timed else "sample",
+            _label(*labels),
+            _y_range(np.concatenate([y[part].ravel() for y in measured])),
+        )
+        for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
+    )
+
+
+def _line(x: Array, y: Array, name: str, style: str) -> Line:
+    """A curve through its readings, from one to the next however slow the sensor is; broken in long gaps."""
+    at = np.flatnonzero(np.isfinite(y))
+    if len(at) < 2:  # a line needs two points
+        return Line(x[0] + np.arange(2.0), np.full(2, y[at[0]] if len(at) else np.nan), name, style)
+    steps = np.diff(at)
+    gaps = np.flatnonzero(steps > _MAX_BRIDGED * np.median(steps)) + 1
+    x, y = np.insert(x[at], gaps, x[at][gaps]), np.insert(y[at], gaps, np.nan)
+    kept = chosen_samples(y)
+    return Line(x[kept], y[kept], name, style)
+
+
+def _y_range(seen: Array) -> tuple[float, float]:
+    seen = seen[np.isfinite(seen)]
+    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
+    room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
+    return low - room, high + room
+
+
+def _label(name: str, unit: str) -> str:
+    """Name and unit, short enough to fit beside a low chart."""
+    short = name if len(name) <= 10 else f"{name[:9]}…"
+    return f"{short} ({unit[:8]})" if unit else short
+
+
+def chosen_samples(z: Array) -> NDArray[np.intp]:
+    """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
+    if len(z) <= MAX_DRAWN_POINTS:
+        return np.arange(len(z))
+    edges = np.linspace(0, len(z), MAX_DRAWN_POINTS // 2 + 1).astype(int)
+    kept = {0, len(z) - 1}
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        piece = z[first:last]
+        if np.isfinite(piece).any():
+            kept.update((first + int(np.nanargmin(piece)), first + int(np.nanargmax(piece))))
+        else:
+            kept.add(first)
+    return np.array(sorted(kept))
+
+
+# The report as a picture of one sheet of A4, for lab books that take no HTML.
+
+
+# pyright: reportUnknownMemberType=false
+# matplotlib leaves the types of keyword arguments open.
+
+
+SIZE = (1654, 2339)
+"""Width and height of A4 at 200 dots an inch, px."""
+
+DOTS_PER_INCH = 110
+"""Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""
+
+LINES, CHARACTERS = 80, 135
+"""Lines of text on a sheet, and characters of usual text in a line."""
+
+CHART = 22
+"""Greatest height of a chart, lines."""
+
+CELL = 36
+"""Characters of a cell; longer ones are cut."""
+
+
+def as_png(report: Report) -> bytes:
+    """The page as PNG, 200 dots an inch; what does not fit on the sheet is left out from its end."""
+    from matplotlib.figure import Figure
+
+    tables = max(sum(_height(table) for table in column) for column in report.table_columns)
+    texts = [
+        (head, wrap(one_line(text), CHARACTERS))
+        for head, text in (*report.texts, ("Reopen this session", report.command))
+    ]
+    below = tables + sum(len(lines) + 2 for _, lines in texts) + len(report.origin)
+    charts = min(CHART * len(report.charts), max(LINES - below - 8, 10))
+    with drawing():
+        size = (SIZE[0] / DOTS_PER_INCH, SIZE[1] / DOTS_PER_INCH)
+        figure = Figure(size, DOTS_PER_INCH, facecolor="white", layout="constrained")
+        heights = (2, 3, charts, LINES - 5 - charts)
+        grid = figure.add_gridspec(4, 3, width_ratios=(1, 16, 1), height_ratios=heights)
+        title, middle, paper = (figure.add_subfigure(grid[row, 1]) for row in (1, 2, 3))
+        title.text(0.0, 0.5, _cut(report.title, CHARACTERS // 2), size="xx-large")
+        title.text(0.0, 0.0, _cut(report.subtitle, CHARACTERS), color=COLOURS["quiet"])
+        draw_panels(middle, report.charts)
+        axes = paper.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, CHARACTERS), ylim=(heights[-1], 0.0))
+        axes.set_axis_off()
+        for column, x in zip(report.table_columns, (0.0, 0.5 * CHARACTERS + 2.0), strict=True):
+            y = 1.0
+            for table in column:
+                _draw_table(axes, table, x, y)
+                y += _height(table)
+        y = 1.0 + tables
+        for head, lines in texts:
+            for i, line in enumerate((head, *lines)):
+                axes.text(0.0, y + i, line, va="top", weight="normal" if i else 600)
+            y += len(lines) + 2
+        for name, value in report.origin:
+            axes.text(0.0, y, name, va="top", color=COLOURS["quiet"])
+            axes.text(12.0, y, _cut(value, CHARACTERS - 12), va="top")
+            y += 1.0
+        file = io.BytesIO()
+        figure.savefig(file, format="png", pil_kwargs={"dpi": (200, 200)}, metadata={"Software": None})
+        return file.getvalue()
+
+
+def _height(table: ReportTable) -> int:
+    """Lines that a table takes, with its heading and the space below it."""
+    return len(table.rows) + bool(table.columns) + 2
+
+
+def _draw_table(axes: Axes, table: ReportTable, x: float, y: float) -> None:
+    """The columns are as wide as their longest cells; the first one is cut where all are too wide."""
+    width = 0.5 * CHARACTERS - 2.0
+    rows = [
+        [_cut(cell, CELL) for cell in row] for row in (*((table.columns,) if table.columns else ()), *table.rows)
+    ]
+    longest = [max(map(len, column)) + 1 for column in zip(*rows, strict=True)]
+    longest[0] = max(6, min(longest[0], int(width) - sum(longest[1:])))
+    axes.text(x, y, table.heading, weight=600, va="top")
+    for row in rows:
+        y += 1.0
+        end = 0
+        for i, (cell, characters) in enumerate(zip(row, longest, strict=True)):
+            end += characters
+            at = x if i == 0 else x + width * end / sum(longest)
+            text = _cut(cell, characters) if i == 0 else cell
+            colour = COLOURS["quiet" if i == 0 or row == list(table.columns) else "ink"]
+            axes.text(at, y, text, va="top", ha="left" if i == 0 else "right", color=colour)
+        axes.plot((x, x + width), (y + 0.88,) * 2, color=COLOURS["edge"], linewidth=1)
+
+
+def _cut(text: str, characters: int) -> str:
+    line = one_line(text)
+    return line if len(line) <= characters else f"{line[: characters - 1]}…"
+
+
+# The report as one HTML file that needs nothing else, made to print on one sheet of A4.
+
+
+def as_html(report: Report) -> str:
+    """The page as text; every word from outside is escaped, and the page may load and run nothing."""
+    height = (205 if len(report.charts) > 1 else 330) - 6 * len(report.tables[-1].rows)  # the pins need the space
+    tables = "".join(
+        "<div>"
+        + "".join(f"<h2>{escape(one.heading)}</h2>{markup_of_table(one.columns, one.rows)}" for one in column)
+        + "</div>"
+        for column in report.table_columns
+    )
+    texts = "".join(f"<h2>{escape(head)}</h2><p>{escape(text)}</p>" for head, text in report.texts)
+    body = (
+        f'<h1>{escape(report.title)}</h1><p class="quiet">{escape(report.subtitle)}</p>\n'
+        f'{draw_svg(report.charts, report.title, height=height)}\n<div class="tables">{tables}</div>\n{texts}\n'
+        f"<h2>Reopen this session</h2><code>{escape(report.command)}</code>\n"
+        f'<div class="origin">{markup_of_table((), report.origin)}</div>\n'
+    )
+    return document(report.title, (Path(__file__).parent / "report.css").read_text(encoding="utf-8"), body)

@@ -1,0 +1,625 @@
+"""What q, r and momentum mean once the filter has settled: gain, lag, cut-off and noise reduction, and back."""
+
+from __future__ import annotations
+
+import cmath
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from kalscope.common.numbers import Array, above_zero
+from kalscope.errors import BadSetting
+from kalscope.filtering.kernels import transition
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams, require_params
+
+# λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the filter has settled.
+#
+# Only λ = q/r and the momentum shape the steady filter. Without momentum it is x += K (z − x), exponential
+# smoothing with α = K; with it, see `momentum.settled`. Formulas: K solves K² = λ(1 − K) (Durbin & Koopman 2012,
+# section 2.11); computed from √q and √r, so that 1e300 and 1e-300 neither overflow nor lose digits.
+
+
+SETTLED = 0.01
+"""Share of a step that is left at the settling time."""
+
+_TARGETS: dict[str, Target] = {
+    "gain": "gain",
+    "lag_samples": "lag",
+    "lag_s": "lag",
+    "cutoff_hz": "cutoff",
+    "noise_reduction_db": "noise",
+}
+"""The targets of `ratio_for`, as `ratio_with_momentum` names them."""
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """The settled filter in practical terms."""
+
+    gain: float
+    """K, the share of each innovation that is added to the estimate, 0 … 1."""
+    p: float
+    """Posterior variance K·r, unit²."""
+    lag_samples: float
+    """Lag on a ramp in samples, (1 − K)/K; inf for q = 0."""
+    lag_s: float | None
+    """The same in s; None without a sample period."""
+    noise_reduction_db: float
+    """White noise, in to out: −10·log10(K/(2 − K)) dB, 0 = none."""
+    cutoff_hz: float | None
+    """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
+    settle_samples: float
+    """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
+    time_constant_s: float | None
+    """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
+    overshoot: float = 0.0
+    """Overshoot of the step response, as a share of the step; 0 without momentum."""
+    velocity_gain: float = 0.0
+    """Share of each innovation that is added to the velocity, per sample; 0 without momentum."""
+
+
+def steady_state(params: FilterParams, sample_period: float | None = None) -> SteadyState:
+    """The settled filter of q and r.
+
+    Args:
+        params: q, r and momentum; of several sensors, that of all together; p0 and x0 do not matter.
+        sample_period: nominal sample period in s, > 0; None leaves out the results in s and Hz.
+
+    Raises:
+        BadSetting: the sample period is not a positive finite number.
+    """
+    require_params(params)
+    period = None if sample_period is None else above_zero("sample_period", sample_period)
+    return _one(params.q, float(params.as_single.r if params.fuses else params.r), params.momentum, period)
+
+
+def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
+    """(K, P, π) of the settled filter x = H z, H = (K + (P − K) L) / (1 − (1 + π − P) L + π L²).
+
+    L is the sample before; the poles z₁, z₂ have π = z₁z₂ = e (1 − K) and P = (1 − z₁)(1 − z₂). Without momentum
+    π = 0 and P = K.
+
+    Args:
+        params: the filter, scalars.
+    """
+    steady = steady_state(params)
+    gain, tau = steady.gain, params.momentum
+    if not tau:
+        return gain, gain, 0.0
+    forgotten = -math.expm1(-1.0 / tau)
+    return gain, forgotten * (gain + tau * steady.velocity_gain), math.exp(-1.0 / tau) * (1.0 - gain)
+
+
+def ratio_for(
+    *,
+    gain: float | None = None,
+    lag_samples: float | None = None,
+    lag_s: float | None = None,
+    cutoff_hz: float | None = None,
+    noise_reduction_db: float | None = None,
+    sample_period: float | None = None,
+    momentum: float = 0.0,
+) -> float:
+    """λ = q/r of the steady filter that meets exactly one target.
+
+    The formulas are those without momentum; with it see `momentum.specification`.
+
+    Args:
+        gain: K, 0 < K < 1: λ = K²/(1 − K).
+        lag_samples: samples behind a ramp, > 0: λ = 1/(lag (1 + lag)).
+        lag_s: the same in s; needs sample_period.
+        cutoff_hz: −3 dB frequency, > 0 and at most half the sample rate; needs sample_period:
+            λ = 4 sin²(π f T).
+        noise_reduction_db: white noise in to out, > 0 dB: with ρ = 10^(−dB/10), λ = 4ρ²/(1 − ρ²).
+        sample_period: nominal sample period in s.
+        momentum: τ of the filter in sample periods, 0 … 1e5.
+
+    Returns:
+        λ; 0 where it is too small for a float, as for lags beyond 1e154 samples.
+
+    Raises:
+        BadSetting: no target or several, one out of range, or one in s or Hz without a sample period.
+    """
+    targets = {
+        "gain": gain,
+        "lag_samples": lag_samples,
+        "lag_s": lag_s,
+        "cutoff_hz": cutoff_hz,
+        "noise_reduction_db": noise_reduction_db,
+    }
+    given = {name: value for name, value in targets.items() if value is not None}
+    if len(given) != 1:
+        raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
+    ((name, value),) = given.items()
+    tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
+    target, value = _TARGETS[name], _in_samples(name, above_zero(name, value), sample_period)
+    if not tau:
+        return _ratio_without_momentum(target, value)
+    return ratio_with_momentum(target, 10.0 ** (-value / 10.0) if target == "noise" else value, tau)
+
+
+def _in_samples(name: str, value: float, sample_period: float | None) -> float:
+    """The target as `ratio_with_momentum` takes it, but a noise reduction in dB."""
+    if name == "gain" and value >= 1.0:
+        raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
+    if name in ("lag_s", "cutoff_hz"):
+        if sample_period is None:
+            raise BadSetting(f"{name} needs sample_period, the time between two samples in s (got None)")
+        period = above_zero("sample_period", sample_period)
+        if name == "lag_s":
+            return above_zero("lag_samples", value / period)
+        if value * period > 0.5:
+            limit = f"half the sample rate, {0.5 / period:g} Hz"
+            raise BadSetting(f"cutoff_hz must be at most {limit} (got {value:g})")
+        return 4.0 * math.sin(math.pi * value * period) ** 2
+    return value
+
+
+def _ratio_without_momentum(target: Target, value: float) -> float:
+    if target == "gain":
+        return value * value / (1.0 - value)
+    if target == "lag":
+        return 1.0 / value / (1.0 + value)
+    if target == "noise":
+        rho = 10.0 ** (-value / 10.0)
+        return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
+    return value
+
+
+@lru_cache(256)
+def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:
+    return (
+        _with_momentum(settle(q, r, momentum, SETTLED), r, period) if momentum > 0.0 < q else _plain(q, r, period)
+    )
+
+
+def _with_momentum(settled: Settled, r: float, period: float | None) -> SteadyState:
+    return SteadyState(
+        gain=settled.gain,
+        p=settled.gain * r,
+        lag_samples=settled.lag,
+        lag_s=None if period is None else settled.lag * period,
+        noise_reduction_db=0.0 - 10.0 * math.log10(settled.noise),  # 0 rather than -0
+        cutoff_hz=None if period is None else settled.cutoff / period,
+        settle_samples=settled.settling,
+        time_constant_s=None if period is None else settled.time_constant * period,
+        overshoot=settled.overshoot,
+        velocity_gain=settled.velocity_gain,
+    )
+
+
+def _plain(q: float, r: float, period: float | None) -> SteadyState:
+    root_q, root_r = math.sqrt(q), math.sqrt(r)
+    widest = root_q + math.hypot(root_q, 2.0 * root_r)  # √q + √(q + 4r)
+    gain = 2.0 * root_q / widest
+    lag = math.inf if q == 0.0 else 2.0 * (root_r / root_q) * (root_r / widest)
+    kept = 2.0 * (root_r / widest) * (2.0 * root_r / widest)  # 1 − K = K²/λ without cancellation
+    decay = -math.log1p(-gain) if gain < 0.5 else (-math.log(kept) if kept > 0.0 else math.inf)
+    constant = math.inf if decay == 0.0 else 1.0 / decay
+    reduction = math.inf if gain == 0.0 else 10.0 * math.log10((2.0 - gain) / gain)
+    cutoff = math.asin(0.5 * root_q / root_r) / math.pi if 0.5 * root_q <= root_r else math.nan
+    return SteadyState(
+        gain=gain,
+        p=gain * r,
+        lag_samples=lag,
+        lag_s=None if period is None else lag * period,
+        noise_reduction_db=reduction,
+        cutoff_hz=None if period is None else cutoff / period,
+        settle_samples=-math.log(SETTLED) * constant,
+        time_constant_s=None if period is None else constant * period,
+    )
+
+
+# What a device must know about a momentum: the constants of one sample period, which never change.
+
+
+FORGOTTEN = 1.2e-38
+"""Shares of a velocity below this are 0: float32 cannot hold them, and they change no later value."""
+
+
+@dataclass(frozen=True)
+class StepConstants:
+    """Over one sample period x grows by f v, v fades to e v, and their variances grow."""
+
+    momentum: float
+    """Momentum τ, sample periods; 0 = the five lines."""
+    e: float
+    """Share of the velocity that is left after one sample."""
+    f: float
+    """Distance that a velocity of 1 goes in one sample, sample periods."""
+    q11: float
+    """Variance added to x, unit²."""
+    q12: float
+    """Covariance added, unit² per sample."""
+    q22: float
+    """Variance added to v, (unit per sample)²."""
+    w0: float
+    """Variance of v before the first sample, q/(2τ), (unit per sample)²."""
+
+
+def step_constants(q: float, momentum: float) -> StepConstants:
+    """The constants of one channel; a velocity that does not last a sample is none, so τ = 0 is the five lines."""
+    if momentum == 0.0:
+        return StepConstants(0.0, e=0.0, f=0.0, q11=q, q12=0.0, q22=0.0, w0=0.0)
+    e, f, q11, q12, q22 = transition(1.0, q, momentum)
+    return StepConstants(momentum, e if e > FORGOTTEN else 0.0, f, q11, q12, q22, 0.5 * q / momentum)
+
+
+# The gains that the filter with momentum settles to, in closed forms in which nothing cancels.
+#
+# With u = 2 - 2 cos ω the spectrum of (1 - L)(1 - eL) z, over r, is e u² + (φ² - λβ) u + λφ², where φ = 1 - e and β
+# = τ e (sinh 1/τ - 1/τ). The poles z1, z2 of the settled filter are the roots of its factor inside the unit circle
+# (the reduced form: Harvey 1989, section 2.4): two quadratic equations, so nothing iterates. Their product π is e
+# (1 - K), and P = (1 - z1)(1 - z2) is φ R with the reach R = K + τ L, R² = λ (1 - K). The Riccati equation then is
+#
+#     e² K² + φ (1 + e + e R) K = R (1 - e² - β R)      e τ/(1 + e) L² + (φ + e K) L = φ R²/2
+#
+# K small or L small would lose their digits as differences of the poles; here every term is positive.
+
+
+MIN_SHARE = 1e-100
+"""A share of the velocity that is smaller counts as this one: its pole is at 0, but nothing divides by 0."""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A pole of the settled filter."""
+
+    z: complex
+    """Its position, inside the unit circle."""
+    d: complex
+    """1 - z, without cancellation."""
+
+    @classmethod
+    def of(cls, m: complex) -> Pole:
+        """Z and 1 - z of (1 - z)²/z = m with |z| < 1."""
+        root = cmath.sqrt(m) * cmath.sqrt(m + 4.0)
+        if abs(2.0 + m + root) < abs(2.0 + m - root):
+            root = -root
+        return cls(2.0 / (2.0 + m + root), 2.0 * m / (m + root) if abs(m + root) > 0.0 else 0.0)
+
+    @property
+    def log_radius(self) -> float:
+        """Ln |z|."""
+        return (
+            0.5 * math.log1p(abs(self.d) ** 2 - 2.0 * self.d.real) if abs(self.z) > 0.5 else math.log(abs(self.z))
+        )
+
+    def power(self, n: Array) -> Array:
+        """zⁿ of a real pole."""
+        size = np.exp(self.log_radius * n)
+        return size if self.z.real > 0.0 else size * (1.0 - 2.0 * np.mod(n, 2.0))
+
+
+@dataclass(frozen=True)
+class Model:
+    """All settled filters of one momentum; `kept` is 1 - K, whose digits K near 1 would lose, `product` is P."""
+
+    tau: float
+    """τ in sample periods, above 0."""
+    e: float
+    """Share of the velocity that is left after a sample."""
+    forgotten: float
+    """φ = 1 - e."""
+    bend: float
+    """β, what the spectrum of the signal lacks at high frequencies, over q."""
+
+    @classmethod
+    def of(cls, tau: float) -> Model:
+        """The model of a momentum in sample periods, above 0."""
+        h = 1.0 / tau
+        return cls(tau, math.exp(-h), -math.expm1(-h), tau * _bend(h))
+
+    def poles(self, ratio: float) -> tuple[Pole, Pole]:
+        """The poles of λ = `ratio`, above 0."""
+        root = math.sqrt(ratio)
+        top, bottom = max(self.e, MIN_SHARE) / root, root * self.forgotten**2
+        middle = self.forgotten**2 / root - root * self.bend
+        inner = cmath.sqrt(middle * middle - 4.0 * top * bottom)
+        large = (middle + (inner if middle >= 0.0 else -inner)) / (2.0 * top)
+        return Pole.of(large), Pole.of(bottom / (top * large))
+
+    def gain(self, reach: float) -> float:
+        """K of R."""
+        linear = self.forgotten * (1.0 + self.e + self.e * reach)
+        right = reach * (self.forgotten * (1.0 + self.e) - self.bend * reach)
+        return min(1.0, 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * self.e * self.e * right)))
+
+    def velocity_gain(self, gain: float, reach: float) -> float:
+        """L of K and R."""
+        right, lost = self.forgotten * reach * reach, self.forgotten + self.e * gain
+        return right / (lost + math.sqrt(lost * lost + 2.0 * self.e * self.tau / (1.0 + self.e) * right))
+
+    def reach_without_noise(self) -> float:
+        """R of a sensor without noise, K = 1: β R² - φ R + 1 = 0."""
+        return 2.0 / (self.forgotten + math.sqrt(self.forgotten**2 - 4.0 * self.bend))
+
+    def product(self, gain: float, kept: float) -> float:
+        """P of K."""
+        right = gain * (self.forgotten * (1.0 + self.e) + self.e * self.e * gain)
+        linear, slope = 1.0 + self.e * kept, -self.bend / self.forgotten**2
+        return 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * slope * right))
+
+    def ratio(self, gain: float, kept: float) -> float:
+        """λ of K."""
+        return (self.product(gain, kept) / self.forgotten) ** 2 / kept
+
+    def ratio_of_lag(self, lag: float) -> float:
+        """λ of the lag (1 - K)/R in samples: 1 - K solves a quadratic equation with one root below 1."""
+        double, slope = 1.0 + self.e, -self.bend / self.forgotten**2
+        inner = double * double * (1.0 + 2.0 / self.forgotten / lag) + (1.0 + 4.0 * slope) / lag / lag
+        kept = 2.0 / (1.0 + self.e**2 + self.forgotten / lag + self.forgotten * math.sqrt(inner))
+        return kept / lag / lag
+
+    def noise(self, gain: float, kept: float, product: float) -> float:
+        """Share of white noise that is left, Σh² (ARMA variance: Brockwell & Davis 1991, section 3.3).
+
+        It rises with λ, as in every optimal filter: the filter of λ has the least N + λ B, where B is the
+        distortion of the signal. Two such inequalities, each filter in place of the other, add up to
+        (λ1 - λ2)(B1 - B2) ≤ 0; so B falls with λ, and N rises.
+        """
+        both, lost = self.e * kept, self.forgotten + self.e * gain
+        return (product * (1.0 + both) + 2.0 * gain * (gain - product)) / (lost * (2.0 * (1.0 + both) - product))
+
+    def cutoff(self, gain: float, kept: float, product: float) -> float:
+        """4 sin²(π f) at the frequency f at which |H|² = ½; above 4 there is none."""
+        both, lost = self.e * kept, self.forgotten + self.e * gain
+        middle = lost * lost - product * (1.0 + both) + 2.0 * gain * (product - gain)
+        root = math.sqrt(middle * middle + 4.0 * both * product * product)
+        return (
+            2.0 * product * product / (middle + root) if middle > 0.0 else (root - middle) / max(2.0 * both, 1e-300)
+        )
+
+
+def _bend(h: float) -> float:
+    """exp(-h) (sinh h - h), by its series where the closed form loses digits."""
+    if h > 1.0:
+        return -0.5 * math.expm1(-2.0 * h) - h * math.exp(-h)
+    term = total = h * h * h / 6.0
+    for n in range(4, 22, 2):
+        term *= h * h / (n * (n + 1))
+        total += term
+    return total * math.exp(-h)
+
+
+# The filter with momentum in steady state: its gains, and its responses to a step, a ramp and white noise.
+
+
+MIN_RATIO, MAX_RATIO = 1e-40, 1e40
+"""q/r beyond these is not a useful filter: lags of 1e20 samples, or noise in the twentieth digit."""
+
+_EXACT, _GRID = 2000, 6000
+"""The first samples of a step are all evaluated; later ones on a grid with even steps in its logarithm."""
+_LEFT = 1e-5
+"""Share of a step that is left where the grid ends."""
+_FIRST = np.arange(200.0)
+"""The first samples, where a fast oscillation has its minimum; that of a slow one is where its slope is 0."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The settled filter x += K (z - ahead), v += L (z - ahead), and what it does; times in samples."""
+
+    gain: float
+    """K, the share of each innovation that is added to the estimate, 0 … 1."""
+    velocity_gain: float
+    """L, the share that is added to the velocity, per sample."""
+    lag: float
+    """Lag on a ramp."""
+    noise: float
+    """White noise, variance out to in, 0 … 1."""
+    cutoff: float
+    """-3 dB frequency in cycles per sample; NaN where there is none below ½."""
+    overshoot: float
+    """Overshoot of the step response, as a share of the step."""
+    settling: float
+    """Time after which no more than the share `left` of a step is missing or too much."""
+    time_constant: float
+    """Time until 63 % of a step is reached."""
+
+
+def settle(q: float, r: float, tau: float, left: float) -> Settled:
+    """The settled filter of q > 0, r ≥ 0 and τ > 0; `left` is the share of a step at the settling time."""
+    model = Model.of(tau)
+    if r == 0.0:
+        velocity_gain = model.velocity_gain(1.0, model.reach_without_noise())
+        return Settled(1.0, velocity_gain, 0.0, 1.0, math.nan, 0.0, 0.0, 0.0)
+    step = StepError.of(model, q / r)
+    gain, kept, product = step.gain, step.kept, step.product
+    u = model.cutoff(gain, kept, product)
+    return Settled(
+        gain=gain,
+        velocity_gain=model.velocity_gain(gain, product / model.forgotten),
+        lag=model.forgotten * kept / product,
+        noise=model.noise(gain, kept, product),
+        cutoff=math.asin(0.5 * math.sqrt(u)) / math.pi if u <= 4.0 else math.nan,
+        overshoot=step.overshoot(),
+        settling=step.last_above(left),
+        time_constant=step.first_below(math.exp(-1.0)),
+    )
+
+
+def overshoot_of(ratio: float, tau: float) -> float:
+    """The overshoot of `settle` alone, for q/r = `ratio`."""
+    return StepError.of(Model.of(tau), ratio).overshoot()
+
+
+class StepError:
+    """What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1)."""
+
+    def __init__(self, gain: float, kept: float, product: float, poles: tuple[Pole, Pole]) -> None:
+        """Args: K and 1 - K, the product of the distances of the poles from 1, and the poles."""
+        self.gain, self.kept, self.product, self._poles = gain, kept, product, poles
+        total = (poles[0].z + poles[1].z).real
+        after_two = kept - (product - gain * (1.0 - total))
+        self._weights = kept, total * kept - after_two
+
+    @classmethod
+    def of(cls, model: Model, ratio: float) -> StepError:
+        """Args: the momentum, and q/r above 0."""
+        ratio = min(max(ratio, MIN_RATIO), MAX_RATIO)
+        first, second = model.poles(ratio)
+        product = (first.d * second.d).real
+        reach = product / model.forgotten
+        return cls(model.gain(reach), min(1.0, reach * reach / ratio), product, (first, second))
+
+    @functools.cached_property
+    def _grid(self) -> tuple[Array, Array]:
+        """Times, and the errors at them."""
+        decay = -max(pole.log_radius for pole in self._poles)
+        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
+        grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
+        samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
+        return np.concatenate([[0.0], samples + 1.0]), np.concatenate([[1.0], self._after(samples)])
+
+    def _after(self, n: Array) -> Array:
+        """Error after n + 1 samples."""
+        return self._weights[0] * self._powers(n) - self._weights[1] * self._powers(n - 1.0)
+
+    def _powers(self, n: Array) -> Array:
+        """S(n) = (z1^(n+1) - z2^(n+1)) / (z1 - z2), also for poles that are equal."""
+        first, second = self._poles
+        if first.z.imag:
+            angle = abs(cmath.phase(first.z))
+            return np.exp(first.log_radius * n) * np.sin((n + 1.0) * angle) / math.sin(angle)
+        gap = (second.d - first.d).real
+        if gap == 0.0:
+            return (n + 1.0) * first.power(n)
+        return (first.power(n + 1.0) - second.power(n + 1.0)) / gap
+
+    def overshoot(self) -> float:
+        """How far it goes below 0."""
+        swings = bool(self._poles[0].z.imag)
+        seen = self._after(np.concatenate([_FIRST, self._valley()])) if swings else self._grid[1]
+        return max(0.0, -float(seen.min()))
+
+    def _valley(self) -> Array:
+        """The whole samples around the first minimum of e(n) between complex poles.
+
+        With z = exp(-s ± ia) the error is exp(-sn) (A sin an + B cos an), up to a factor: its slope is 0 where
+        tan an = (aA - sB)/(sA + aB). The first minimum is the lowest one.
+        """
+        first, _ = self._poles
+        s, angle = -first.log_radius, abs(cmath.phase(first.z))
+        a, b = (
+            self._weights[0] * math.cos(angle) - self._weights[1] * math.exp(s),
+            self._weights[0] * math.sin(angle),
+        )
+        n = math.atan2(angle * a - s * b, s * a + angle * b) % math.pi / angle
+        around = [n, n + math.pi / angle]
+        return np.array([value for each in around for value in (math.floor(each), math.floor(each) + 1.0)])
+
+    def first_below(self, share: float) -> float:
+        """Time until no more than `share` is missing, between samples as on an exponential."""
+        at = self._first_whole(int(np.argmax(self._grid[1] <= share)), lambda error: error <= share)
+        before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
+        if before <= after:  # one sample is negligible in times of 1e16
+            return at
+        return at - 1.0 + math.log(before / share) / math.log(before / after)
+
+    def last_above(self, share: float) -> float:
+        """Time after which the error stays within ± `share`, in whole samples."""
+        last = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
+        return self._first_whole(last + 1, lambda error: abs(error) <= share)
+
+    def _first_whole(self, at: int, holds: Callable[[float], bool]) -> float:
+        """The first whole time at which `holds`, after the one of the grid before `at`, where it does not yet."""
+        low, high = float(self._grid[0][at - 1]), float(self._grid[0][at])
+        for _ in range(64):
+            if high - low <= 1.0:
+                break
+            middle = math.floor(0.5 * (low + high))
+            low, high = (low, middle) if holds(self._at(middle)) else (middle, high)
+        return high
+
+    def _at(self, time: float) -> float:
+        """The error after `time` samples."""
+        return 1.0 if time == 0.0 else float(self._after(np.array([time - 1.0]))[0])
+
+
+# From a target to the filter with momentum: the ratio at a given momentum, and the momentum of an overshoot.
+
+
+Target = Literal["gain", "lag", "noise", "cutoff"]
+
+MIN_MOMENTUM = 1.0 / 500.0
+"""The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
+
+MAX_LOGIT = 700.0
+"""Gains are searched for where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
+STEPS = 64
+"""Bisections of an interval: more than a double has bits."""
+
+
+def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
+    """The ratio λ = q/r of the settled filter that meets a target at a given momentum.
+
+    Args:
+        target: what `value` is: the gain K, 0 < K < 1; the lag on a ramp in samples; the share of white noise that
+            is left, below 1; or 4 sin²(π f) of the -3 dB frequency f in cycles per sample, at most 4.
+        value: above 0.
+        momentum: τ in sample periods, above 0.
+    """
+    model = Model.of(momentum)
+    if target == "lag":
+        return model.ratio_of_lag(value)
+    if target == "gain":
+        return model.ratio(value, 1.0 - value)
+    seen = model.noise if target == "noise" else model.cutoff
+    return model.ratio(*_gain_where(lambda gain, kept: seen(gain, kept, model.product(gain, kept)) >= value))
+
+
+def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float]) -> float:
+    """The momentum at which the step response overshoots by the share `overshoot`.
+
+    0 for no overshoot: momentum up to half of the lag has none either, but saves only 0.2 dB of noise.
+
+    Along every curve of equal lag, noise, cut-off or gain the overshoot rises with the momentum; at lags below 0.2
+    samples not strictly, because a step is seen at whole samples only. The bisection ends within the target in any
+    case, and a larger target never ends at less momentum.
+
+    Args:
+        overshoot: share of the step, ≥ 0.
+        ratio_at: λ that keeps the other target, by momentum.
+
+    Raises:
+        BadSetting: the overshoot is not from 0 to 1, or more than any momentum has.
+    """
+    if not 0.0 <= overshoot < 1.0:
+        raise BadSetting(f"overshoot must be a share of the step from 0 to 1, such as 0.1 (got {overshoot:g})")
+
+    def within(momentum: float) -> bool:
+        return overshoot_of(ratio_at(momentum), momentum) <= overshoot
+
+    if overshoot == 0.0 or not within(MIN_MOMENTUM):
+        return 0.0
+    largest = overshoot_of(ratio_at(MAX_MOMENTUM), MAX_MOMENTUM)
+    if overshoot > largest:
+        possible = 100.0 * 0.9995 * largest  # still possible when it is rounded
+        raise BadSetting(
+            f"overshoot must be at most {possible:.4g} % of a step with this target (got {100.0 * overshoot:g} %)"
+        )
+    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if within(math.exp(middle)) else (low, middle)
+    return math.exp(low)
+
+
+def _gain_where(reached: Callable[[float, float], bool]) -> tuple[float, float]:
+    """The least K, and 1 - K, for which `reached` is true, false below and true above."""
+    low, high = -MAX_LOGIT, MAX_LOGIT
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if reached(*_logistic(middle)) else (middle, high)
+    return _logistic(high)
+
+
+def _logistic(x: float) -> tuple[float, float]:
+    """K and 1 - K of ln K/(1 - K) = x."""
+    return 1.0 / (1.0 + math.exp(-x)), 1.0 / (1.0 + math.exp(x))

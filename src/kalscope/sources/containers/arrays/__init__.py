@@ -1,1 +1,0 @@
-"""Files of named arrays: MATLAB, HDF5, TDMS."""

@@ -1,0 +1,107 @@
+"""Spreadsheets (.xlsx, .xls, .ods), read by python-calamine: a sheet becomes text for the ordinary rules."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from kalscope.common.files import temporary_folder
+from kalscope.common.progress import Progress
+from kalscope.common.stopping import done_at_stop
+from kalscope.common.text import one_line
+from kalscope.errors import BadFile
+from kalscope.sources.containers import convert
+from kalscope.sources.containers.registry import OLD_EXCEL
+from kalscope.sources.containers.table import Part, Text, choose_text_part, load_library
+
+_KIND = "a spreadsheet"
+_ANY_SIZE = 1 << 62
+_CHUNK = 1 << 20
+_PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
+_SPREADSHEETS = ("xl/workbook.xml", "content.xml")
+_POLL_S = 0.05
+"""Seconds between two checks whether the user has cancelled."""
+
+
+def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> Text:
+    """Read one sheet of a spreadsheet as lines of cells separated by tabs, dates as ISO 8601.
+
+    Raises:
+        BadFile: no sheet holds numbers, or it is too large.
+        BadSetting: there is no such sheet.
+    """
+    load_library("python_calamine", "python-calamine", name, _KIND)
+    with path.open("rb") as file:
+        if file.read(len(OLD_EXCEL)) != OLD_EXCEL:
+            _check_size(path, name, progress.part(0.0, 0.3))
+    with temporary_folder() as folder:
+        _convert(path, folder, progress.part(0.3, 1.0))
+        said = json.loads((folder / "sheets.json").read_text(encoding="utf-8"))
+        holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
+        parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
+        chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
+        text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
+    return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
+
+
+def _without_end(text: str) -> Iterator[str]:
+    yield from text.removesuffix("\n").split("\n")
+
+
+def _convert(path: Path, folder: Path, progress: Progress) -> None:
+    """Write the sheets in a process of its own, which is killed when the task is cancelled."""
+    process = subprocess.Popen(
+        [sys.executable, convert.__file__, str(path), str(folder)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    with process, done_at_stop(process.kill):
+        try:
+            while True:
+                progress(0.5, "reading")
+                try:
+                    _, said = process.communicate(timeout=_POLL_S)
+                    break
+                except subprocess.TimeoutExpired:
+                    continue
+        except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
+            process.kill()
+            raise
+    if process.returncode:
+        raise ValueError(one_line(said.decode("utf-8", "replace"))[:120] or "the library failed")
+
+
+def _check_size(path: Path, name: str, progress: Progress) -> None:
+    """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may be false."""
+    with zipfile.ZipFile(path) as archive:
+        if not any(info.filename in _SPREADSHEETS for info in archive.infolist()):
+            raise BadFile(f"{name} must be a spreadsheet (got a zip archive of other files)")
+        for info in archive.infolist():
+            info.file_size = _ANY_SIZE
+            del info.CRC  # which would be that of the declared size
+            rows = columns = 0
+            with archive.open(info) as stream:
+                before = b""
+                while piece := stream.read(_CHUNK):
+                    progress(0.5, "unpacking")
+                    progress.unpack(len(piece))
+                    for letters, digits in _PLACE.findall(before + piece):
+                        rows, columns = max(rows, int(digits)), max(columns, _column_number(letters))
+                    before = piece[-64:]
+            if rows * columns > convert.MAX_CELLS:
+                raise BadFile(
+                    f"{name} must hold at most {convert.MAX_CELLS} cells in a sheet (got {rows} × {columns})"
+                )
+
+
+def _column_number(letters: bytes) -> int:
+    number = 0
+    for letter in letters.upper():
+        number = 26 * number + letter - 64
+    return number

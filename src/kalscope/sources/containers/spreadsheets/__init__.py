@@ -1,1 +1,0 @@
-"""Spreadsheets: a sheet becomes lines of text, read by the ordinary rules."""

@@ -1,1 +1,0 @@
-"""What oscilloscopes write above, and beside, the samples of a trace."""

@@ -1,1 +1,0 @@
-"""How one log is written: delimiter, header, columns, time column."""

@@ -1,1 +1,0 @@
-"""Which columns of a log are its time."""

@@ -1,1 +1,0 @@
-"""Lines of text to rows of numbers, sans-I/O."""

@@ -1,1 +1,0 @@
-"""Transports: one module for each kind of address, and the registry that knows them all."""

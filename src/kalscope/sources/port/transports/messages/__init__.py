@@ -1,1 +1,0 @@
-"""Transports of whole messages: datagrams, and the messages of a broker."""

@@ -1,1 +1,0 @@
-"""ssh:// addresses: a serial port or a growing file of another machine, through the system's own ssh."""

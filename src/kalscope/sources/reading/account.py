@@ -1,0 +1,272 @@
+"""How a recording was read, as text, and why a file cannot be read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
+from kalscope.errors import BadFile
+from kalscope.recording import LineIssue, Recording
+from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
+from kalscope.sources.grammar.read_options import DELIMITERS, OPTIONS, ReadOptions, option_words
+from kalscope.sources.reading.period import find_rate, jitter_of, steps_words
+from kalscope.sources.reading.sniffer import MAX_COLUMNS
+
+# How a recording was read, as text: one line of summary, warnings, and the account of every line.
+
+
+MAX_SHARE = 0.02
+"""More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
+
+_SHORT = {
+    "must have a readable": "no readable time",
+    "must have": "another number of fields",
+    "must be written as": "text between the samples",
+    "must be printable": "control bytes",
+    "must end with a newline": "the last is torn",
+    "must end with": "checksum",
+    "must begin with a stamp": "no stamp",
+    "must be >": "text between the samples",
+    "must hold one of": "other labels",
+}
+"""Why lines were rejected, by how the reason begins, in as few words as a summary can hold."""
+
+
+def summary(recording: Recording) -> str:
+    """How the recording was read, in one line: "2 094 rows, 4 channels, 13.4 Hz; 85 lines rejected: …"."""
+    report = recording.report
+    parts = [_many(len(recording), "row"), _many(len(recording.names), "channel"), _rate(recording)]
+    line = ", ".join(parts)
+    if report.rejected:
+        line += f"; {_many(report.rejected, 'line')} rejected{_short_reason(recording)}"
+    if report.bad_cells:
+        line += f"; {_many(report.bad_cells, 'cell')} without a number"
+    if report.comments > max(1.0, MAX_SHARE * report.lines):
+        line += f"; {_many(report.comments, 'comment and text line')}"
+    return _plain(line)
+
+
+def warnings(recording: Recording) -> tuple[str, ...]:
+    """Sentences where so much could not be read that every number that follows may be wrong; usually none."""
+    report, found = recording.report, list[str]()
+    cells = [issue for issue in report.issues if issue.column is not None]
+    lines = [issue for issue in report.issues if issue.column is None]
+    rejected = report.rejected / max(1, report.rejected + report.rows)
+    if rejected > MAX_SHARE and report.rejected > 1:
+        found.append(f"{percent(rejected)} of the lines were rejected{_first(lines)}")
+    bad = report.bad_cells / max(1, report.rows * len(recording.names))
+    if bad > MAX_SHARE and report.bad_cells > 1:
+        found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
+    return tuple(_plain(sentence) for sentence in found)
+
+
+def as_plain(recording: Recording) -> dict[str, Any]:
+    """The whole account as JSON can hold it; numbers may be infinite."""
+    said = {"summary": summary(recording), "warnings": list(warnings(recording))}
+    return {**said, **asdict(recording.report), "overrule_with": list(OPTIONS)}
+
+
+def _many(n: int, noun: str) -> str:
+    return f"{count(n)} {noun}{'' if n == 1 else 's'}"
+
+
+def _rate(recording: Recording) -> str:
+    timing = recording.report.timing
+    if recording.sample_period is None:
+        return "sample period unknown (see --rate)"
+    rate = (timing.summary if timing else "") or sample_rate(recording.sample_period)
+    return rate + steps_words(jitter_of(recording))
+
+
+def _short_reason(recording: Recording) -> str:
+    """Why most of the rejected lines were, ": …"; "" where there is no short form."""
+    reasons = Counter(issue.reason for issue in recording.report.issues if issue.column is None)
+    if not reasons:
+        return ""
+    most = reasons.most_common(1)[0][0]
+    return next((f": {short}" for start, short in _SHORT.items() if most.startswith(start)), "")
+
+
+def _first(issues: list[LineIssue]) -> str:
+    return f", the first is {_issue(issues[0], 60)}" if issues else ""
+
+
+def _issue(issue: LineIssue, length: int = 200) -> str:
+    where = f"line {issue.line}" + (f', "{issue.column}"' if issue.column else "")
+    return f"{where}: {issue.reason} (got {issue.text[:length]!r})"
+
+
+def account(recording: Recording) -> str:
+    """The account of a recording as plain text, one fact per line, nothing unprintable.
+
+    Every line of the file is in exactly one of the counts.
+    """
+    report, n = recording.report, len(recording)
+    samples = "sample" if n == 1 else "samples"
+    lines = [f"{recording.title or 'recording'}: {n} {samples} of {_channels(recording)}"]
+    lines += [f"  warning: {sentence}" for sentence in warnings(recording)]
+    if recording.sample_period is not None:
+        lines.append(f"  one sample every {recording.sample_period:.9g} s")
+    parts = [
+        (report.rows, "with data"),
+        (report.rejected, "rejected"),
+        (report.blank, "blank"),
+        (report.comments, "comments and text"),
+        (report.headers, "header"),
+    ]
+    counts = " + ".join(f"{number} {what}" for number, what in parts if number)
+    if report.lines:  # a synthetic signal has none
+        lines.append(f"  {report.lines} lines = {counts}")
+    for number, what in (
+        (report.bad_cells, "cells are not numbers: missing samples"),
+        (report.clipped_times, "steps back in time, each filtered as dt = 0"),
+        (report.inserted, "rows of missing samples inserted into gaps in time"),
+    ):
+        if number:
+            lines.append(f"  {number} {what}")
+    lines += [f"  {note}" for note in report.notes]
+    lines += [f"  {_issue(issue)}" for issue in report.issues]
+    more = report.rejected + report.bad_cells - len(report.issues)
+    if more > 0:
+        lines.append(f"  and {more} more")
+    return "".join(f"{_plain(line)}\n" for line in lines)
+
+
+def sample_period_conflict(recording: Recording) -> str:
+    """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
+    timing = recording.report.timing
+    if timing is None:
+        rate = find_rate(recording.time)
+        own = None if rate is None else rate.period
+    else:
+        own = timing.stamps_period
+    if recording.sample_period is None or own is None or abs(recording.sample_period - own) <= 0.01 * own:
+        return ""
+    return f"the sample period is taken as {recording.sample_period:.6g} s; by its time it would be {own:.6g} s"
+
+
+def _channels(recording: Recording) -> str:
+    pairs = zip(recording.names, recording.units, strict=True)
+    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in pairs)
+
+
+def _plain(line: str) -> str:
+    return "".join(c if c.isprintable() or c == THIN_SPACE else "�" for c in line)
+
+
+# Why a file cannot be read: the line, what must hold, what was found, and what to try.
+
+
+MAX_TEXT = 60
+"""Characters of a line that are quoted."""
+MAX_LINES = 2000
+"""Lines that are looked at for the reason."""
+MAX_LINE = 16_384
+"""Characters of a line that are looked at."""
+
+_PAGES = ("<!doctype html", "<html", "<head", "<body")
+_XML = ("<?xml", "<gpx", "<kml")
+_TRIES = {
+    "must have a readable": "--time-format, or --time-column none",
+    "must have": "--delimiter, --decimal or --header-row",
+    "must end with": "--delimiter",
+}
+"""What to try, by how the reason of a rejected line begins."""
+
+
+def refuse_markup(name: str, lines: Sequence[str]) -> None:
+    """Raise BadFile where a text begins as a web page or an XML document: its lines may still hold numbers."""
+    number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
+    start = line[:MAX_TEXT].lstrip("\ufeff").lower()
+    if start.startswith(_PAGES):
+        what = "a web page, not the file that it shows: download the file itself"
+    elif start.startswith(_XML):
+        what = "an XML document: export it as CSV"
+    else:
+        return
+    raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
+
+
+def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
+    """The refusal of a text in which no layout was found; `lines` are those at its beginning."""
+    numbered = [(number, line[:MAX_LINE].strip()) for number, line in enumerate(lines[:MAX_LINES], 1)]
+    said = [(number, line) for number, line in numbered if not is_blank(line) and not is_comment(line)]
+    if not said:
+        return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
+    if len(said) <= 2 and not _numbers(said[-1][1]):
+        number, line = said[0]
+        return BadFile(f"{name} must hold numbers below its header (got only line {number}: {_quoted(line)})")
+    wide = max(widths := _widths(said), default=0)
+    if wide > MAX_COLUMNS and len(widths) == 1:
+        return BadFile(
+            f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {wide} fields in line"
+            f" {widths[wide]}): write the columns that matter to a file of their own"
+        )
+    given = " ".join(option_words(options))
+    instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
+    return BadFile(
+        f"{name} must be a table of numbers, one sample per line, all of one width "
+        f"(got {_closest(said)}): {instead}"
+    )
+
+
+def no_channel(name: str, lines: Sequence[str]) -> BadFile:
+    """The refusal of a table that has only a time."""
+    said = [line for line in lines if not is_blank(line) and not is_comment(line)]
+    last = _quoted(said[-1].strip()) if said else "nothing"
+    return BadFile(
+        f"{name} must hold a column of numbers besides the time (got only text, as in {last}): try --decimal,"
+        " or --time-column none where the time is the signal"
+    )
+
+
+def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:
+    """The refusal of a file that looked like a table in its head, but of which no line could be read."""
+    lines = [issue for issue in issues if issue.column is None]
+    if not lines:
+        return BadFile(f"{name} must hold a whole line of numbers (got {rejected} rejected lines: no data lines)")
+    reason = Counter(issue.reason for issue in lines).most_common(1)[0][0]
+    first = next(issue for issue in lines if issue.reason == reason)
+    instead = next((f": try {words}" for start, words in _TRIES.items() if reason.startswith(start)), "")
+    return BadFile(
+        f"{name} must hold a whole line of numbers (got {rejected} rejected lines, line {first.line}: {reason},"
+        f" {_quoted(first.text)}){instead}"
+    )
+
+
+def _widths(said: Sequence[tuple[int, str]]) -> dict[int, int]:
+    """The first line of each number of fields, of the lines with most numbers."""
+    mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
+    widths: dict[int, int] = {}
+    for number, line in said:
+        cells = split_fields(line, mark)
+        if _numbers(line, mark) > 0.5 * len(cells):
+            widths.setdefault(len(cells), number)
+    return widths
+
+
+def _closest(said: Sequence[tuple[int, str]]) -> str:
+    """What the lines with most numbers lack to be a table."""
+    (width, number), *others = [*_widths(said).items(), (0, 0)]
+    if width == 0:
+        return f"text such as line {said[-1][0]}: {_quoted(said[-1][1])}"
+    text = dict(said)[number]
+    if others[0] == (0, 0):
+        return f"too few lines like line {number}: {_quoted(text)}"
+    return f"{_fields(width)} in line {number}, {_fields(others[0][0])} in line {others[0][1]}: {_quoted(text)}"
+
+
+def _fields(width: int) -> str:
+    return "1 field" if width == 1 else f"{width} fields"
+
+
+def _numbers(line: str, mark: str = ",") -> int:
+    """Cells that are numbers, with a decimal point or comma."""
+    return sum(is_number(cell) or (mark != "," and is_number(cell, ",")) for cell in split_fields(line, mark))
+
+
+def _quoted(text: str) -> str:
+    return repr(text[:MAX_TEXT] + ("…" if len(text) > MAX_TEXT else ""))

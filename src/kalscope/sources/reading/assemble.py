@@ -1,0 +1,406 @@
+"""From the columns and counts that a reader found to the Recording, its time axis and its notes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kalscope.common.numbers import Array, check_sample_period
+from kalscope.errors import BadFile, BadSetting
+from kalscope.recording import ReadReport, Recording
+from kalscope.sources.containers.table import Table
+from kalscope.sources.grammar.line_format import LineFormat
+from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.reading.account import no_rows
+from kalscope.sources.reading.axis import GivenPeriod, TimeAxis, counted_time, fill_gaps, read_time
+from kalscope.sources.reading.columns import Column, named_column, settle_roles
+from kalscope.sources.reading.rows import Tally
+from kalscope.sources.reading.sniffer import Layout
+from kalscope.sources.reading.time_columns import chosen_time, find_time
+
+# Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
+#
+# A code is a number that nothing measures by chance, far from all that is measured. Some numbers are always codes
+# there (−999, 32767). Others are readings as well (0, 400): they are codes only where they appear for a moment, and
+# the signal then continues where it was. A stopped motor or a lamp that is off stays so.
+
+
+Extremes = tuple[Array, Array]
+"""Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
+
+MIN_SURE = 2
+"""Least count of a number that is always a code."""
+MIN_UNSURE = 3
+"""Least count of any other, and in a long recording one sample in 2000."""
+MAX_ZEROS = 0.1
+"""Largest share of the samples that may be a code of 0; more is a state."""
+MAX_RUN = 3
+"""Longest run in samples, in the median, of a code that may be a reading."""
+MIN_RETURNS = 0.75
+"""Least share of its runs after which the signal continues where it was."""
+MAX_CODES = 4
+"""Most codes of one channel."""
+_MIN_DISTINCT = 3
+"""With fewer values beside it there is nothing to be far from: a switch, an event marker."""
+_SAMPLE = 20_000
+
+_LIMITS = {32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0}
+"""Limits of a processor's integers."""
+_KNOWN = {-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0}
+"""DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X: out of range."""
+_UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
+"""Zero, an error value of C, and limits of short integers."""
+HUGE = 1e20
+"""Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
+
+
+def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
+    """Questions about values that may be missing samples.
+
+    Args:
+        values: Samples, shape (n, channels), NaN where missing.
+        names: Channel names.
+        ends: Their smallest and largest samples.
+
+    Returns:
+        One sentence for each value that is the smallest or largest of a channel, a code, and further from the rest
+        than the middle half of the rest is wide, and half of all of it.
+    """
+    pairs = [(float(low), float(high)) for low, high in zip(*ends, strict=True)]
+    found = dict.fromkeys(value for i, (low, high) in enumerate(pairs) for value in _codes(values[:, i], low, high))
+    questions: list[str] = []
+    for value in found:
+        # One channel shows that it is a code; those that only have it as smallest or largest sample count as well.
+        channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
+        channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
+        count = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
+        questions.append(
+            f"is {value:.15g} a missing value? It occurs {count} times in {_listed([names[i] for i in channels])},"
+            f" far from the rest; if so, read with --missing {value:.15g}"
+        )
+    return questions
+
+
+def _listed(channels: list[str]) -> str:
+    shown = ", ".join(f'"{name}"' for name in channels[:4])
+    return shown if len(channels) <= 4 else f"{shown} and {len(channels) - 4} more"
+
+
+def _codes(samples: Array, low: float, high: float) -> list[float]:
+    """The codes of one channel, from the ends of its samples inwards: each hides how far the next one is."""
+    found: list[float] = []
+    rest = samples
+    while len(found) < MAX_CODES:
+        ends = [value for value in dict.fromkeys((low, high)) if _is_code(value)]
+        codes = [value for value in ends if _stands_out(rest, value, {other for other in ends if _is_sure(other)})]
+        if not codes:
+            break
+        found += codes
+        rest = np.where(np.isin(rest, codes), np.nan, rest)
+        low, high = float(np.nanmin(rest)), float(np.nanmax(rest))
+    return found
+
+
+def _is_code(value: float) -> bool:
+    return _is_sure(value) or value in _UNSURE or _is_round(value)
+
+
+def _is_sure(value: float) -> bool:
+    """Whether nothing measures this number by chance: −9999.9, 888.8, 32767, 1e30."""
+    digits = f"{abs(value):.10g}".replace(".", "")
+    repeated = len(digits) >= 3 and set(digits) in ({"9"}, {"8"})
+    return (
+        repeated or value in _LIMITS or value in _KNOWN or abs(value) >= HUGE or (value < 0.0 and _is_round(value))
+    )
+
+
+def _is_round(value: float) -> bool:
+    """One digit and two zeros at least: 400, −200, 20000."""
+    digits = f"{abs(value):.10g}"
+    return digits.isdecimal() and len(digits) >= 3 and not digits[1:].strip("0")
+
+
+def _stands_out(samples: Array, value: float, sure: set[float]) -> bool:
+    """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
+    times = int(np.count_nonzero(samples == value))
+    if times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
+        return False
+    rest = samples[np.isfinite(samples) & ~np.isin(samples, [value, *sure])]
+    some = rest[:: max(1, rest.size // _SAMPLE)]
+    if np.unique(some).size < _MIN_DISTINCT:
+        return False
+    nearest = float(np.min(np.abs(rest - value)))
+    lower, upper = np.quantile(some, (0.25, 0.75))
+    if nearest <= max(float(upper - lower), 0.5 * float(np.ptp(some))):
+        return False
+    usual = value != 0.0 or times <= MAX_ZEROS * samples.size
+    return value in sure or (usual and _comes_for_moments(samples, value, nearest))
+
+
+def _comes_for_moments(samples: Array, value: float, nearest: float) -> bool:
+    """Whether the signal jumps to the value and soon back to where it was."""
+    edges = np.diff(np.concatenate(([0], (samples == value).astype(np.int8), [0])))
+    first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    inner = (first > 0) & (stop < samples.size)
+    jumps = np.abs(samples[stop[inner]] - samples[first[inner] - 1])
+    returns = int(np.count_nonzero(jumps <= 0.5 * nearest))
+    return float(np.median(stop - first)) <= MAX_RUN and returns >= max(2, MIN_RETURNS * len(jumps))
+
+
+# From the columns and counts that a reader found to the Recording, the same way for every reader.
+
+
+_MIN_FALLING = 8
+"""Fewest steps back that show a log that begins with its newest row, where no step goes forward."""
+
+_HEAD_ROWS = 1000
+"""Rows that nearly always show that stamps rise, before all of them are looked at."""
+
+Columns = dict[int, Array]
+"""Columns by index, each of shape (n,): the channels and the time."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a reader found in a file."""
+
+    columns: Columns
+    """The channels and the time, NaN where missing, before numbers of `ReadOptions.missing` are removed;
+    `assemble` empties it."""
+    tally: Tally
+    """The account of all lines."""
+    layout: Layout
+    """What the columns are."""
+    period: float | None = None
+    """Sample period in s that the file itself states; None where it gives none."""
+
+
+def check_chosen_period(options: ReadOptions, sample_period: float | None) -> None:
+    """Raise BadSetting if the user chose a sample period, s, or a rate that is out of range, or two that differ."""
+    if sample_period is not None:
+        check_sample_period(sample_period)
+    if options.rate is None:
+        return
+    period = 1.0 / options.rate
+    check_sample_period(period)
+    if sample_period is not None and abs(sample_period - period) > 1e-6 * period:
+        raise BadSetting(
+            f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"
+            f" {sample_period:.9g} s)"
+        )
+
+
+def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
+    """Build the Recording, without source, title and hash; `check_chosen_period` comes before.
+
+    Raises:
+        BadFile: no sample is left.
+        BadSetting: an option that this file cannot have.
+    """
+    tally, layout = reading.tally, reading.layout
+    if not tally.lines["row"]:
+        raise no_rows(name, tally.lines["rejected"], tally.issues)
+    if layout.time is not None:  # looked at many times, which is slow across the rows of a table
+        reading.columns[layout.time.index] = np.ascontiguousarray(reading.columns[layout.time.index])
+    turned = _oldest_first(reading.columns, layout)
+    channels = layout.channels
+    values, taken = _values(reading.columns, channels, options)
+    axis = _axis(reading, len(values), options, sample_period)
+    timing, period = axis.timing, axis.timing.period
+    notes = [*layout.notes, *turned, *axis.notes, *taken, *tally.notes]
+    with np.errstate(invalid="ignore"):
+        ends = np.fmin.reduce(values), np.fmax.reduce(values)
+    notes += _about_columns(layout, ends, len(values), name)
+    notes += suggest_missing(values, [layout.columns[i].name for i in channels], ends)
+    time, inserted = axis.time, 0
+    if options.gaps != "rows":
+        if period is None or layout.time is None:
+            raise BadSetting(f"gaps must be rows where a file has no time (got {options.gaps!r})")
+        if options.gaps == "missing":
+            time, values, inserted = fill_gaps(time, values, period, axis.pauses)
+            notes.append(f"{inserted} rows of missing samples were inserted into the gaps")
+    report = ReadReport(
+        lines=tally.lines.total(),
+        rows=tally.lines["row"],
+        rejected=tally.lines["rejected"],
+        blank=tally.lines["blank"],
+        comments=tally.lines["comment"] + tally.lines["text"],
+        headers=tally.lines["header"],
+        bad_cells=tally.bad_cells,
+        clipped_times=axis.backward,
+        inserted=inserted,
+        issues=tuple(tally.issues),
+        notes=tuple(notes),
+        timing=timing,
+        options=_options(options, sample_period),
+    )
+    names = tuple(layout.columns[i].name for i in channels)
+    units = tuple(layout.columns[i].unit for i in channels)
+    return Recording(time, names, units, values, period, report, gaps=options.gaps)
+
+
+def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
+    """Reverse the rows of a log that begins with its newest one, as services export it, and return a note.
+
+    Only where the stamps always fall: where a device restarts, or a few rows are out of order, the order is kept.
+    """
+    time = layout.time
+    if time is None or time.kind == "clock":  # which falls at midnight
+        return []
+    stamps = columns[time.index]
+    if np.any(np.diff(stamps[:_HEAD_ROWS]) > 0):
+        return []
+    steps = np.diff(stamps)
+    if np.count_nonzero(steps < 0) < _MIN_FALLING or np.any(steps > 0):
+        return []
+    for i, column in columns.items():
+        columns[i] = column[::-1]
+    return ["the newest row comes first in the file: the rows were put in order of time"]
+
+
+def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:
+    """What the user decided, as words of the command line."""
+    period = () if sample_period is None else option("sample-period", repr(sample_period))
+    return (*period, *option_words(options))
+
+
+def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:
+    """Samples, shape (n, channels), without the values that the user declared missing; and how many those were."""
+    # Column by column in memory: each channel is filtered, drawn and judged by itself.
+    values = np.empty((len(columns[channels[0]]), len(channels)), order="F")
+    for j, i in enumerate(channels):
+        values[:, j] = columns.pop(i)  # no column is held twice
+    notes: list[str] = []
+    for number in options.missing_numbers:
+        found = values == number
+        often = int(np.count_nonzero(found))
+        samples = "1 sample" if often == 1 else f"{often} samples"
+        notes.append(f"{samples} of {number:.15g} {'is' if often == 1 else 'are'} missing, as requested")
+        values[found] = np.nan
+    return values, notes
+
+
+def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
+    layout, column = reading.layout, reading.layout.time
+    if sample_period is None and options.rate is not None:
+        sample_period = 1.0 / options.rate
+    given = GivenPeriod(sample_period, reading.period or layout.period)
+    if column is None:
+        if options.time_unit is not None:
+            raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
+        return counted_time(n, given, layout.offset, layout.start)
+    stamps = reading.columns[column.index]
+    return read_time(stamps, column, options.time_unit, given, options.gaps, layout.start)
+
+
+def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:
+    """Remarks about the columns; BadFile if no sample is left."""
+    low, high = ends
+    if not np.isfinite(low).any():
+        raise BadFile(f"{name} must hold at least one number in a channel (got only missing samples)")
+    names = [column.name or f"column {i + 1}" for i, column in enumerate(layout.columns)]
+    what = {"text": "text", "row name": "row names", "row number": "row numbers"}
+    notes = [
+        f'"{names[i]}" holds {what[column.role]} and is not a channel'
+        for i, column in enumerate(layout.columns)
+        if column.role in what
+    ]
+    if n == 1:
+        notes.append("there is only one sample")
+    empty, constant = ~np.isfinite(low), (low == high) & (n > 1)
+    for which, one, many in ((empty, "holds only", "hold only"), (constant, "is", "are")):
+        found = [f'"{names[i]}"' for i, chosen in zip(layout.channels, which.tolist(), strict=True) if chosen]
+        if found:
+            listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
+            said = "constant" if which is constant else "missing samples"
+            notes.append(f"{listed} {one if len(found) == 1 else many} {said}")
+    return notes
+
+
+# From the Table of a container to the Reading that every recording is assembled from.
+
+
+def reading_of(table: Table, options: ReadOptions) -> Reading:
+    """The table with its time: the stamps of the file, or the column that is the time by the rules of text files.
+
+    Raises:
+        BadSetting: there is no such time column.
+    """
+    columns = [_column(name, unit) for name, unit in zip(table.names, table.units, strict=True)]
+    data = dict(enumerate(table.columns))
+    columns += [Column(name, role="text") for name in table.texts]
+    notes = table.notes
+    if table.time is not None and options.time_column is None:
+        if options.time_unit is not None:
+            raise BadSetting(f"time_unit must be left out: the file gives seconds (got {options.time_unit!r})")
+        data = {0: table.time, **{i + 1: column for i, column in data.items()}}
+        columns = [Column("time", "s", "time"), *columns]
+        time = TimeColumn(0, "number", "s")
+        columns, _, more = settle_roles(columns, time)
+        notes = (*notes, *([table.clock] if table.clock else []), *more[1:])
+    else:
+        time = _find_time(table, columns, options)
+        columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
+        columns, time, more = settle_roles(columns, time)
+        if time is None and table.period is not None:
+            more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
+        notes = (*notes, *more)
+    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start)
+    wanted = {*layout.channels, *(time.indices if time else ())}
+    return _counted({i: column for i, column in data.items() if i in wanted}, layout, table)
+
+
+def _column(name: str, unit: str) -> Column:
+    """A name may hold its unit, as in a header of text."""
+    column = named_column(name)
+    if column.unit.isdecimal():  # acc[0] is a name
+        column = Column(name)
+    return column if unit in ("", column.unit) else replace(column, name=name, unit=unit)
+
+
+def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> TimeColumn | None:
+    named = [column.name for column in columns]
+    choice = options.time_column
+    index = named.index(choice) if isinstance(choice, str) and choice in named else choice
+    if index is None and table.dates:
+        index = min(table.dates)
+    if isinstance(index, int) and index in table.dates:
+        return TimeColumn(index, "calendar")
+    cells = [[_cell(value) for value in column[:_HEAD_ROWS].tolist()] for column in table.columns]
+    texts = [""] * len(table.texts)
+    rows = [(*row, *texts) for row in zip(*cells, strict=True)]
+    time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
+    if time is None or time.kind != "number":
+        return None
+    if index is None and table.period is not None and not time.unit and _counts(table.columns[time.index]):
+        return None
+    return time
+
+
+def _counts(column: Array) -> bool:
+    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they number the samples."""
+    return column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))
+
+
+def _cell(value: float) -> str:
+    return f"{value:.17g}" if np.isfinite(value) else ""
+
+
+def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
+    """Rows without a stamp are rejected; infinite samples are missing ones, counted as bad cells."""
+    tally, rejected, n = Tally(bad_cells=table.bad_cells, issues=list(table.issues)), 0, table.shape[0]
+    if layout.time is not None:
+        known = np.isfinite(columns[layout.time.index])
+        rejected = int(np.count_nonzero(~known))
+        if rejected:
+            columns = {i: column[known] for i, column in columns.items()}
+    for i in layout.channels:
+        infinite = np.isinf(columns[i])
+        if infinite.any():
+            tally.bad_cells += int(np.count_nonzero(infinite))
+            columns[i] = np.where(infinite, np.nan, columns[i])
+    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
+    return Reading(columns, tally, layout, table.period)

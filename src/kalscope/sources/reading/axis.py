@@ -1,0 +1,625 @@
+"""From stamps to the time of the samples: seconds, wraps, bursts, coarse clocks, summer time, gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from kalscope.common.numbers import PERIODS, Array, Indices, Mask
+from kalscope.common.text import count, duration, percent, sample_rate
+from kalscope.errors import BadSetting
+from kalscope.recording import Gaps, RateSource, Timing
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, Stretches, find_rate
+
+# Seconds from the stamps of a column, their unit by magnitude, and the nominal period.
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_DAY_NUMBERS = (
+    (40_000.0, 55_000.0, 25_569.0),  # spreadsheets: 2009 to 2050
+    (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
+    (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
+)
+"""Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
+_WHOLE_SECOND = 0.02
+"""Days with seven or more decimals are this close, in s, to the whole seconds they mean."""
+
+
+def unit_by_magnitude(stamps: Array) -> str:
+    """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
+
+    The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
+    steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two million on nanoseconds.
+    Steps of whole minutes that divide an hour, and of hours, are seconds, as of a logger (60, 300, 3600; not 5,
+    which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, or
+    days where they are numbers of days that lie whole seconds apart (45123.506944444).
+    """
+    low, high = float(stamps.min()), float(stamps.max())
+    step = _median_step(stamps[:100_000])
+    # The head is checked first: most stamps with fractions show them there.
+    whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
+    for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
+        # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
+        counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
+        if size <= low and high < 4.2 * size and not counter:
+            return unit
+    if not whole and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+        return "day"
+    minutes = step > 0 and step % 60 == 0
+    if not whole or step < 2 or (minutes and (3600 % step == 0 or step % 3600 == 0)):
+        return "s"
+    if step < 2000 or step % 60_000 == 0:
+        return "ms"
+    return "us" if step < 2e6 else "ns"
+
+
+def _day_of_1970(stamps: Array) -> float | None:
+    """The number of 1970-01-01, where all stamps are numbers of days in one of the usual counts."""
+    low, high = float(stamps.min()), float(stamps.max())
+    return next((day for first, last, day in _DAY_NUMBERS if first <= low and high <= last), None)
+
+
+def _are_seconds_in_days(stamps: Array) -> bool:
+    """True where stamps of many decimals are whole seconds, up to an hour, apart as days: 1/144 is 10 min."""
+    many = np.abs(stamps * 1e5 - np.round(stamps * 1e5)) > 0.01
+    seconds: Array = (stamps - stamps[0]) * 86400.0
+    near = np.abs(seconds - np.round(seconds)) <= _WHOLE_SECOND
+    return float(many.mean()) >= 0.5 and float(near.mean()) >= 0.99 and 0.5 < _median_step(seconds) < 3601
+
+
+def is_epoch(stamps: Array, unit: str) -> bool:
+    """True where numeric stamps count from 1970: the first one lies between 2001 and 2100."""
+    scale = SECONDS_PER_UNIT[unit]
+    return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
+
+
+def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) -> tuple[Array, str]:
+    """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
+
+    Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them:
+    their second 0 is `start`, in s since 1970, where that is known.
+    """
+    if column.kind == "calendar":
+        first = date_text(float(stamps[0]) * 1e-6)
+        return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {first}"
+    if column.kind == "clock":
+        # A clock that jumps back by more than half a turn has wrapped.
+        turn = column.turn_s
+        turns = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn) if turn else np.zeros(len(stamps))
+        seconds = (stamps - stamps[0]) / 1e6 + turn * turns
+        clock = timedelta(microseconds=float(stamps[0]))
+        what = "midnight" if turn == 86400.0 else "the hour"
+        passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
+        return seconds, f"time counts from the first stamp, {clock} on the clock{passed}"
+    unit = column.unit or unit_by_magnitude(stamps)
+    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size: --time-unit changes it)"
+    scale = SECONDS_PER_UNIT[unit]
+    if unit == "year":
+        return stamps * scale, f"stamps are {said}"
+    day_of_1970 = _day_of_1970(stamps) if unit == "day" else None
+    if day_of_1970 is not None:
+        first = date_text((float(stamps[0]) - day_of_1970) * scale)
+        # The last of their digits is 10 µs and more.
+        since = ((stamps - stamps[0]) * scale).round(3)
+        return since, f"stamps are {said}; time counts from {first}"
+    if is_epoch(stamps, unit):
+        first = date_text(float(stamps[0]) * scale)
+        return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {first}"
+    counted = "" if start is None else f"; time counts from {date_text(start)}"
+    return _scaled(stamps, scale), f"stamps are {said}{counted}"
+
+
+def _scaled(stamps: Array, scale: float) -> Array:
+    # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
+    return stamps / round(1 / scale) if scale < 1 else stamps if scale == 1 else stamps * scale
+
+
+def times(count: int) -> str:
+    """`once`, `2 times`."""
+    return "once" if count == 1 else f"{count} times"
+
+
+def date_text(seconds: float) -> str:
+    """The date and clock, UTC, of seconds since 1970."""
+    try:
+        return (_EPOCH + timedelta(seconds=seconds)).isoformat()
+    except OverflowError:  # a zone can push a stamp of year 1 or 9999 beyond the calendar
+        return f"{seconds:g} s from 1970"
+
+
+def _median_step(stamps: Array) -> float:
+    steps = np.diff(stamps)
+    positive = steps[steps > 0]
+    return float(np.median(positive)) if positive.size else 0.0
+
+
+# Gaps in time as rows of missing samples.
+
+
+_MAX_INSERTED_PER_ROW = 20
+_ALWAYS_ALLOWED = 1_000_000
+
+
+def missing_rows(time: Array, pauses: Indices, period: float) -> Array:
+    """Samples that are missing in each pause, a float, shape (k,).
+
+    Args:
+        time: Time in s, shape (n,).
+        pauses: Samples, from 0 and in rising order, after each of which samples are missing, shape (k,).
+        period: Nominal sample period in s.
+    """
+    if not pauses.size:
+        return np.zeros(0)
+    # From the latest stamp so far: going forward again after a step back is not a gap.
+    latest = np.maximum.accumulate(time)
+    return np.maximum(np.rint((time[pauses + 1] - latest[pauses]) / period) - 1, 0.0)
+
+
+def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tuple[Array, Array, int]:
+    """Put rows of NaN into the pauses, evenly spaced in time.
+
+    Args:
+        time: Time in s, shape (n,).
+        values: Samples, shape (n, channels).
+        period: Nominal sample period in s.
+        pauses: Samples, from 0 and in rising order, after each of which samples are missing.
+
+    Returns:
+        (time, values, rows that were inserted).
+
+    Raises:
+        BadSetting: the gaps are so long that nearly all rows would be missing ones.
+    """
+    more = missing_rows(time, pauses, period)
+    total = float(more.sum())
+    if total > max(_MAX_INSERTED_PER_ROW * len(time), _ALWAYS_ALLOWED):
+        raise BadSetting(
+            f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (use "dt", or a longer'
+            " sample period)"
+        )
+    count = np.zeros(len(time), dtype=np.int64)
+    count[pauses + 1] = more.astype(np.int64)
+    place = np.arange(len(time)) + np.cumsum(count)
+    size = len(time) + int(total)
+    filled = np.full((size, values.shape[1]), np.nan)
+    filled[place] = values
+    return np.interp(np.arange(size), place, time), filled, int(total)
+
+
+# Samples placed evenly in time, where stamps come in bursts or from a clock coarser than the sample period.
+
+
+_BLOCK = 8
+"""Usual deliveries in one block, whose samples are placed around their mean stamp."""
+_BURST_SHARE = 2 / 3
+_MANY_REPEATS = 0.15
+
+
+def place_evenly(time: Array, rate: SampleRate) -> Array:
+    """Time of each sample, shape (n,): on the line through the stamps of its stretch.
+
+    Where the true rate drifts, so that one line would miss the stamps by more than half a usual delivery, the
+    line bends: it goes through the mean stamp of each block of samples. Stretches with a step per sample keep
+    their stamps.
+    """
+    stretches, n = rate.stretches, len(time)
+    local = np.arange(n) - stretches.spread(stretches.starts)
+    means = _means(time, stretches)
+    slopes = _slopes(time, stretches, rate)
+    middle = (stretches.sizes - 1) / 2
+    placed = stretches.spread(means) + stretches.spread(slopes) * (local - stretches.spread(middle))
+    rows = max(2, round(_BLOCK * rate.longest / rate.period))
+    bent = _bent(time - placed, stretches, rows, rate.longest)
+    if bent.any():
+        chosen = stretches.spread(bent)
+        placed[chosen] += _followed(time - placed, stretches, bent, rows)[chosen]
+    kept = ~_crowded(rate)
+    if kept.any():
+        chosen = stretches.spread(kept)
+        placed[chosen] = time[chosen]
+    if rate.stamps == "coarse":
+        # A clock shows its last step: the samples of a second lie after it.
+        placed += max(0.0, rate.longest - rate.period) / 2
+    # Stretches end a little before the next begins, whatever their lines say.
+    return np.maximum.accumulate(placed) if rate.steps.forward is rate.steps.all else placed
+
+
+def _means(values: Array, stretches: Stretches) -> Array:
+    origin = values[stretches.starts]
+    return origin + np.add.reduceat(values - stretches.spread(origin), stretches.starts) / stretches.sizes
+
+
+def _slopes(time: Array, stretches: Stretches, rate: SampleRate) -> Array:
+    """Slope of the line through each stretch, s per sample; a short one takes that of all."""
+    sizes = stretches.sizes.astype(np.float64)
+    x = np.arange(len(time)) - stretches.spread(stretches.starts + (sizes - 1) / 2)
+    t = time - stretches.spread(time[stretches.starts])
+    spread = np.add.reduceat(x * x, stretches.starts)
+    own = np.add.reduceat(x * t, stretches.starts) / np.where(spread > 0, spread, 1.0)
+    long = sizes * rate.period > 4 * _BLOCK * rate.longest
+    return np.where(long & (own > 0), own, rate.period)
+
+
+def _blocks(stretches: Stretches, rows: int) -> tuple[Indices, Indices]:
+    """First sample of each whole block of `rows` samples, and the stretch that it is in."""
+    local = np.arange(int(stretches.sizes.sum())) - stretches.spread(stretches.starts)
+    whole = stretches.spread(stretches.sizes // rows * rows)
+    first = np.flatnonzero((local < whole) & (local % rows == 0))
+    return first, stretches.spread(np.arange(len(stretches.sizes)))[first]
+
+
+def _block_means(values: Array, first: Indices, rows: int) -> Array:
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    return (total[first + rows] - total[first]) / rows
+
+
+def _bent(residual: Array, stretches: Stretches, rows: int, longest: float) -> Mask:
+    """True for each stretch whose line misses the mean stamps of its blocks."""
+    first, run = _blocks(stretches, rows)
+    bent = np.zeros(len(stretches.sizes), dtype=bool)
+    bent[run[np.abs(_block_means(residual, first, rows)) > 0.5 * longest]] = True
+    return bent
+
+
+def _followed(residual: Array, stretches: Stretches, bent: Mask, rows: int) -> Array:
+    """How much later the stamps are than the line, between the middles of the blocks, shape (n,)."""
+    first, run = _blocks(stretches, rows)
+    # The last block of a stretch goes up to its end, so that no sample lies far from a middle.
+    ends = (stretches.starts + stretches.sizes - rows)[bent & (stretches.sizes >= rows)]
+    first = np.union1d(first[bent[run]], ends)
+    middle, late = first + (rows - 1) / 2, _block_means(residual, first, rows)
+    # Before the first middle and after the last one the line continues as between the nearest two.
+    starts, stops = stretches.starts[bent], (stretches.starts + stretches.sizes - 1)[bent]
+    lowest, highest = np.searchsorted(middle, starts), np.searchsorted(middle, stops) - 1
+    edges = np.concatenate((starts, stops))
+    outer = np.concatenate((lowest, highest))
+    inner = np.concatenate((np.minimum(lowest + 1, highest), np.maximum(highest - 1, lowest)))
+    apart = middle[inner] - middle[outer]
+    slope = (late[inner] - late[outer]) / np.where(apart == 0.0, 1.0, apart)
+    at = np.concatenate((middle, edges))
+    values = np.concatenate((late, late[outer] + slope * (edges - middle[outer])))
+    order = np.argsort(at, kind="stable")
+    return np.interp(np.arange(len(residual)), at[order], values[order])
+
+
+def _crowded(rate: SampleRate) -> Mask:
+    """True for each stretch with several samples per step: stamps that repeat, or most time in long steps."""
+    stretches, steps = rate.stretches, rate.steps.all
+    inside = np.append(steps, 0.0)
+    inside[stretches.starts[1:] - 1] = 0.0
+    repeats = np.add.reduceat((inside == 0.0).astype(np.float64), stretches.starts) - 1
+    positive = np.maximum(inside, 0.0)
+    waiting = np.where(positive > GAP_PERIODS * rate.period, positive, 0.0)
+    spent, waited = (np.add.reduceat(values, stretches.starts) for values in (positive, waiting))
+    many = repeats > _MANY_REPEATS * stretches.sizes
+    return many | (waited > _BURST_SHARE * spent) | (rate.stamps == "coarse")
+
+
+# Steps of a clock of local time that changes to summer time or back.
+
+
+_HOUR = 3600.0
+_WITHIN = 0.1
+"""Share of the sample period by which a step may miss the hour."""
+_MONTHS = (3, 4, 9, 10, 11)
+"""Months in which clocks change, in the north and in the south."""
+_LATEST_HOUR = 4
+"""Clocks change on a Sunday, before this hour."""
+
+
+def about_summer_time(stamps: Array, period: float) -> list[str]:
+    """A sentence about steps that are an hour too long or too short, on a Sunday night of spring or autumn.
+
+    Args:
+        stamps: Local time in µs since 1970, shape (n,).
+        period: Sample period in s.
+    """
+    off = np.diff(stamps) * 1e-6 - period
+    places = np.flatnonzero(np.abs(np.abs(off) - _HOUR) <= _WITHIN * period)
+    before = stamps[places].astype("datetime64[us]")
+    days = before.astype("datetime64[D]")
+    is_sunday = (days.astype(np.int64) + 4) % 7 == 0  # 1970 began on a Thursday
+    is_night = (before - days) < np.timedelta64(_LATEST_HOUR, "h")
+    in_season = np.isin(before.astype("datetime64[M]").astype(np.int64) % 12 + 1, _MONTHS)
+    found = places[is_sunday & is_night & in_season]
+    if not found.size:
+        return []
+    where = ", ".join(str(place + 1) for place in found[:4].tolist()) + (", …" if found.size > 4 else "")
+    return [
+        f"after sample {where} the clock is set by an hour, as for summer time: stamps in UTC, or with their zone,"
+        " show no such step"
+    ]
+
+
+# What is said about the sampling of a recording: its rate, how sure it is, its pauses.
+
+
+_STAMPS = {
+    "even": "",
+    "uneven": " from uneven stamps",
+    "bursts": " from stamps that come in bursts",
+    "coarse": " from stamps of a coarse clock",
+}
+_SURE = 1e-4
+"""A standard error below this share of the rate is not reported."""
+_ALIKE = 0.02
+"""Rates of the file and of the stamps that differ by more contradict each other."""
+
+
+def with_words(
+    timing: Timing, usual: tuple[float, float] | None, stated: float | None, gaps: Gaps, n: int
+) -> Timing:
+    """The timing with its summary and its notes.
+
+    Args:
+        timing: The facts.
+        usual: Between which nine of ten steps lie, in s; None where nothing is said about them.
+        stated: Sample period in s that the file states; None where it states none.
+        gaps: How gaps are to be read.
+        n: Samples, the missing ones left out.
+    """
+    notes = [*_about_stamps(timing, usual), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
+    return replace(timing, summary=_summary(timing), notes=tuple(notes))
+
+
+def _summary(timing: Timing) -> str:
+    if timing.period is None:
+        return ""
+    rate = sample_rate(timing.period)
+    if timing.source == "option":
+        return f"{rate} as requested"
+    if timing.source == "file":
+        return f"{rate} as stated in the file"
+    return f"{rate}{_STAMPS[timing.stamps]}{_sure(timing)}"
+
+
+def _sure(timing: Timing) -> str:
+    error = timing.error
+    return f", standard error {percent(error)}" if error is not None and error > _SURE else ""
+
+
+def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str]:
+    period, steps = timing.stamps_period, ""
+    if period is None:
+        return []
+    rate = f"{sample_rate(period)}{_sure(timing)}"
+    if usual is not None:
+        steps = f"nine of ten steps lie between {usual[0]:.6g} and {usual[1]:.6g} s"
+    if timing.stamps == "coarse":
+        clock = f"the clock has a resolution of {duration(timing.resolution)}"
+        return [f"{clock}: samples were placed evenly between its steps, {rate}"]
+    if timing.stamps == "bursts":
+        return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
+    said: list[str] = []
+    if timing.error is None:
+        said = [f"the stamps show no steady rate: the sample period, {period:.6g} s, is the median step"]
+    elif timing.stamps == "uneven":
+        said = [f"the stamps are uneven, {rate}"]
+    return [": ".join((*said, steps))] if said and steps else said
+
+
+def _about_stated(timing: Timing, stated: float | None) -> list[str]:
+    own = timing.stamps_period
+    if stated is None or own is None or timing.source == "option":
+        return []
+    if timing.source == "file":
+        return [f"the sample rate is the one that the file gives, {sample_rate(stated)}"]
+    if abs(stated - own) <= _ALIKE * own:
+        return []
+    return [
+        f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the stamps"
+        " were used; --rate chooses the other"
+    ]
+
+
+def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
+    if not timing.pauses:
+        return []
+    found = "a gap" if timing.pauses == 1 else f"{timing.pauses} gaps"
+    said = f"time has {found}, first after sample {timing.first_pause}, the longest {timing.longest_pause:.6g} s"
+    if gaps != "rows":
+        return [said]
+    rows = f"{count(timing.missing)} {'row' if timing.missing == 1 else 'rows'}"
+    if timing.missing > n:
+        return [
+            f"{said}; read it with --gaps dt (elapsed time): --gaps missing would add {rows} of missing samples"
+        ]
+    return [f"{said}; read it with --gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"]
+
+
+# From stamps to the time of the samples: wraps are undone, steps are judged, every decision is noted.
+
+
+_COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
+
+
+@dataclass(frozen=True)
+class GivenPeriod:
+    """Sample periods that are known besides the stamps, in s."""
+
+    option: float | None = None
+    """What the user chose; it outranks all others."""
+    file: float | None = None
+    """What the text of the file states."""
+
+
+@dataclass(frozen=True)
+class TimeAxis:
+    """The time of all samples."""
+
+    time: Array
+    """Seconds, shape (n,)."""
+    timing: Timing
+    """The sample period, and how it was found."""
+    pauses: Indices
+    """Samples, from 0, after each of which samples are missing."""
+    backward: int
+    """Steps back in time."""
+    notes: tuple[str, ...]
+    """How the stamps were read and how even they are, each a sentence."""
+
+
+def read_time(
+    stamps: Array,
+    column: TimeColumn,
+    unit: str | None = None,
+    given: GivenPeriod | None = None,
+    gaps: Gaps = "rows",
+    start: float | None = None,
+) -> TimeAxis:
+    """Time of the stamps, shape (n,), n >= 1, all finite, in the unit of their column.
+
+    Args:
+        stamps: As the cells were parsed: µs since 1970 for calendar stamps, µs for clocks, else numbers.
+        column: What they are.
+        unit: Unit of numeric stamps that outranks the column's; None = the column's own.
+        given: Sample periods that are known besides.
+        gaps: How gaps in time are to be read: no advice is given where that was chosen.
+        start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
+    """
+    given = given or GivenPeriod()
+    notes: list[str] = []
+    if column.kind == "number":
+        column = replace(column, unit=unit or column.unit)
+        stamps, said = unwrap(stamps)
+        notes += said
+    time, how = to_seconds(stamps, column, start)
+    rate = find_rate(time)
+    crowded = rate is not None and rate.stamps in ("coarse", "bursts")
+    steps = np.diff(time) if rate is None else rate.steps.all
+    backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
+    notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
+    if rate is None:
+        return _without_rate(time, given, backward, notes)
+    if not PERIODS[0] <= rate.period <= PERIODS[1]:
+        axis = counted_time(len(time), given)
+        said = f"the stamps are {rate.period:.3g} s apart, which is not a time: the samples were counted"
+        return replace(axis, notes=(*notes, said, *axis.notes))
+    if column.kind == "calendar":
+        notes += about_summer_time(stamps, rate.period)
+    pauses = rate.pauses
+    if crowded:
+        time = place_evenly(time, rate)
+    elif given.option is not None:
+        pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
+    timing = _timing(time, rate, pauses, given)
+    usual = None if rate.steps.even else (rate.steps.low, rate.steps.high)
+    timing = with_words(timing, usual, given.file, gaps, len(time))
+    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes))
+
+
+def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
+    """Time of `n` samples without stamps: by the period that is given, else their numbers.
+
+    Args:
+        n: How many.
+        given: Sample periods that are known.
+        offset: Time of the first sample in s, where a period is given.
+        start: When the first sample was taken, in s since 1970; None where that is not known.
+    """
+    period = given.option or given.file
+    time = np.arange(n, dtype=np.float64)
+    if period is not None:
+        time = offset + time * period
+    source: RateSource = "option" if given.option else "file" if given.file else "none"
+    timing = with_words(Timing("none", source, period), None, given.file, "rows", n)
+    notes: list[str] = []
+    if period is not None and start is not None:
+        notes = [f"time counts from {date_text(start)}"]
+    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, (*notes, *timing.notes))
+
+
+def _without_rate(time: Array, given: GivenPeriod, backward: int, notes: list[str]) -> TimeAxis:
+    """Time whose stamps never rise: all are one step of a coarse clock, unless it steps back."""
+    axis = counted_time(len(time), given, float(time[0]))
+    if given.file and len(time) > 1 and not backward:
+        time = axis.time
+    return replace(axis, time=time, backward=backward, notes=(*notes, *axis.notes))
+
+
+def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) -> Timing:
+    period, source = _chosen(rate, given)
+    steps = time[pauses + 1] - time[pauses]
+    return Timing(
+        stamps=rate.stamps,
+        source=source,
+        period=period,
+        error=rate.error / rate.period if np.isfinite(rate.error) else None,
+        stamps_period=rate.period,
+        pauses=int(pauses.size),
+        missing=int(missing_rows(time, pauses, period).sum()),
+        first_pause=int(pauses[0]) + 1 if pauses.size else 0,
+        longest_pause=float(steps.max(initial=0.0)),
+        resolution=rate.longest if rate.stamps == "coarse" else None,
+    )
+
+
+def _chosen(rate: SampleRate, given: GivenPeriod) -> tuple[float, RateSource]:
+    """The period that is used, and its source."""
+    if given.option is not None:
+        return given.option, "option"
+    if given.file is not None and _supports(rate, given.file):
+        return given.file, "file"
+    return rate.period, "stamps"
+
+
+def _supports(rate: SampleRate, stated: float) -> bool:
+    """True where the stamps leave the period open, and the one that the file states, in s, may be it.
+
+    Where there is no rate at which they come steadily, the period lies between the median and the mean step: late
+    rows and lost samples lengthen the mean, bursts shorten the median.
+    """
+    if np.isfinite(rate.error):
+        off = abs(stated - rate.period)
+        return rate.stamps in ("coarse", "bursts") and off <= max(_ALIKE * stated, 3 * rate.error)
+    steps = rate.steps.all
+    mean = float(steps[steps >= 0].mean())
+    margin = max(_ALIKE * stated, rate.longest / len(steps))
+    return min(rate.period, mean) - margin <= stated <= max(rate.period, mean) + margin
+
+
+def unwrap(stamps: Array) -> tuple[Array, list[str]]:
+    """Unwrap whole stamps that jump back by a counter's full range; return them and remarks about it.
+
+    Only where the step over the wrap is an ordinary one: a device that restarts jumps back to 0 from
+    anywhere, and stays a step back.
+    """
+    back = np.flatnonzero(stamps[1:] < stamps[:-1])
+    if back.size == 0 or stamps.min() < 0 or not bool(np.all(stamps == np.floor(stamps))):
+        return stamps, []
+    steps = np.diff(stamps)
+    forward = steps[steps > 0]
+    usual = 50 * max(float(np.median(forward)), 1.0) if forward.size else 0.0
+    for size, name in _COUNTERS.items():
+        if stamps.max() >= size:
+            continue
+        over = steps[back] + size
+        wraps = back[(over > 0) & (over <= min(usual, size / 4))]
+        if wraps.size:
+            turns = np.zeros(len(stamps))
+            turns[wraps + 1] = 1
+            said = f"the stamps wrap {times(wraps.size)}, like a {name}, and were unwrapped"
+            return stamps + size * np.cumsum(turns), [said]
+    return stamps, []
+
+
+def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:
+    """Steps back, and, where `repeated`, stamps that come twice: at once, or again after a step back."""
+    notes: list[str] = []
+    if backward:
+        first = int(np.argmax(steps < 0))
+        notes.append(
+            f"time steps back {times(backward)}, first by {-float(steps[first]):.9g} s at sample {first + 2}:"
+            " the order of the file was kept"
+        )
+    if repeated and steps.size and not float(steps.min()) > 0:
+        twice = len(time) - int(np.unique(time).size)
+        if twice:
+            same = np.flatnonzero(steps == 0)
+            where = f", first at sample {int(same[0]) + 2}" if same.size else ""
+            notes.append(f"{twice} {'samples repeat' if twice > 1 else 'sample repeats'} an earlier stamp{where}")
+    return notes

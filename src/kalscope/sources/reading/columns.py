@@ -1,0 +1,518 @@
+"""What the columns of a log hold: numbers, stamps, text; names, units, the time."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.cells import (
+    MISSING,
+    MISSING_WORDS,
+    NUMBER,
+    OTHER_MARK,
+    OVERFLOWS,
+    NumberForm,
+    is_grouped,
+    is_measure,
+    is_number,
+    is_unit,
+    is_unit_suffix,
+    split_measure,
+    words,
+)
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.stamps import is_stamp
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.instruments.preface import Preface
+from kalscope.sources.instruments.registry import find_preface
+
+# Lines that differ in their digits only: the first few of each shape are judged for all of them.
+
+
+ANY_DIGIT = str.maketrans("123456789", "000000000")
+"""Makes a shape of a text: each digit becomes 0."""
+_MAX_SHAPES = 64
+"""With more shapes, those that differ only in the lengths of their numbers become one."""
+_MAX_OF_SHAPE = 4
+"""Lines by which all of one shape are judged: 0,123 and 1,234 may be read differently."""
+_NUMBER = re.compile("00+")
+
+
+class HeadLine(NamedTuple):
+    """One line that may hold data; thousands are made for each file, and a dataclass is slow to make."""
+
+    number: int
+    """Line number, from 1; beyond the head for lines from further down the file."""
+    text: str
+    """The line without stamp and checksum."""
+    stamp: str = ""
+    """The stamp that a monitor wrote before it; "" where there is none."""
+    shape: str = ""
+    """What is the same in all lines that differ in their digits only: the text with 0 for each, or for each run."""
+
+
+def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
+    """The lines with their shapes."""
+    shapes = [line.text.translate(ANY_DIGIT) for line in lines]
+    exact = set(shapes)
+    if len(exact) > _MAX_SHAPES:
+        coarse = {shape: _NUMBER.sub("0", shape) for shape in exact}
+        shapes = [coarse[shape] for shape in shapes]
+    return [HeadLine(line.number, line.text, line.stamp, shape) for line, shape in zip(lines, shapes, strict=True)]
+
+
+def first_of_each_shape(lines: Iterable[HeadLine]) -> dict[str, Sequence[str]]:
+    """The texts of the first few lines of each shape."""
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        texts = found.get(line.shape)
+        if texts is None:
+            found[line.shape] = [line.text]
+        elif len(texts) < _MAX_OF_SHAPE:
+            texts.append(line.text)
+    return {shape: tuple(texts) for shape, texts in found.items()}
+
+
+# What the columns of a log are: names, units, the time, text. Pure functions on cells.
+
+
+Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
+"""How a column is used; "metadata" is beside the data in the first rows only."""
+
+_INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
+_SUFFIX = re.compile(r"[A-Za-zµμ%]+")
+
+
+HOST_AND_DEVICE = ("host time", "device time")
+"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel."""
+
+ROW_NUMBER_NAME = "sample"
+"""Header of the first column of our own CSV where a recording has no time: it counts the rows."""
+
+COUNTING_NAMES = frozenset(("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples"))
+"""Names, in lower case, of columns that may number the rows."""
+_MIN_COUNTED = 8
+
+
+@dataclass(frozen=True)
+class Column:
+    """One field of the data lines."""
+
+    name: str
+    """Name without its unit, as the source gives it; "" where it gives none. Distinct among the channels."""
+    unit: str = ""
+    """Unit as the source gives it; "" where it gives none."""
+    role: Role = "channel"
+    """How it is used; only channels and the time are read."""
+    form: NumberForm | None = None
+    """How its numbers are written, where that differs from the rest of the table."""
+    words: frozenset[str] = frozenset()
+    """Texts, in lower case, that say "no sample" in this column, besides those that say it everywhere."""
+
+
+def named_column(text: str) -> Column:
+    """`accel (m/s^2)` is accel in m/s^2, `Temp, °C (S/N: 10229)` is Temp in °C, `Pressure in hPa` Pressure in hPa.
+
+    `Distance_cm` keeps its name, in cm; `CO(GT)` is a name.
+    """
+    text = "".join(c for c in text if c.isprintable()).strip()[:100]
+    bare, unit = _split_brackets(text)
+    # Square brackets hold a unit, unless they count or name an axis: `axisP[1]`, `acc[x]`.
+    if bare and (is_unit(unit) or (text[-1] == "]" and not _INDEX.fullmatch(unit))):
+        return Column(bare, unit)
+    for mark in (", ", " in "):
+        name, _, unit = (bare if ":" in unit else text).rpartition(mark)
+        if name and is_unit(unit):
+            return Column(name.rstrip(), unit.strip())
+    place = max(text.rfind("_"), text.rfind(" "))
+    suffix = text[place + 1 :]
+    if place > 0 and _SUFFIX.fullmatch(suffix) and is_unit_suffix(suffix):
+        return Column(text, suffix)
+    return Column(text)
+
+
+def _split_brackets(text: str) -> tuple[str, str]:
+    """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text does not end in a bracket."""
+    opening = {"]": "[", ")": "("}.get(text[-1:])
+    start = -1 if opening is None else text.rfind(opening)
+    inside = text[start + 1 : -1]
+    return ("", "") if start < 0 or text[-1] in inside else (text[:start].rstrip(), inside)
+
+
+def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, width: int) -> Role:
+    """Role of column `index` by its cells in the head: a channel where one is a number, text where none is."""
+    if column.role != "channel":
+        return column.role
+    if kind.kind == "empty":
+        # A spreadsheet's trailing ";;": no name, nothing in it.
+        return "empty" if not column.name and width > 1 and not any(cells) else "channel"
+    said = [cell for cell in cells if cell.lower() not in MISSING]
+    if index == 0 and width > 1 and said and _is_row_number(column.name, said):
+        return "row number"
+    return "channel" if kind.numbers else "text"
+
+
+def _is_row_number(name: str, cells: list[str]) -> bool:
+    """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
+    if name == ROW_NUMBER_NAME:
+        return _counts(cells)
+    if name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
+        return False
+    return int(cells[-1]) - int(cells[0]) == len(cells) - 1
+
+
+def _counts(cells: list[str]) -> bool:
+    """True for 0, 1, 2, … and 1, 2, 3, …, perhaps with a line left out."""
+    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
+        return False
+    numbers = [int(cell) for cell in cells]
+    return numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
+
+
+def settle_roles(
+    columns: list[Column], time: TimeColumn | None
+) -> tuple[list[Column], TimeColumn | None, tuple[str, ...]]:
+    """Columns with their final role and distinct channel names, the time column, and remarks about both.
+
+    A time column on its own is the channel: a file of rising numbers is a signal.
+    """
+    if time is not None and time.kind == "number" and sum(column.role != "empty" for column in columns) == 1:
+        time = None
+    if time is None:
+        notes = ["no time column: samples are counted"]
+    else:
+        taken = (*time.indices, *time.also)
+        if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
+            taken = (0, 1)
+        columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
+        notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time', *time.notes]
+    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    columns = list(columns)
+    for i, name in zip(channels, distinct_names([columns[i].name for i in channels]), strict=True):
+        if columns[i].name and columns[i].name != name:
+            notes.append(f'"{columns[i].name}" is repeated and is renamed "{name}"')
+        columns[i] = replace(columns[i], name=name)
+    return columns, time, tuple(notes)
+
+
+def distinct_names(names: list[str]) -> tuple[str, ...]:
+    """Distinct names: the second `temp` becomes `temp 2`, those without a name `value 1`, `value 2`."""
+    given = {name for name in names if name}
+    distinct: dict[str, None] = {}
+    counts: dict[str, int] = {}
+    for i, name in enumerate(names, 1):
+        count = counts.get(name, 2) if name else i
+        candidate = name or f"value {count}"
+        # A made-up name must not be the given name of a later column.
+        while candidate in distinct or (candidate != name and candidate in given):
+            candidate = f"{name or 'value'} {count}"
+            count += 1
+        distinct[candidate], counts[name] = None, count
+    return tuple(distinct)
+
+
+# What is decided before anything is weighed: by the user, else by the rules of the instrument.
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The choices that hold for one file; what is None is weighed."""
+
+    options: ReadOptions
+    """The choices of the user, which outrank the instrument's."""
+    preface: Preface
+    """What the instrument's rules say, without what the user chose otherwise."""
+
+    @property
+    def delimiter(self) -> str | None:
+        """Delimiter of cells."""
+        return self.options.delimiter or self.preface.delimiter
+
+    @property
+    def decimal(self) -> str | None:
+        """Decimal mark."""
+        return self.options.decimal or self.preface.decimal
+
+    @property
+    def header_row(self) -> int | None:
+        """Line number of the row of names; 0 where there is none."""
+        if self.options.header_row is None and self.options.header is False:
+            return 0
+        return self.options.header_row if self.options.header_row is not None else self.preface.header_row
+
+    @property
+    def unit_row(self) -> int | None:
+        """Line number of the row of units; 0 where there is none."""
+        return self.options.unit_row if self.options.unit_row is not None else self.preface.unit_row
+
+    @property
+    def first_row(self) -> int:
+        """Line number of the first line that may be data."""
+        rows = (self.preface.first_row, self.options.header_row, self.options.unit_row)
+        return max(self.preface.first_row or 1, *((row or 0) + 1 for row in rows[1:]))
+
+
+def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
+    """The choices for a file with this head.
+
+    Raises:
+        BadSetting: a row is chosen that the head of the file does not have.
+    """
+    for word, row in (("header", options.header_row), ("unit", options.unit_row)):
+        if row is not None and row > len(head):
+            raise BadSetting(
+                f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
+            )
+    preface = find_preface(head) or Preface("")
+    if options.header_row is not None or options.header is not None:
+        preface = replace(preface, names=(), header_row=None)
+    if options.unit_row is not None:
+        preface = replace(preface, units=(), unit_row=None)
+    if options.delimiter is not None and options.delimiter != preface.delimiter:
+        preface = replace(preface, left_out=frozenset(), names=(), units=(), time_column=None)
+    return Plan(options, preface)
+
+
+# What each cell of the head looks like, and what a column of such cells holds. Pure functions on cells.
+
+
+Cells = tuple[str, ...]
+CellKind = Literal["number", "other number", "grouped", "measure", "missing", "word", "stamp", "text"]
+"""A plain number, one with the other decimal mark, one with possible thousands separators, one with its unit, an
+ordinary missing value, a word that loggers write for one, a stamp, anything else."""
+
+NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
+"""The kinds that are numbers."""
+
+_NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
+_MIN_SHAPE, _MIN_JUDGED = 8, 3
+"""Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
+_MIN_REPEATED = 3
+"""How often the one word of an otherwise numeric column must occur to mean "no sample"."""
+
+
+class CellKinds(dict[str, CellKind]):
+    """The kind of each cell; a repeated cell is judged once."""
+
+    def __init__(self, decimal: str, words: Iterable[str] = (), delimiter: str = "") -> None:
+        """Args: decimal mark of the table, more texts, in lower case, that say "no sample", and the delimiter."""
+        super().__init__()
+        self.decimal = decimal
+        # In the quotes of a comma file "1,234" may be either.
+        self._quoted = decimal == delimiter
+        self._words = MISSING_WORDS.union(OVERFLOWS, words)
+        self._shapes: dict[str, int] = {}
+
+    def __missing__(self, cell: str) -> CellKind:
+        kind = self[cell] = self._judge(cell)
+        return kind
+
+    def _judge(self, cell: str) -> CellKind:
+        if cell.lower() in MISSING:
+            return "missing"
+        if NUMBER[self.decimal].fullmatch(cell):
+            return "grouped" if self._quoted and is_grouped(cell) else "number"
+        if cell.lower() in self._words:
+            return "word"
+        # Most other cells of a log are several numbers, split at the wrong mark.
+        is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
+        return "stamp" if not is_listed and self._is_stamp(cell) else _odd_kind(cell, self.decimal)
+
+    def _is_stamp(self, cell: str) -> bool:
+        """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
+        shape = cell.translate(ANY_DIGIT)
+        if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
+            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
+        known = self._shapes.get(shape, 0)
+        if abs(known) >= _MIN_JUDGED:
+            return known > 0
+        found = is_stamp(cell)
+        self._shapes[shape] = known + (1 if found else -1)
+        return found
+
+
+def _odd_kind(cell: str, decimal: str) -> CellKind:
+    """The kind of a cell that is not a plain number, a missing value or a stamp."""
+    if is_grouped(cell):
+        return "grouped"
+    if NUMBER[OTHER_MARK[decimal]].fullmatch(cell):
+        return "other number"
+    measure = split_measure(cell)
+    return "measure" if measure is not None and is_measure(measure[1]) else "text"
+
+
+def only_text(cells: Sequence[str], decimal: str) -> bool:
+    """True where no cell is a number, a stamp or a missing value, and there are cells at all."""
+    kinds = CellKinds(decimal)
+    return any(cells) and all(not cell or kinds[cell] not in ("number", "stamp", "missing") for cell in cells)
+
+
+def likeness(cells: Cells, kinds: CellKinds) -> float:
+    """Share of the cells that a data line may hold, 0…1; 0 where none is a number."""
+    found = [kinds[cell] for cell in cells]
+    numbers = float(found.count("number"))
+    if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
+        numbers += found.count("measure")
+    if len(cells) == 1 and found[0] == "grouped":
+        numbers += "." in cells[0] and "," in cells[0]
+    if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
+        numbers += 0.25 * found.count("other number") + 0.5 * found.count("grouped")
+    if not numbers:
+        return 0.0
+    others = found.count("missing") + found.count("word") + found.count("stamp")
+    return (numbers + others) / len(cells)
+
+
+@dataclass(frozen=True)
+class ColumnType:
+    """What most cells of a column hold."""
+
+    kind: Literal["number", "stamp", "text", "empty"]
+    """The majority among the cells that are not missing; "empty" where all are."""
+    share: float
+    """Share of the cells that are not missing and are of that kind."""
+    numbers: int = 0
+    """How many of its cells are numbers, of whatever form."""
+    measured: bool = False
+    """True where most of the numbers are followed by their unit."""
+    words: frozenset[str] = frozenset()
+    """The one text, in lower case, that an otherwise numeric column repeats: it says "no sample"."""
+
+    def suits(self, other: ColumnType) -> bool:
+        """True where both may be parts of one column."""
+        return "empty" in (self.kind, other.kind) or self.kind == other.kind
+
+    def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
+        """Whether a cell may be in this column; in one of text any cell is "missing", because it tells nothing."""
+        kind = kinds[cell]
+        if kind in ("missing", "word") or cell.lower() in self.words:
+            return "missing"
+        if self.kind in ("text", "empty"):
+            return "missing"
+        if kind == "measure" and not self.measured:
+            return "strange"  # `5V` above numbers is a name
+        is_number = kind in NUMERIC
+        return "fits" if is_number == (self.kind == "number") and kind != "text" else "strange"
+
+
+def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
+    """What a column holds, by its cells."""
+    counts = Counter(kinds[cell] for cell in cells)
+    numbers = sum(counts[kind] for kind in NUMERIC)
+    measured = counts["measure"] > numbers / 2
+    stamps, texts = counts["stamp"], counts["text"]
+    total = numbers + stamps + texts
+    if not total:
+        return ColumnType("empty", 1.0)
+    if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
+        said = {cell.lower() for cell in cells if kinds[cell] == "text"}
+        if len(said) == 1:
+            return ColumnType("number", 1.0, numbers, measured, frozenset(said))
+    if numbers >= max(stamps, texts):
+        return ColumnType("number", numbers / total, numbers, measured)
+    if stamps >= texts:
+        return ColumnType("stamp", stamps / total, numbers)
+    return ColumnType("text", texts / total, numbers)
+
+
+def number_form(
+    cells: Sequence[str], kinds: CellKinds, wanted: str | None = None
+) -> tuple[NumberForm, NumberForm | None]:
+    """How the numbers of a column are written, and how else they could be; None where nothing else fits.
+
+    The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
+    outranks it.
+    """
+    marks = Counter(kinds[cell] for cell in cells)
+    plain = NumberForm(wanted or kinds.decimal)
+    odd = marks["other number"] + marks["grouped"] + marks["measure"]
+    if not odd and plain.decimal == kinds.decimal:
+        return plain, None
+    suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
+    numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
+    measures = replace(plain, suffix=suffix)
+    if odd == marks["measure"] and all(map(measures.fits, numeric)):
+        return measures, None  # 20.271C is no more in doubt than 20.271
+    bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
+    forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
+    counts = {form: sum(map(form.fits, numeric)) for form in forms}
+    best = max(forms, key=lambda form: counts[form])
+    if best.decimal != kinds.decimal and not best.thousands and not wanted:
+        # "1,234" above "2,345": English thousands rather than decimal commas.
+        grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
+        best = grouped if counts[grouped] == counts[best] else best
+    rivals = [
+        form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
+    ]
+    return best, next(iter(rivals), None)
+
+
+def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
+    """True where both forms read a cell, and read different numbers."""
+    both = form.fits(cell) and rival.fits(cell)
+    return both and None not in (read := (form.parse(cell), rival.parse(cell))) and read[0] != read[1]
+
+
+def _common_suffix(measures: list[str]) -> str:
+    """The unit after most of the numbers; "" where there is none."""
+    found = Counter(parts[1] for cell in measures if (parts := split_measure(cell)))
+    return found.most_common(1)[0][0] if found else ""
+
+
+# Long ("tidy") tables: one value per row, beside the name of what was measured, as databases export them.
+#
+# Home Assistant writes `entity_id,state,last_changed`, InfluxDB `_time,_value,_field,_measurement` and tags, others
+# time, name, value and perhaps the unit.
+
+
+MAX_SERIES = 256
+"""Distinct names that are read from one long table."""
+
+UNIT_NAMES = words("unit units unit_of_measurement uom")
+"""Names of a column that holds the unit of each value, lower case."""
+
+_NAMES = words(
+    """
+    name entity entity_id sensor sensor_id sensor_name sensorname field _field _measurement measurement key variable
+    parameter channel signal metric tag topic series quantity attribute point
+    """
+)
+_VALUES = words("value _value state reading val sensor_value measured_value")
+_NO_TAGS = words("result table _start _stop")
+_MIN_ROWS = 4
+
+
+def mark_series(
+    columns: list[Column], rows: list[Cells], time: TimeColumn | None, decimal: str
+) -> tuple[list[Column], tuple[str, ...]]:
+    """The columns of a long table with the role "series" for those that name the value, and a note about it.
+
+    Any other table is returned unchanged. Few tables are long, so the rule is strict: a column named as such holds
+    repeated texts, one named as such holds the values, and no other column but the time holds numbers.
+    """
+    bases = ["_".join(column.name.lower().split()) for column in columns]
+    times = time.indices if time is not None else ()
+    values = [i for i, base in enumerate(bases) if base in _VALUES and i not in times]
+    by_field = "_field" in bases and "_value" in bases  # InfluxDB: its other texts are tags
+    texts = [i for i, column in enumerate(columns) if column.role == "text" and i not in times]
+    names = [i for i in texts if bases[i] in _NAMES and i not in values]
+    numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
+    if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
+        return columns, ()
+    series = [i for i in texts if by_field and bases[i] not in _NO_TAGS] or names
+    series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
+    distinct = {tuple(row[i] for i in series) for row in rows}
+    if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
+        return columns, ()
+    marked = [
+        replace(column, role="series" if i in series else "channel" if i in values else column.role)
+        for i, column in enumerate(columns)
+    ]
+    marked = [replace(column, role="text") if i in numbers else column for i, column in enumerate(marked)]
+    said = ", ".join(f'"{columns[i].name}"' for i in series)
+    return marked, (f"each row holds one value, named by {said}",)

@@ -1,0 +1,285 @@
+"""One line of a log whose layout is known: rows of numbers, a header, a comment, or why it is none of these.
+
+The file reader, stdin and the live port all end here, so that a recording and the wire agree.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from kalscope.recording import MAX_ISSUE_LENGTH, LineIssue
+from kalscope.sources.grammar.cells import (
+    MISSING_WORDS,
+    NumberForm,
+    is_blank,
+    is_comment,
+    is_damaged,
+    parse_number,
+    split_fields,
+)
+from kalscope.sources.grammar.line_format import (
+    find_labels,
+    split_checksum,
+    split_stamp,
+    split_teleplot,
+    teleplot_flags,
+)
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.timestamps import row_stamp_parser
+from kalscope.sources.reading.columns import MAX_SERIES
+from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
+
+Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
+"""How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
+
+_TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
+TAIL_LINES = 64
+"""Rows before a last line without newline by which it is judged."""
+_MIN_NEIGHBOURS = 5
+
+
+@dataclass(frozen=True)
+class LineEvent:
+    """What one line holds."""
+
+    number: int
+    """Line number, from 1."""
+    kind: Kind
+    """How it was read."""
+    text: str
+    """The line, without its newline, cut at 200 characters."""
+    rows: tuple[tuple[float, ...], ...] = ()
+    """Rows of one value per column, in the order of the layout; NaN where missing or not read. One for a "row"
+    line, except where one line of Teleplot holds several samples."""
+    issues: tuple[LineIssue, ...] = ()
+    """Why it was rejected, or which of its cells are missing samples."""
+    missing: tuple[str, ...] = ()
+    """Words in its cells that say "no sample", such as M or unavailable, beside the ordinary ones."""
+
+
+class _Fault(Exception):
+    """The line has the wrong shape; the message says what must hold."""
+
+
+class LineReader:
+    """Reads lines of one layout."""
+
+    def __init__(self, layout: Layout, options: ReadOptions = DEFAULTS) -> None:
+        self.layout = layout
+        self._form = layout.form
+        self._width = len(layout.columns)
+        self._channels = layout.channels
+        plain = NumberForm(layout.form.decimal)
+        self._parsers = {i: (layout.columns[i].form or plain).parse for i in self._channels}
+        self._silent = options.missing_texts
+        self._words = {i: MISSING_WORDS | layout.columns[i].words for i in self._channels}
+        self._numbers = frozenset(options.missing_numbers)
+        self._least = layout.least
+        self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
+        self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
+        self.series: dict[tuple[str, ...], int] = {}
+        """The names of a long table and their numbers, which are in its first "series" column."""
+        self.before = -1
+        """Fields of the row before; −1 at the first row."""
+        self._labels = frozenset(self._form.labels)
+        # A blank label would match at each position in a long run of blanks.
+        names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
+        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
+
+    def read(self, number: int, line: str) -> LineEvent:
+        """Take one whole line, with or without its newline."""
+        text = line.rstrip("\r\n")
+        kind = self._kind_without_data(text)
+        if kind is not None:
+            return LineEvent(number, kind, text[:MAX_ISSUE_LENGTH])
+        issues: list[LineIssue] = []
+        missing: list[str] = []
+        try:
+            rows = self._rows(number, text, issues, missing)
+        except _Fault as fault:
+            return rejected(number, text, str(fault))
+        if rows is None:
+            return LineEvent(number, "text", text[:MAX_ISSUE_LENGTH])
+        return LineEvent(number, "row", text[:MAX_ISSUE_LENGTH], rows, tuple(issues), tuple(missing))
+
+    def _kind_without_data(self, text: str) -> Kind | None:
+        if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
+            return "blank"
+        if is_comment(text):
+            return "comment"
+        if self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names:
+            return "header"
+        rows = self.layout.header_rows
+        if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
+            return "header"
+        return None
+
+    def _rows(
+        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
+    ) -> tuple[tuple[float, ...], ...] | None:
+        """The rows of a line; None for prose; _Fault for a wrong shape."""
+        if is_damaged(text):
+            which = "NUL" if "\0" in text else "control"
+            raise _Fault(f"must be printable text (got {which} bytes)")
+        head: list[str] = []
+        if self._form.stamped:
+            stamped = split_stamp(text)
+            if stamped is None:
+                raise _Fault("must begin with a stamp, as the other lines do")
+            head, text = [stamped[0]], stamped[1]
+        text = self._checked(text)
+        if self._form.kind == "teleplot":
+            return self._teleplot(number, text, issues, missing)
+        cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else None
+        cells = self._labelled(number, text, issues) if cells is None else cells
+        return None if cells is None else (self._row(number, head + cells, issues, missing),)
+
+    def _checked(self, text: str) -> str:
+        """The line without its checksum, which must be right where there is one."""
+        parts = split_checksum(text)
+        if parts is None:
+            if self._form.checksum:
+                raise _Fault("must end with its checksum, as the other lines do")
+            return text
+        if parts[1] != parts[2]:
+            raise _Fault(f"must end with the checksum *{parts[2]:02X} (got *{parts[1]:02X})")
+        return parts[0]
+
+    def _labelled(self, number: int, text: str, issues: list[LineIssue]) -> list[str] | None:
+        """Cells in column order; a value without a column is an issue; None for prose."""
+        found = find_labels(text)
+        if found is None:
+            if self._known_label.search(text) or text.lstrip().startswith("{"):
+                raise _Fault("must be written as the other lines are")
+            return None
+        pairs, ignored = found
+        values = dict(pairs)
+        if len(values) != len(pairs):
+            raise _Fault("must hold each label once")
+        if not values.keys() & self._labels:
+            if all(parse_number(value) is None for value in values.values()):
+                return None
+            raise _Fault(f"must hold one of the labels {', '.join(self._form.labels[:8])}")
+        if self._form.complete and (lacking := [label for label in self._form.labels if label not in values]):
+            raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
+        strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
+        for token in strangers + ignored:
+            issues.append(LineIssue(number, "must belong to a known label; it is left out", token, ""))
+        return [values.get(label, "") for label in self._form.labels]
+
+    def _teleplot(
+        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
+    ) -> tuple[tuple[float, ...], ...] | None:
+        if not text.lstrip().startswith(">"):
+            return None  # on a serial line Teleplot leaves all else to the program's log
+        plot = split_teleplot(text)
+        if plot is None:
+            flags = teleplot_flags(text)
+            if "t" in flags:
+                return None
+            point = ": it is a point of a plane" if "xy" in flags else ""
+            raise _Fault(f"must be >name:value or >name:ms:value{point}")
+        if plot.name not in self._labels:
+            raise _Fault(
+                f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"
+            )
+        timed = self.layout.time is not None or self._width > len(self._labels)
+        at = self._form.labels.index(plot.name) + timed
+        rows: list[tuple[float, ...]] = []
+        for stamp, value in plot.samples:
+            if self._parsers[at](value) is None and value.lower() not in self._words[at]:
+                raise _Fault("must be a number, or a word for a missing one")
+            cells = [""] * self._width
+            cells[at] = value
+            if timed:
+                cells[0] = stamp
+            rows.append(self._row(number, cells, issues, missing))
+        return tuple(rows)
+
+    def _row(self, number: int, cells: list[str], issues: list[LineIssue], missing: list[str]) -> tuple[float, ...]:
+        cells = self._whole(cells)
+        layout = self.layout
+        values = [math.nan] * self._width
+        if layout.time is not None and self._stamp is not None:
+            stamp = self._stamp(cells)
+            if stamp is None:
+                raise _Fault("must have a readable time stamp")
+            values[layout.time.index] = stamp
+        if self._series:
+            values[self._series[0]] = self._number_of(tuple(cells[i] for i in self._series))
+        for i in self._channels:
+            cell = cells[i].lower()
+            if cell in self._silent:
+                continue
+            value = self._parsers[i](cells[i])
+            if value is not None:
+                if value not in self._numbers:
+                    values[i] = value
+            elif cell in self._words[i]:
+                missing.append(cells[i])
+            else:
+                name = layout.columns[i].name
+                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_ISSUE_LENGTH], name))
+        return tuple(values)
+
+    def _number_of(self, name: tuple[str, ...]) -> int:
+        if name not in self.series and len(self.series) >= MAX_SERIES:
+            raise _Fault(f"must be of one of the first {MAX_SERIES} names")
+        return self.series.setdefault(name, len(self.series))
+
+    def _whole(self, cells: list[str]) -> list[str]:
+        """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.
+
+        One row that is too narrow was torn. Where the row before has its width, or there is none, it is from a
+        time when the logger wrote fewer fields.
+        """
+        count, before, self.before = len(cells), self.before, len(cells)
+        if count == self._width + 1 and not cells[-1]:
+            return cells[:-1]
+        if count < self._least and count in self.layout.narrow and before in (-1, count):
+            return cells + [""] * (self._width - count)
+        if not self._least <= count <= self._width:
+            raise _Fault(f"must have {self._width} fields (got {count})")
+        return cells
+
+    def read_last(self, number: int, line: str, before: Sequence[str]) -> LineEvent:
+        """Take a last line that has no newline: torn, unless it shows that nothing of it was cut.
+
+        It does where its checksum is right, or where it is a row whose last number has exactly as many
+        decimals as that of all the rows before it. A whole number may have lost a digit.
+
+        Args:
+            number: Its line number.
+            line: The line.
+            before: The lines before it, TAIL_LINES are plenty.
+        """
+        event = self.read(number, line)
+        if event.kind in ("blank", "comment"):
+            return event
+        if event.kind == "row" and (split_checksum(line) or self._is_whole(line, before)):
+            return event
+        return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
+
+    def _is_whole(self, line: str, before: Sequence[str]) -> bool:
+        mark = self._form.decimal
+        decimals = _decimals(line, mark)
+        rows = [text for text in before[-TAIL_LINES:] if self.read(0, text).kind == "row"]
+        alike = all(_decimals(row, mark) == decimals for row in rows)
+        return alike and decimals > 0 and len(rows) >= _MIN_NEIGHBOURS
+
+
+def rejected(number: int, text: str, reason: str) -> LineEvent:
+    """The event of a line of the wrong shape."""
+    text = text.rstrip("\r\n")[:MAX_ISSUE_LENGTH]
+    return LineEvent(number, "rejected", text, (), (LineIssue(number, reason, text),))
+
+
+def _decimals(line: str, mark: str) -> int:
+    """Digits after the decimal mark of the number that ends the line; 0 where none does."""
+    text = line.rstrip("\r\n")
+    matches = [match for match in _TAIL_NUMBER[mark].finditer(text) if match.end() == len(text)]
+    return len(matches[-1][1]) if matches else 0

@@ -1,0 +1,397 @@
+"""How a log is written, found from its first lines: delimiter, decimal mark, names, units, time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from kalscope.common.numbers import Array
+from kalscope.sources.grammar.cells import NumberForm, is_comment
+from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.instruments.preface import told_delimiter
+from kalscope.sources.reading.columns import (
+    CellKinds,
+    Cells,
+    Column,
+    HeadLine,
+    Plan,
+    differ,
+    make_plan,
+    mark_series,
+    named_column,
+    number_form,
+    role_of,
+    settle_roles,
+)
+from kalscope.sources.reading.headers import Header, join_quoted, read_header
+from kalscope.sources.reading.table import Body, HeadTable, candidate_lines, candidate_tables, find_body, weigh
+from kalscope.sources.reading.time_columns import chosen_time, find_time, stamps_of
+
+# Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
+
+
+MIN_CYCLES = 4
+"""How often all labels must come in turn."""
+_MIN_COMPLETE = 0.9
+"""Share of the turns that must hold every label."""
+_MAX_INSIDE = 0.25
+"""Largest share of the time between two turns that may pass between the first and the last line of one."""
+
+
+def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | None) -> int | None:
+    """The label that begins each turn, an index into the cells; None where each line is a row of its own.
+
+    Args:
+        rows: Cells of the lines, "" where a line lacks the label.
+        labels: Which of the cells hold values.
+        stamps: Of the lines, shape (n,), NaN where unreadable; None where they have none.
+    """
+    held = [{i for i in labels if row[i]} for row in rows]
+    first = next((i for i in labels if held and i in held[0]), None)
+    begins = [k for k, here in enumerate(held) if first in here]
+    if first is None or len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
+        return None
+    turns = [held[a:b] for a, b in pairwise(begins)]
+    complete = sum(sorted(i for here in turn for i in here) == sorted(labels) for turn in turns)
+    if complete < _MIN_COMPLETE * len(turns):
+        return None
+    return first if stamps is None or _are_together(begins, stamps) else None
+
+
+def _are_together(begins: list[int], stamps: Array) -> bool:
+    """True where little time passes between the first line of a turn, at `begins`, and the last."""
+    inside = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(begins)])
+    between = np.diff(stamps[begins])
+    known = np.isfinite(inside) & np.isfinite(between)
+    return bool(known.any()) and float(np.median(inside[known])) <= _MAX_INSIDE * float(np.median(between[known]))
+
+
+# The sentences that explain a layout, and that name another one that could be meant.
+
+
+_MARKS = {"\t": "tabs", " ": "blanks"}
+_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+
+
+def explain(
+    form: LineFormat, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
+) -> list[str]:
+    """How the lines are split, what is beside the data, and which other way comes close."""
+    notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
+    if form.kind == "table":
+        notes.append(table_note(form))
+    if form.checksum:
+        notes.append("each line ends with a checksum, which is checked")
+    if form.stamped:
+        notes.append("the stamp before each line is the time")
+    left_out = body.beside & plan.preface.left_out
+    for places, what in ((left_out, "no samples"), (body.beside - left_out, "metadata beside the data")):
+        if places:
+            notes.append(f"{_places(places)} {what}")
+    notes += [
+        f"{_named(column, i)}: {_about_numbers(column.form, form)}"
+        for i, column in enumerate(columns)
+        if column.form is not None
+    ]
+    if body.narrow:
+        fields = " or ".join(map(str, sorted(body.narrow)))
+        notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
+    if second is not None:
+        notes.append(_could_be(form, second))
+    return notes
+
+
+def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
+    """The question about a column whose numbers could be written in two ways."""
+    example = next(cell for cell in cells if differ(form, rival, cell))
+    word = "comma" if rival.decimal == "," else "point"
+    return (
+        f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'
+        f" The first was used; --decimal {word} selects the second"
+    )
+
+
+def table_note(form: LineFormat) -> str:
+    """The sentence about delimiter and decimal mark."""
+    mark = _MARKS.get(form.delimiter, f'"{form.delimiter}"')
+    return f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'
+
+
+def _could_be(form: LineFormat, second: HeadTable) -> str:
+    """The sentence about a close second: what it is, and the option that would take it."""
+    other = second.form
+    count = "1 column" if second.width == 1 else f"{second.width} columns"
+    chosen: list[str] = []
+    if other.delimiter != form.delimiter:
+        chosen.append(f"--delimiter {_WORDS[other.delimiter]}")
+    if other.decimal != form.decimal:
+        chosen.append(f"--decimal {'comma' if other.decimal == ',' else 'point'}")
+    return f"it could also be {count}: {' '.join(chosen)}"
+
+
+def _about_numbers(number: NumberForm, form: LineFormat) -> str:
+    """How the numbers of a column differ from those of the rest of the table."""
+    said: list[str] = []
+    if number.suffix:
+        said.append(f'each number is followed by its unit, "{number.suffix}"')
+    if number.decimal != form.decimal:
+        said.append(f'the decimal mark is "{number.decimal}"')
+    if number.thousands:
+        said.append(f'"{"." if number.decimal == "," else ","}" or a blank separates thousands')
+    return ", ".join(said)
+
+
+def _named(column: Column, index: int) -> str:
+    return f'"{column.name}"' if column.name else f"column {index + 1}"
+
+
+def _places(indices: frozenset[int]) -> str:
+    """`column 3 holds`, `columns 1, 2 and 3 hold`."""
+    numbers = [str(i + 1) for i in sorted(indices)]
+    if len(numbers) == 1:
+        return f"column {numbers[0]} holds"
+    return f"columns {', '.join(numbers[:-1])} and {numbers[-1]} hold"
+
+
+# How a log is written, found from its first lines: delimiter, decimal mark, header, units, time column.
+#
+# Pure functions on text. A file gives its units in the header (`accel (m/s^2)`, `t [us]`, `Distance_cm`), in a
+# row of units below the header, or in comment lines of Kalscope's own convention above the data:
+#
+#     # unit volume: 1e8 m3
+
+
+MAX_COLUMNS = 256
+"""A table wider than this is not a log of samples (a list per line, an image, one case per line)."""
+
+MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
+"""Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
+
+_MAX_COMMENT_LENGTH = 400
+_TELEPLOT_TIME = Column("time", "ms")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How one log is written."""
+
+    form: LineFormat
+    """Delimiter, decimal mark, kind."""
+    columns: tuple[Column, ...]
+    """One per field of a data line."""
+    time: TimeColumn | None
+    """The time column; None where there is none."""
+    first_data: int
+    """Line number of the first data line, from 1."""
+    headers: frozenset[int]
+    """Line numbers above the data that are header or units rows."""
+    header_rows: tuple[Cells, ...]
+    """Their cells, by which a repeated header is recognised."""
+    notes: tuple[str, ...]
+    """What was decided, each a sentence."""
+    narrow: frozenset[int] = frozenset()
+    """Widths of rows that lack their last fields, where several such rows follow each other."""
+    period: float | None = None
+    """Sample period in s that the file itself gives; None where it gives none."""
+    start: float | None = None
+    """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
+    offset: float = 0.0
+    """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
+    lead: int | None = None
+    """Column of the label that begins a row where several lines make up one; None where each line is a row."""
+
+    @property
+    def channels(self) -> list[int]:
+        """Indices of the columns that are channels."""
+        return [i for i, column in enumerate(self.columns) if column.role == "channel"]
+
+    @property
+    def least(self) -> int:
+        """Fewest fields of a whole line: a spreadsheet's trailing empty columns may be left out."""
+        roles = [column.role for column in self.columns]
+        return max(1, *(i for i, role in enumerate(roles, 1) if role != "empty"), 1)
+
+
+def sniff(
+    head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[Sequence[str]] = ()
+) -> Layout | None:
+    """Find how a log is written.
+
+    Args:
+        head: The first lines of the file (64 KiB are plenty), without their newlines.
+        options: What is decided already.
+        samples: Runs of whole lines from the middle and the end of the file, where there are any.
+
+    Returns:
+        None where fewer than MIN_SHARE of the lines look like data, or the head ends above the data.
+
+    Raises:
+        BadSetting: there is no such time column, or no such row.
+    """
+    head = join_quoted(head)
+    plan = make_plan(head, options)
+    if head and told_delimiter(head[0]):
+        head[0] = ""  # no row of names
+    lines, marks = candidate_lines(head, samples)
+    table, second = weigh(lines, candidate_tables(lines, plan, head))
+    if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
+        return None
+    return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)
+
+
+def _marked(form: LineFormat, marks: LineFormat) -> LineFormat:
+    """The form, with the stamps and checksums that were split off."""
+    return replace(form, stamped=marks.stamped, checksum=marks.checksum)
+
+
+def _layout(
+    head: Sequence[str], plan: Plan, lines: list[HeadLine], table: HeadTable, second: HeadTable | None
+) -> Layout | None:
+    """The layout of a table among the lines of a file; None where its rows begin below the head."""
+    kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
+    body = find_body(lines, table, plan, len(head), kinds)
+    if body.first > len(head):  # lines of the samples have no number of the file
+        return None
+    is_table = table.form.kind == "table"
+    header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
+    body = body.starting_at(header.first)
+    columns, doubtful = _described(head, header, body, kinds, plan)
+    if not header.rows and is_table:
+        columns = _in_their_places(columns)
+    cells = [row for _, row in (*body.rows, *body.samples)]
+    if table.form.stamped:
+        stamps = {line.number: line.stamp for line in lines}
+        cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
+        columns.insert(0, Column("time"))
+    time = _find_time(columns, cells, table, header, plan)
+    lead = _leading(table, columns, cells, time)
+    columns, about_series = mark_series(columns, cells, time, table.form.decimal)
+    columns, time, about_columns = settle_roles(columns, time)
+    notes = (
+        *explain(table.form, plan, body, columns, second),
+        *doubtful,
+        *header.notes,
+        *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
+        *about_series,
+        *about_columns,
+        *plan.preface.notes,
+    )
+    return Layout(
+        form=table.form,
+        columns=tuple(columns),
+        time=time,
+        first_data=header.first,
+        headers=frozenset(number for number, _ in header.rows),
+        header_rows=tuple(cells for _, cells in header.rows),
+        notes=notes,
+        narrow=body.narrow,
+        period=_stated_period(plan),
+        start=plan.preface.start,
+        offset=_stated_offset(plan),
+        lead=lead,
+    )
+
+
+def _stated_period(plan: Plan) -> float | None:
+    """Sample period in s that the instrument writes; None where its cell is empty or holds no period."""
+    period = plan.preface.period
+    return period if period is not None and math.isfinite(period) and period > 0 else None
+
+
+def _stated_offset(plan: Plan) -> float:
+    """Stamp of the first sample in s that the instrument writes; 0 where its cell is empty."""
+    offset = plan.preface.offset
+    return offset if offset is not None and math.isfinite(offset) else 0.0
+
+
+def _described(
+    head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan
+) -> tuple[list[Column], list[str]]:
+    """The columns with their units, roles and forms of numbers; sentences about forms that are in doubt."""
+    said = dict(filter(None, map(_unit_comment, head)))
+    columns: list[Column] = []
+    doubtful: list[str] = []
+    for i, column in enumerate(header.columns):
+        cells, kind = body.column(i), body.types[i]
+        here = cells[: len(body.rows)]
+        role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
+        form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
+        if form is not None and rival is not None:
+            doubtful.append(explain_doubt(column, i, form, rival, cells))
+        columns.append(
+            replace(
+                column,
+                role=role,
+                unit=said.get(column.name, column.unit) or (form.suffix if form else ""),
+                form=form if form != NumberForm(kinds.decimal) else None,
+                words=kind.words,
+            )
+        )
+    return columns, doubtful
+
+
+def _unit_comment(line: str) -> tuple[str, str] | None:
+    """(name, unit) of `# unit volume: 1e8 m3`; None for any other line."""
+    if len(line) > _MAX_COMMENT_LENGTH or not is_comment(line):
+        return None
+    words = line.strip().lstrip("#%/").split(None, 1)
+    if len(words) < 2 or words[0].lower() != "unit":
+        return None
+    name, _, unit = (part.strip() for part in words[1].partition(":"))
+    return (name, unit) if name and unit else None
+
+
+def _find_time(
+    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan
+) -> TimeColumn | None:
+    choice = plan.options.time_column
+    if choice is None and plan.preface.time_column is not None:
+        choice = plan.preface.time_column if plan.preface.time_column >= 0 else "none"
+    if choice is not None:
+        labels = header.rows[-1][1] if header.rows else ()
+        time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
+    else:
+        named = any(column.name for column in columns) or table.form.kind != "table"
+        # A field that was added later cannot be the time of the rows before.
+        least = min(table.narrow, default=len(columns))
+        rows = [row[:least] for row in rows]
+        time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
+    if time is None and choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+        time = TimeColumn(0, "number", "ms")  # so few lines may not show it: they may all be of one moment
+    if time is not None and time.kind == "number" and plan.preface.time_unit:
+        time = replace(time, unit=plan.preface.time_unit)
+    return time
+
+
+def _leading(table: HeadTable, columns: list[Column], rows: list[Cells], time: TimeColumn | None) -> int | None:
+    """The column of the label that begins a row of several lines; None where each line is a row."""
+    if table.form.kind != "labels" or table.form.complete:
+        return None
+    labels = [
+        i for i, column in enumerate(columns) if column.role == "channel" and not (time and i in time.indices)
+    ]
+    return leading_label(rows, labels, None if time is None else stamps_of(time, rows, table.form.decimal))
+
+
+def _in_their_places(columns: list[Column]) -> list[Column]:
+    """Only columns after the last number are empty: `1,,3` has a second channel that is still missing."""
+    last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
+    return [replace(c, role="channel") if c.role == "empty" and i < last else c for i, c in enumerate(columns)]
+
+
+def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:
+    """Names and units that the data lines themselves hold."""
+    if table.form.kind == "labels":
+        columns = [named_column(label) for label in table.form.labels]
+        return Header(tuple(columns), (), table.rows[0][0], ("each line holds name:value pairs",))
+    units = {plot.name: plot.unit for line in lines if (plot := split_teleplot(line.text)) and plot.unit}
+    columns = [Column(name, units.get(name, "")) for name in table.form.labels]
+    if table.width > len(columns):
+        columns.insert(0, _TELEPLOT_TIME)
+    return Header(tuple(columns), (), table.rows[0][0], ("each line is one variable of Teleplot",))

@@ -1,0 +1,309 @@
+"""A file as lines of text: what a packed file holds, where its bytes are, their encoding."""
+
+from __future__ import annotations
+
+import codecs
+import hashlib
+import io
+import re
+import zlib
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from threading import Event
+from typing import Any, BinaryIO, TextIO
+
+from kalscope.common.files import temporary_folder
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile, Cancelled
+from kalscope.sources.grammar.cells import wide_encoding
+from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
+
+# What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
+
+
+GZIP = b"\x1f\x8b"
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
+
+_CHUNKS = {"gzip": 1 << 12, "Zstandard": 1 << 10}
+"""Packed bytes that are unpacked at once: 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB."""
+
+
+def is_packed(magic: bytes) -> bool:
+    """True where a file with these first bytes is an archive that `unpacked` reads."""
+    return magic.startswith((GZIP, ZSTANDARD))
+
+
+def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
+    """The content of an archive in pieces.
+
+    Raises:
+        BadFile: it is cut short or damaged, unpacks to too much, or zstandard is not installed.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        kind = "gzip" if file.read(2) == GZIP else "Zstandard"
+        file.seek(0)
+        for piece in _unpacked(file, name, kind):
+            progress(0.5 * file.tell() / max(size, 1), "unpacking")
+            progress.unpack(len(piece))
+            yield piece
+
+
+def _unpacked(file: BinaryIO, name: str, kind: str) -> Iterator[bytes]:
+    """The content of all archives that are joined in a file; zeros after each are skipped."""
+    unpacker, error = _library(name, kind)
+    stream = unpacker()
+    try:
+        while packed := file.read(_CHUNKS[kind]):
+            while packed := packed.lstrip(b"\0") if stream.eof else packed:  # a tape fills its blocks with zeros
+                stream = unpacker() if stream.eof else stream
+                yield stream.decompress(packed)
+                packed = stream.unused_data
+    except error as damage:
+        raise BadFile(f"{name} cannot be read as a {kind} archive: {damage}") from None
+    if not stream.eof:
+        raise BadFile(f"{name} cannot be read as a {kind} archive: it is cut short")
+
+
+def _library(name: str, kind: str) -> tuple[Callable[[], Any], type[Exception]]:
+    """The function that makes the decompressor of one archive, and the error of a damaged archive."""
+    if kind == "gzip":
+        return partial(zlib.decompressobj, 16 + zlib.MAX_WBITS), zlib.error
+    try:
+        import zstandard
+    except ImportError:
+        raise BadFile(
+            f'{name} must be unpacked first, or "pip install zstandard" (got a Zstandard archive)'
+        ) from None
+    return lambda: zstandard.ZstdDecompressor().decompressobj(), zstandard.ZstdError
+
+
+# A file as lines of text: where its bytes are, their encoding, and what is not text at all.
+
+
+HEAD_BYTES = 1 << 20
+"""Bytes from which the form of a file is detected."""
+
+_FOREIGN = {
+    **dict.fromkeys((GZIP, ZSTANDARD), "an archive in an archive, which must be unpacked first"),
+    b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
+    b"Rar!": "a RAR archive, which must be unpacked first",
+    b"BZh": "a bzip2 archive, which must be unpacked first",
+    b"\xfd7zXZ": "an xz archive, which must be unpacked first",
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"%PDF": "a PDF document",
+    b"RIFF": "a WAV or AVI file",
+    b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
+    b"ARROW1": "an Arrow file, which can be written as Parquet",
+    b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
+}
+_CHUNK = 1 << 20
+_HEAD = 1 << 16
+"""Bytes that are looked at to find out whether a file is text or binary."""
+_NUL_RUN = re.compile(rb"\0{16,}")
+"""So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
+_FORTRAN = re.compile(rb"[0-9]\.[0-9]{0,30}[dD][-+][0-9]{2,3}(?![0-9A-Za-z])")
+_FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z]))")
+"""With a point in the head, and everywhere with a sign: 12D3 is a name."""
+_MAX_CONTROL = 0.1
+"""Largest share of control bytes in a text file, as from a noisy wire."""
+
+
+MAX_LINE, CUT = 1 << 20, "\ufffd"
+"""Characters of a line that are read, and what ends the last cell of a longer line, so that it is not a number."""
+
+SAMPLE_BYTES = 16384
+"""Bytes of each of the places further down where the form is checked."""
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """The content of one file, unpacked."""
+
+    name: str
+    """Its name for messages."""
+    path: Path
+    """Where the unpacked content can be read; the file itself where it is not packed."""
+    size: int
+    """Bytes of the content."""
+    head: bytes
+    """The first HEAD_BYTES."""
+    digest: Future[str]
+    """SHA-256 of the file as it is on the disk, computed while it is read."""
+
+
+@contextmanager
+def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
+    """Open a file; what an archive holds is in a temporary file as long as the context lasts.
+
+    Raises:
+        BadFile: there is no such file, it cannot be read, now or later, it is a folder or a damaged archive.
+    """
+    path, left = Path(path), Event()
+    with (
+        temporary_folder() as folder,
+        ThreadPoolExecutor(1) as beside,
+        ExitStack() as stack,
+    ):
+        stack.callback(left.set)  # else a cancelled reading would wait until all of the file is hashed
+        try:
+            raw = _open_raw(path, folder / "content", beside, left, progress)
+        except FileNotFoundError:
+            raise BadFile(f"file not found: {str(path)!r}") from None
+        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+            if isinstance(error, BadFile):
+                raise
+            reason = getattr(error, "strerror", None) or error
+            raise BadFile(f"cannot read {str(path)!r}: {reason}") from None
+        try:
+            yield raw
+        except OSError as error:  # a drive that was pulled out
+            reason = error.strerror or error
+            raise BadFile(f"reading {str(path)!r} failed midway: {reason}") from None
+
+
+def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:
+    if path.is_dir():
+        raise BadFile(f"source must be a file (got the folder {str(path)!r})")
+    if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
+        raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
+    with path.open("rb") as file:
+        magic = file.read(4)
+    digest = beside.submit(_sha256, path, left)
+    content = path
+    if is_packed(magic):
+        content = target
+        with target.open("wb") as out:
+            out.writelines(unpacked(path, path.name, progress))
+    with content.open("rb") as file:
+        return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+
+
+def _sha256(path: Path, left: Event) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(_CHUNK):
+            if left.is_set():
+                raise Cancelled("the file was closed before it was hashed")
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+@contextmanager
+def text_as_file(
+    lines: Iterable[str], origin: RawFile, progress: Progress, newline: str = "\n"
+) -> Generator[RawFile]:
+    """Lines that a container holds as a text file, which lasts as long as the context.
+
+    Args:
+        lines: The lines.
+        origin: The file that holds them.
+        progress: Called every 4,096 lines.
+        newline: What is written after each line; "" where the lines hold their own.
+    """
+    with temporary_folder() as folder:
+        target = folder / "text"
+        with target.open("w", encoding="utf-8", errors="replace", newline="\n") as out:
+            for number, line in enumerate(lines):
+                if number % 4096 == 0:
+                    progress(0.5, "reading")
+                out.write(line + newline)
+        with target.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        yield replace(origin, path=target, size=target.stat().st_size, head=head)
+
+
+def find_encoding(raw: RawFile, progress: Progress) -> str:
+    """Encoding of the text; BadFile where it is empty or not text."""
+    head, name = raw.head, raw.name
+    if not head:
+        raise BadFile(f"{name} must hold lines of numbers (got an empty file)")
+    for magic, what in _FOREIGN.items():
+        if head.startswith(magic):
+            raise BadFile(f"{name} must be a text file (got {what})")
+    wide = wide_encoding(head[:_HEAD])
+    if wide is not None:
+        return wide
+    _require_text(head[:_HEAD], name)
+    if head.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig"
+    return "utf-8" if _is_utf8(raw.path, progress) else "latin-1"
+
+
+def _require_text(head: bytes, name: str) -> None:
+    """Raise BadFile where the head is not text; long runs of NULs between text are left to the reader of lines."""
+    text = _NUL_RUN.sub(b"", head).replace(ESCAPE.encode(), b"")
+    control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
+    if text and sum(control) <= _MAX_CONTROL * len(text):
+        return
+    first = next(at for at, byte in enumerate(head) if byte < 32 and byte not in b"\t\n\r\f")
+    what = f"binary data, the first byte is 0x{head[first]:02X}, on line {head[:first].count(10) + 1}"
+    if text.count(0) > 0.9 * sum(control) or not text:
+        what = f"NUL bytes, the first on line {head[: head.index(0)].count(10) + 1}"
+    raise BadFile(f"{name} must be a text file (got {what})")
+
+
+def _is_utf8(path: Path, progress: Progress) -> bool:
+    """True where all bytes are UTF-8; in pieces, because a file may be larger than the memory."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    try:
+        with path.open("rb") as file:
+            while piece := file.read(_CHUNK):
+                progress(0.0, "reading")
+                if decoder.getstate()[0] or not piece.isascii():
+                    decoder.decode(piece)
+        decoder.decode(b"", final=True)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def unusual_marks(raw: RawFile) -> tuple[str, ...]:
+    """Sentences about what `plain_lines` has to repair, judged by the head; usually none."""
+    said: list[str] = []
+    if ESCAPE.encode() in raw.head:
+        said.append("control sequences of a terminal were left out")
+    if _FORTRAN.search(raw.head):
+        said.append("exponents are written with D, as Fortran does: 1.5D-03 is 0.0015")
+    return tuple(said)
+
+
+def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
+    """The lines without the control sequences of a terminal, with Fortran's exponents written with e."""
+    with raw.path.open("rb") as file, open_text(file, encoding) as lines:
+        for line in iter(lambda: read_line(lines), ""):
+            yield _FORTRAN_EXPONENT.sub("e", without_escapes(line))
+
+
+def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
+    """Whole lines from the middle and from the end of a file; none of one that is encoded in pairs of bytes."""
+    if encoding.startswith("utf-16"):
+        return []
+    samples: list[list[str]] = []
+    with raw.path.open("rb") as file:
+        for start in (raw.size // 2, raw.size - SAMPLE_BYTES):
+            file.seek(max(start, 0))
+            lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
+            samples.append([line.rstrip("\n") for line in lines[1:-1]])  # the others may be cut
+    return samples
+
+
+def read_line(text: TextIO) -> str:
+    """The next line with its newline, "" at the end; what is beyond MAX_LINE is left out and marked with CUT."""
+    line = text.readline(MAX_LINE)
+    if len(line) < MAX_LINE or line.endswith("\n"):
+        return line
+    while (rest := text.readline(MAX_LINE)) and not rest.endswith("\n"):
+        pass
+    return f"{line}{CUT}\n"
+
+
+def open_text(file: BinaryIO, encoding: str) -> io.TextIOWrapper:
+    """Lines of the text, one at a time, each with its newline where it has one."""
+    # newline=None turns \r\n and \r into \n and breaks at nothing else, unlike str.splitlines.
+    return io.TextIOWrapper(file, encoding, errors="replace", newline=None)

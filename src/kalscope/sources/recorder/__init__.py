@@ -1,1 +1,0 @@
-"""Lines of a board to a file that survives crashes."""

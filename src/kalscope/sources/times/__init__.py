@@ -1,1 +1,0 @@
-"""From stamps to seconds: the time axis, its rate and its gaps."""
