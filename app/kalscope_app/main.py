@@ -24,8 +24,8 @@ def main() -> None:
     from kalscope.common.stopping import ended_by_signals
 
     with ended_by_signals():
-        from kalscope.cli.app import run
         from kalscope.cli.console import plain_diagnostics
+        from kalscope_app.commands import run
 
         plain_diagnostics()
         warnings.simplefilter("ignore", RuntimeWarning)  # of numpy: what overflows is refused or reported in words

@@ -140,9 +140,9 @@ module.{name} = lambda *_, **__: {busy}
 """
 COMMANDS = {
     "tune demo": ("catalogue", "open_source"),
-    "filter run.csv -o out.csv": ("sources.readers.text_file", "_open_raw"),  # has a temporary folder
-    "export none.toml --to c -o out": ("tuning.tuning_file", "load_tuning"),
-    "report demo --config none.toml -o out.html": ("tuning.tuning_file", "load_tuning"),
+    "filter run.csv -o out.csv": ("sources.reading.text_file", "_open_raw"),  # has a temporary folder
+    "export none.toml --to c -o out": ("tuning.file", "load_tuning"),
+    "report demo --config none.toml -o out.html": ("tuning.file", "load_tuning"),
     "reproduce -o .": ("papers.reproduction", "reproduce"),
     "open demo --no-browser --port 0": ("catalogue", "open_source"),
 }

@@ -9,7 +9,6 @@ import typer
 
 from kalscope.cli.options import number_option, reads_source
 from kalscope.errors import BadSetting
-from kalscope.export.registry import limits_of, sketch_name, write_files
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def export_command(
     """Write a tuned filter as code for a device or a program."""
     from kalscope.catalogue import open_source
     from kalscope.cli.console import say
-    from kalscope.export.registry import export_tuning
+    from kalscope.export.registry import export_tuning, limits_of
     from kalscope.tuning.file import load_tuning
     from kalscope.tuning.tuning import rescaled_to_period
 
@@ -77,6 +76,7 @@ def export_command(
 def _write(files: dict[str, str], output: Path | None, *, force: bool) -> None:
     """Write the files to the folder, and their paths to stdout; without a folder, the main file to stdout."""
     from kalscope.cli.console import say, write_output
+    from kalscope.export.registry import sketch_name, write_files
 
     if output is None:
         (main, text), *others = files.items()

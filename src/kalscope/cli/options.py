@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import typer
 
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
-from kalscope.tuning.choose import named_numbers
 
 
 class BadValue(typer.BadParameter):
@@ -74,6 +73,8 @@ def number_or_each(one: Callable[[str], float]) -> Callable[[str], SensorNumbers
     """A parser that takes a number as `one` does, or one for each of several sensors: a=4,b=9."""
 
     def parse(text: str) -> SensorNumbers:
+        from kalscope.tuning.choose import named_numbers
+
         named = named_numbers(text, one) if "=" in text else {}
         return SensorNumbers(named or one(text))
 

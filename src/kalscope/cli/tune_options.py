@@ -21,11 +21,10 @@ from kalscope.cli.options import (
 )
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Recording
-from kalscope.tuning.file import load_tuning, save_tuning
-from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:
     from kalscope.estimation.request import Request
+    from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
 # What the user of `kalscope tune` asks for and knows, as options, and in the words of `find_parameters`.
@@ -261,6 +260,8 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal[
 def _saved_before(recording: Recording, output: Path) -> Tuning | None:
     """The tuning in the file where it is one of this recording, at its sample period."""
     try:
+        from kalscope.tuning.file import load_tuning
+
         before = load_tuning(output) if output.is_file() else None
     except BadFile:
         return None  # save_tuning reports what is wrong with it
@@ -308,5 +309,8 @@ def save(
         notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
     channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
     fusion = fusion or (None if before is None else before.fusion)
+    from kalscope.tuning.file import save_tuning
+    from kalscope.tuning.tuning import Tuning
+
     save_tuning(Tuning.of(recording, channels, selected=found[0].name, fusion=fusion), output)
     return notes

@@ -19,7 +19,11 @@ def notifications(caplog):
 
 
 def levels(caplog):
-    return [(record.levelname, record.message) for record in caplog.records if "notifications" in record.name]
+    return [
+        (record.levelname, record.message)
+        for record in caplog.records
+        if record.name == "kalscope_app.views.window"
+    ]
 
 
 def test_a_refusal_is_a_warning_and_good_news_is_none(notifications, caplog):
