@@ -22,6 +22,7 @@ from markers import mark
 from traced import trace
 from waiting import PATIENCE
 
+from kalscope.cli.app import COMMANDS
 from kalscope.export import board
 from kalscope.sources.live import commands
 
@@ -115,7 +116,7 @@ def one_command_line() -> Iterator[None]:
     build = typer.main.get_command
     built = cache(lambda app, _commands: build(app))  # the dashboard adds a command of its own when it is imported
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(typer.main, "get_command", lambda app: built(app, len(app.registered_commands)))
+        patch.setattr(typer.main, "get_command", lambda app: built(app, len(COMMANDS)))
         yield
 
 

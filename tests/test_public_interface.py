@@ -18,6 +18,7 @@ import pytest
 import typer
 
 import kalscope
+from kalscope.cli.app import command
 from kalscope_app.commands import app
 
 ROOT = Path(__file__).parents[1]
@@ -109,8 +110,8 @@ def command_line():
     """The arguments and options of the program and of its commands."""
     program = typer.main.get_command(app)
     yield from (f"kalscope {spelling(option)}" for option in program.params)
-    for name, command in sorted(program.commands.items()):
-        yield from (f"kalscope {name} {spelling(one)}" for one in command.params)
+    for name in sorted(program.commands):
+        yield from (f"kalscope {name} {spelling(one)}" for one in command(name).params)
 
 
 def spelling(parameter):

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from kalscope.cli.app import Function, app, offers, run
+from kalscope.cli.app import COMMANDS, app, run
 
 __all__ = ["app", "run"]
 
-
-@offers("open", "Open the dashboard in a browser.")
-def _open() -> Function:
-    from kalscope_app.open_command import open_dashboard
-
-    return open_dashboard
+COMMANDS["open"] = ("Open the dashboard in a browser.", "kalscope_app.open_command:open_dashboard")

@@ -18,7 +18,7 @@ from program import command
 from waiting import PATIENCE
 
 from kalscope.catalogue import open_source
-from kalscope.cli.app import OFFERS, run
+from kalscope.cli.app import COMMANDS, function_of, run
 from kalscope.cli.filter import MAX_LINE_BYTES, LineFilter
 from kalscope.errors import describe
 from kalscope.estimation.noise import starting_params
@@ -510,11 +510,11 @@ def test_help_imports_neither_the_dashboard_nor_what_is_slow(asked: list[str], s
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("name", OFFERS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_the_list_of_commands_says_what_the_help_of_each_does(name: str) -> None:
-    whole = " ".join((inspect.getdoc(OFFERS[name].load()) or "").split())
-    assert whole.startswith(OFFERS[name].help)
-    assert OFFERS[name].help.endswith(".")
+    whole = " ".join((inspect.getdoc(function_of(name)) or "").split())
+    assert whole.startswith(COMMANDS[name][0])
+    assert COMMANDS[name][0].endswith(".")
 
 
 # How a file is to be read, and the account of how it was.

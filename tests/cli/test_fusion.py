@@ -111,7 +111,7 @@ def test_q_follows_the_sample_period_of_the_recording(config: Path, capsys: Capt
 
 def test_lines_are_fused_as_the_whole_recording_is_bit_for_bit(config: Path) -> None:
     z = readings()
-    lines = LineFilter(FUSION.params)
+    lines = LineFilter([FUSION.filter], len(FUSION.sensors))
     answers = [lines.answer(",".join("" if math.isnan(one) else repr(one) for one in row))[0] for row in z.tolist()]
     expected = fuse(z, FUSION.params).x
     silent = np.isnan(z).all(axis=1)

@@ -116,11 +116,11 @@ def growth_of_long_record(own, given):
 
 
 def test_a_goal_holds_for_the_filter_of_all(fleet):
-    shared = answer_for(*fleet, TuneOptions(numbers={"--lag-ms": 50.0})).shared
+    shared = answer_for(*fleet, TuneOptions(lag_ms=50.0)).shared
     assert steady_state(shared.params, 0.01).lag_s == pytest.approx(0.05)
     assert "a lag of 50 ms" in shared.how
     assert shared.losses.lag_samples[0] * 10.0 == pytest.approx(50.0 - 10.0 * own_lag(fleet[0], 0))
-    assert answer_for(*fleet, TuneOptions(numbers={"--ratio": 0.5})).shared.fit.ratio == 0.5
+    assert answer_for(*fleet, TuneOptions(ratio=0.5)).shared.fit.ratio == 0.5
 
 
 def own_lag(devices, i):

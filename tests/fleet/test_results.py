@@ -107,7 +107,7 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch
 @pytest.mark.slow
 def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     write_logs(tmp_path / "logs", devices=4)
-    asked = FleetOptions(TuneOptions(numbers={"--lag-ms": 20.0}, momentum=0.0))
+    asked = FleetOptions(TuneOptions(lag_ms=20.0, momentum=0.0))
     run = FleetRun(tmp_path / "logs", tmp_path / "result", asked).do()
     answer = run.finish()
     rows = pq.read_table(run.folder / TABLE).to_pylist()
@@ -164,9 +164,7 @@ def test_the_note_keeps_how_files_are_read(tmp_path):
 @pytest.mark.slow
 def test_a_goal_gives_no_filter_for_all_before_the_end(tmp_path):
     write_logs(tmp_path / "logs", devices=3)
-    run = FleetRun(
-        tmp_path / "logs", tmp_path / "result", FleetOptions(TuneOptions(numbers={"--lag-ms": 50.0}))
-    ).do()
+    run = FleetRun(tmp_path / "logs", tmp_path / "result", FleetOptions(TuneOptions(lag_ms=50.0))).do()
     assert FleetReader(run.folder).read().shared is None
     run.finish()
     assert FleetReader(run.folder).read().shared is not None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
@@ -13,157 +13,60 @@ from typer.main import get_command
 from kalscope.cli.console import USER_ERROR, say, user_message, writes_stdout
 from kalscope.common.stopping import INTERRUPTED
 
-# Commands that are imported when they run: --help and a mistyped option do not wait for what the others import.
+COMMANDS = {
+    "tune": ("Find q and r for a recording, and say why.", "kalscope.cli.tune:tune_command"),
+    "fleet": ("Tune many recordings, on all cores or a Dask cluster.", "kalscope.cli.fleet:fleet_command"),
+    "filter": ("Filter a recording, or lines on stdin.", "kalscope.cli.filter:filter_command"),
+    "export": (
+        "Write a tuned filter as code for a device or a program.",
+        "kalscope.cli.export:export_command",
+    ),
+    "reproduce": (
+        "Reproduce the results of the three source documents.",
+        "kalscope.cli.report:reproduce_command",
+    ),
+    "record": ("Record what a board sends, without the dashboard.", "kalscope.cli.board:record_command"),
+    "ports": (
+        "List the serial ports: device, description, serial number.",
+        "kalscope.cli.board:ports_command",
+    ),
+    "calibrate": ("Let a board measure its own noise r.", "kalscope.cli.board:calibrate_command"),
+    "demo-board": ("Send a recording over a port, as a board would.", "kalscope.cli.board:demo_board_command"),
+    "report": ("Write a one-page report of a tuned recording.", "kalscope.cli.report:report_command"),
+}
+"""By name, in the order of --help: the first sentence of its own help, and its function, whose arguments are its
+options. The dashboard adds its command."""
 
 
-Function = Callable[..., Any]
-"""A command: its options are its arguments."""
+def function_of(name: str) -> Callable[..., Any]:
+    """Import the function of a command."""
+    module, function = COMMANDS[name][1].split(":")
+    return getattr(import_module(module), function)
 
 
-@dataclass(frozen=True)
-class Offer:
-    """A command that can be asked for."""
-
-    help: str
-    """What it does: the first sentence of its own help."""
-    load: Callable[[], Function]
-    """Imports and returns it."""
+def command(name: str) -> Any:
+    """A command with its options, as typer makes it."""
+    only = typer.Typer(add_completion=False, rich_markup_mode=None)
+    only.command(name)(function_of(name))
+    return get_command(only)
 
 
-OFFERS: dict[str, Offer] = {}
-"""By name, in the order of --help."""
+class LazyCommands(TyperGroup):
+    """The program: its commands are those of COMMANDS; the one that runs is imported."""
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands = {name: TyperCommand(name, help=text) for name, (text, _) in COMMANDS.items()}
 
-def offers(name: str, text: str) -> Callable[[Callable[[], Function]], Callable[[], Function]]:
-    """Offer the command that a function imports and returns.
-
-    Args:
-        name: what the user types.
-        text: what the command does, as its own help begins.
-    """
-
-    def decorate(load: Callable[[], Function]) -> Callable[[], Function]:
-        OFFERS[name] = Offer(text, load)
-        return load
-
-    return decorate
-
-
-class _Loaded(Mapping[str, Any]):
-    """The commands as typer knows them, each made when it is looked up."""
-
-    def __getitem__(self, name: str) -> Any:
-        only = typer.Typer(add_completion=False, rich_markup_mode=None)
-        only.command(name)(OFFERS[name].load())
-        return get_command(only)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(OFFERS)
-
-    def __len__(self) -> int:
-        return len(OFFERS)
-
-
-class OfferedCommands(TyperGroup):
-    """The program: its commands are those of OFFERS."""
-
-    def __init__(self, **given: Any) -> None:
-        super().__init__(**given)
-        commands: Any = _Loaded()
-        self.commands = commands
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Their names."""
-        del ctx
-        return list(OFFERS)
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the list of --help, as typer does for commands that are there."""
-        del ctx
-        width = formatter.width - 6 - max(map(len, OFFERS))
-        with formatter.section("Commands"):
-            texts = {name: TyperCommand(name, help=offer.help) for name, offer in OFFERS.items()}
-            formatter.write_dl([(name, one.get_short_help_str(width)) for name, one in texts.items()])
-
-
-# The headless commands. `run` is the whole program; the dashboard offers its own command too.
-#
-# What a command needs is imported when it runs, so that --help and a mistyped option respond at once.
-
-
-@offers("tune", "Find q and r for a recording, and say why.")
-def _tune() -> Function:
-    from kalscope.cli.tune import tune_command
-
-    return tune_command
-
-
-@offers("fleet", "Tune many recordings, on all cores or a Dask cluster.")
-def _fleet() -> Function:
-    from kalscope.cli.fleet import fleet_command
-
-    return fleet_command
-
-
-@offers("filter", "Filter a recording, or lines on stdin.")
-def _filter() -> Function:
-    from kalscope.cli.filter import filter_command
-
-    return filter_command
-
-
-@offers("export", "Write a tuned filter as code for a device or a program.")
-def _export() -> Function:
-    from kalscope.cli.export import export_command
-
-    return export_command
-
-
-@offers("reproduce", "Reproduce the results of the three source documents.")
-def _reproduce() -> Function:
-    from kalscope.cli.report import reproduce_command
-
-    return reproduce_command
-
-
-@offers("record", "Record what a board sends, without the dashboard.")
-def _record() -> Function:
-    from kalscope.cli.board import record_command
-
-    return record_command
-
-
-@offers("ports", "List the serial ports: device, description, serial number.")
-def _ports() -> Function:
-    from kalscope.cli.board import ports_command
-
-    return ports_command
-
-
-@offers("calibrate", "Let a board measure its own noise r.")
-def _calibrate() -> Function:
-    from kalscope.cli.board import calibrate_command
-
-    return calibrate_command
-
-
-@offers("demo-board", "Send a recording over a port, as a board would.")
-def _demo_board() -> Function:
-    from kalscope.cli.board import demo_board_command
-
-    return demo_board_command
-
-
-@offers("report", "Write a one-page report of a tuned recording.")
-def _report() -> Function:
-    from kalscope.cli.report import report_command
-
-    return report_command
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that was typed, and its arguments."""
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, command(name or ""), rest
 
 
 app = typer.Typer(
     name="kalscope",
-    cls=OfferedCommands,
+    cls=LazyCommands,
     help="Kalscope, an oscilloscope for the scalar Kalman noise filter.\n\n"
     "Without a command it opens the dashboard on the demo recording.",
     add_completion=False,
@@ -194,8 +97,8 @@ def run(argv: Sequence[str] | None = None) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         from importlib.metadata import version as installed
 
         print(f"kalscope {installed('kalscope')}")

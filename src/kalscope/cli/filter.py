@@ -5,70 +5,38 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import typer
 
 from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
 from kalscope.cli.options import (
     SamplePeriod,
-    SensorNumbers,
     number,
     number_option,
     number_or,
     number_or_each,
+    option_group,
     read_options,
     text_option,
     with_options,
 )
 from kalscope.common.text import plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import Filter, KalmanFilter, StreamingFilter
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.filter import Filter
 from kalscope.sources.grammar.cells import is_comment, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-
-if TYPE_CHECKING:
-    from kalscope.recording import Recording
-
 
 # The parameters of the filter as options of `kalscope filter`.
 
 
-def params_options(
-    q: Annotated[float | None, number_option("Process-noise variance per sample, unit².", number)] = None,
-    r: Annotated[
-        SensorNumbers | None,
-        number_option(
-            "Measurement-noise variance, unit²; of fused sensors also each: a=4,b=9.", number_or_each(number)
-        ),
-    ] = None,
-    p0: Annotated[
-        float | None, number_option('Initial variance, unit², or "diffuse".', number_or("diffuse"))
-    ] = None,
-    x0: Annotated[
-        float | None, number_option('Initial value, or "first": the first sample.', number_or("first"))
-    ] = None,
-    gate: Annotated[
-        float | None, number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off"))
-    ] = None,
-    momentum: Annotated[
-        float | None, number_option("How long the signal keeps its direction, in sample periods.", number)
-    ] = None,
-    chain: Annotated[
-        str | None, text_option("FILTERS", 'Filters to run, such as "median 5, kalman" or "one-euro 0.02 0.7 0.1".')
-    ] = None,
-) -> dict[str, Any]:
-    """The options in place of the parameter `given` of the command; see `with_options`."""
-    options = {"q": q, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
-    # NaN is the word for an automatic start, which the filter's parameters write as None.
-    given: dict[str, Any] = {
-        name: None if math.isnan(one) else one for name, one in options.items() if one is not None
+def _parameters(chain: str | None = None, **numbers: Any) -> dict[str, Any]:
+    """Fields of ChannelTuning by name; NaN is the word for an automatic start or no gate, which is None there."""
+    given = {
+        name: None if isinstance(value, float) and math.isnan(value) else value for name, value in numbers.items()
     }
-    if r is not None:
-        given["r"] = r.each
     if chain is not None:
         from kalscope.tuning.tuning import typed_chain
 
@@ -76,14 +44,24 @@ def params_options(
     return given
 
 
+params_options = option_group(
+    {
+        "q": number_option("Process-noise variance per sample, unit².", number),
+        "r": number_option(
+            "Measurement-noise variance, unit²; of fused sensors also each: a=4,b=9.", number_or_each(number)
+        ),
+        "p0": number_option('Initial variance, unit², or "diffuse".', number_or("diffuse")),
+        "x0": number_option('Initial value, or "first": the first sample.', number_or("first")),
+        "gate": number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off")),
+        "momentum": number_option("How long the signal keeps its direction, in sample periods.", number),
+        "chain": text_option("FILTERS", 'Filters to run, such as "median 5, kalman" or "one-euro 0.02 0.7 0.1".'),
+    },
+    _parameters,
+)
+"""The options in place of the parameter `given` of the command; see `with_options`."""
+
+
 # The filter as a pipe: one line of numbers in, one line of filtered numbers out. No input or output here.
-
-
-Filters = Filter | Sequence[Filter] | FilterParams
-"""One for as many channels as there are, one a channel, or one that fuses all of them."""
-
-Update = Callable[[Sequence[float]], str]
-"""Takes the samples of a line and gives its answer."""
 
 
 class LineFilter:
@@ -94,17 +72,16 @@ class LineFilter:
     all channels; a comment (# % //) is not a sample, and its answer is empty.
     """
 
-    def __init__(self, params: Filters) -> None:
+    def __init__(self, filters: Filter | Sequence[Filter], sensors: int = 1) -> None:
         """Start the filters.
 
         Args:
-            params: One filter for as many channels as the first readable line has; or one a channel; or one that
-                fuses all channels.
+            filters: One for as many channels as the first readable line has, or one for each group of channels.
+            sensors: How many channels in a row each of them fuses.
         """
-        self._params = params
-        self._channels = _known_channels(params)
-        """Numbers per line; 0 until the first readable line."""
-        self._update = _start(params, self._channels)
+        self._filter = None if isinstance(filters, Sequence) else filters
+        self._streams = [one.stream() for one in filters] if isinstance(filters, Sequence) else []
+        self._sensors = sensors
         self._before = 0  # lines received while the number of channels was unknown
         self.received = 0
         """Lines received so far."""
@@ -126,59 +103,36 @@ class LineFilter:
         samples = [value for value in values if value is not None]
         if len(samples) < len(values):
             return self._miss(), self._note("numbers with commas between them", text)
-        if not self._channels:
-            self._begin(len(samples))
+        if self._filter is not None and not self._streams:
+            self._streams = [self._filter.stream() for _ in samples]
+            for _ in range(self._before):
+                self._miss()
         if len(samples) != self._channels:
             return self._miss(), self._note(plural(self._channels, "number"), text)
         return self._update(samples), ""
 
-    def _begin(self, channels: int) -> None:
-        self._channels, self._update = channels, _start(self._params, channels)
-        for _ in range(self._before):
-            self._miss()
+    @property
+    def _channels(self) -> int:
+        return self._sensors * len(self._streams)
 
     def _miss(self) -> str:
-        self._before += not self._channels
+        self._before += not self._streams
         self._update([math.nan] * self._channels)
         return ""
 
     def _note(self, must: str, text: str) -> str:
         return f"line {self.received} must hold {must} (got {text[:60]!r}): taken as missing"
 
-
-def _known_channels(params: Filters) -> int:
-    """How many channels the filters are for; 0 = any number."""
-    if isinstance(params, FilterParams):
-        return params.sensors
-    return len(params) if isinstance(params, Sequence) else 0
-
-
-def _start(params: Filters, channels: int) -> Update:
-    if isinstance(params, FilterParams):
-        return _fused(params)
-    return _each(params if isinstance(params, Sequence) else [params] * channels)
-
-
-def _each(chosen: Sequence[Filter]) -> Update:
-    """A filter a channel."""
-    filters = [one.stream() for one in chosen]
-
-    def answer(channel: StreamingFilter, sample: float) -> str:
-        x = channel.update(sample)
-        return "" if math.isnan(sample) else repr(float(x))
-
-    return lambda samples: ",".join(map(answer, filters, samples))
-
-
-def _fused(params: FilterParams) -> Update:
-    """One filter for all channels."""
-    fusion = KalmanFilter(params)
-
-    def answer(samples: Sequence[float]) -> str:
-        x = fusion.update(samples)
-        return "" if all(map(math.isnan, samples)) else repr(float(x))
-
-    return answer
+    def _update(self, samples: Sequence[float]) -> str:
+        m = self._sensors
+        groups = [samples[i : i + m] for i in range(0, len(samples), m)]
+        filtered = [
+            float(stream.update(group if m > 1 else group[0]))
+            for stream, group in zip(self._streams, groups, strict=True)
+        ]
+        return ",".join(
+            "" if all(map(math.isnan, group)) else repr(x) for group, x in zip(groups, filtered, strict=True)
+        )
 
 
 # `kalscope filter`: a recording, or lines on stdin, through the filter.
@@ -228,6 +182,8 @@ def filter_command(
     from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
     which the filter predicts over, and for a comment (# % //), which is not a sample.
     """
+    from kalscope.catalogue import open_source
+    from kalscope.common.files import check_new
     from kalscope.common.text import plain
     from kalscope.export.csv import filtered_csv_chunks
     from kalscope.sources.reading.account import account, sample_period_conflict
@@ -236,12 +192,21 @@ def filter_command(
     tell_compiling()
     fused = fuses(config, given, channel, fuse)  # before anything is read: it refuses contradictions
     if source == "-":
-        _refuse_with_stdin(report=report, output=output)
+        if report:
+            raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
+        if output is not None:
+            raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
         chosen, notes = filters_for_stdin(config, given, channel, fuse, sample_period)
-        of_each = [one.filter for one in chosen]
-        _filter_stdin(chosen[0].params if fused else of_each if config else of_each[0], notes, reading)
+        filters = [one.filter for one in chosen]
+        lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) if fused else 1)
+        _filter_stdin(lines, notes, reading)
         return
-    recording = _read(source, reading, sample_period, output, force=force)
+    if output is not None:
+        if output.exists() and os.path.exists(source) and output.samefile(source):
+            raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
+        check_new(output, force=force)
+    with progress_line() as show:
+        recording = open_source(source, reading, sample_period=sample_period, progress=show)
     chosen, notes = filters_for(recording, config, given, channel, fuse)
     write_output(filtered_csv_chunks(recording, chosen), output)
     if report:
@@ -252,29 +217,7 @@ def filter_command(
         say(f"note: {note}")
 
 
-def _refuse_with_stdin(*, report: bool, output: Path | None) -> None:
-    if report:
-        raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
-    if output is not None:
-        raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
-
-
-def _read(
-    source: str, options: ReadOptions, period: float | None, output: Path | None, *, force: bool
-) -> Recording:
-    """The recording that is to be filtered into `output`, with progress on a terminal."""
-    from kalscope.catalogue import open_source
-    from kalscope.common.files import check_new
-
-    if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
-        raise BadSetting(f"-o must be another file than SOURCE (got {source!r} twice)")
-    if output is not None:
-        check_new(output, force=force)
-    with progress_line() as report:
-        return open_source(source, options, sample_period=period, progress=report)
-
-
-def _filter_stdin(params: Filters, notes: list[str], options: ReadOptions) -> None:
+def _filter_stdin(lines: LineFilter, notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: the program that writes them may wait for the answer."""
     from kalscope.common.stopping import said_at_stop
     from kalscope.common.text import count
@@ -282,7 +225,7 @@ def _filter_stdin(params: Filters, notes: list[str], options: ReadOptions) -> No
 
     for note in notes:
         say(f"note: {note}")
-    lines, parser = LineFilter(params), LineParser(options)
+    parser = LineParser(options)
     with open_stdout() as out, said_at_stop(lambda: f"{count(lines.received)} lines answered"):
         for line in _bounded_lines(sys.stdin.buffer):
             answer, note = lines.answer(comma_line(parser, line))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kalscope.cli.options import SamplePeriod, number_option, read_options, text_option, with_options
-from kalscope.cli.tune_options import NOTHING, TuneOptions, tune_options
+from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kalscope.fleet.run import Tally
 
 
-@with_options(reading=read_options, question=tune_options)
+@with_options(reading=read_options, question=TuneOptions)
 def fleet_command(
     sources: Annotated[
         list[str],

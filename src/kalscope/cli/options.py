@@ -5,13 +5,15 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, TypeVar
 
 import typer
+from typer.models import OptionInfo
 
-from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.sources.grammar.read_options import options_from_text
+
+Made = TypeVar("Made")
 
 
 class BadValue(typer.BadParameter):
@@ -25,20 +27,34 @@ class BadValue(typer.BadParameter):
         return f"{self.param.opts[0]} {self.message}" if self.param else self.message
 
 
-def number(text: str) -> float:
-    """The number that was typed, of either sign."""
-    value = _float(text)
-    if math.isnan(value):
-        raise BadValue("a number", text)
-    return value
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
-def positive(text: str) -> float:
-    """The number that was typed, above 0 and finite."""
-    value = _float(text)
-    if not 0.0 < value < math.inf:
-        raise BadValue("a number above 0", text)
-    return value
+def _parser(must: str, holds: Callable[[float], bool], word: str | None = None) -> Callable[[str], float]:
+    """A parser that takes a number for which `holds` is true, or `word`, for which it returns NaN."""
+
+    def parse(text: str) -> float:
+        value = _float(text)
+        if not holds(value) and text != word:
+            raise BadValue(must, text)
+        return value
+
+    return parse
+
+
+number = _parser("a number", lambda value: not math.isnan(value))
+"""The number that was typed, of either sign."""
+positive = _parser("a number above 0", lambda value: 0.0 < value < math.inf)
+"""The number that was typed, above 0 and finite."""
+
+
+def number_or(word: str) -> Callable[[str], float]:
+    """A parser that takes a number, or `word`, for which it returns NaN."""
+    return _parser(f'a number or "{word}"', lambda value: not math.isnan(value), word)
 
 
 def percentage(text: str) -> float:
@@ -49,48 +65,25 @@ def percentage(text: str) -> float:
     return value / 100.0
 
 
-def number_or(word: str) -> Callable[[str], float]:
-    """A parser that takes a number, or `word`, for which it returns NaN."""
-
-    def parse(text: str) -> float:
-        value = _float(text)
-        if math.isnan(value) and text != word:
-            raise BadValue(f'a number or "{word}"', text)
-        return value
-
-    return parse
-
-
-@dataclass(frozen=True)
-class SensorNumbers:
-    """One number for every sensor, or numbers for some of them."""
-
-    each: dict[str, float] | float
-    """The number, or the numbers by the names of their sensors."""
-
-
-def number_or_each(one: Callable[[str], float]) -> Callable[[str], SensorNumbers]:
+def number_or_each(one: Callable[[str], float]) -> Callable[[str], dict[str, float] | float]:
     """A parser that takes a number as `one` does, or one for each of several sensors: a=4,b=9."""
 
-    def parse(text: str) -> SensorNumbers:
+    def parse(text: str) -> dict[str, float] | float:
         from kalscope.tuning.choose import named_numbers
 
-        named = named_numbers(text, one) if "=" in text else {}
-        return SensorNumbers(named or one(text))
+        return ("=" in text and named_numbers(text, one)) or one(text)
 
     return parse
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def number_option(text: str, parser: Callable[[str], Any] = positive) -> Any:
     """An option that takes a number and has the name of its argument; `text` is its help."""
     return typer.Option(metavar="NUMBER", help=text, parser=parser)
+
+
+def text_option(name: str, text: str) -> Any:
+    """An option that takes a text, named by the word `name` in --help."""
+    return typer.Option(metavar=name, help=text)
 
 
 Source = Annotated[
@@ -99,64 +92,53 @@ Source = Annotated[
 SamplePeriod = Annotated[float | None, number_option("Sample period in s; replaces that of SOURCE.")]
 
 
-def text_option(name: str, text: str) -> Any:
-    """An option that takes a text, named by the word `name` in --help."""
-    return typer.Option(metavar=name, help=text)
+def option_group(options: Mapping[str, Any], make: Callable[..., Made]) -> Callable[..., Made]:
+    """`make` with these options as its arguments, for `with_options`; those that are not given are left out.
+
+    Args:
+        options: the type of each as typer reads it, or what `number_option` or `text_option` returns, by name.
+        make: takes those that are given.
+    """
+
+    def group(**given: Any) -> Made:
+        return make(**{name: value for name, value in given.items() if value is not None})
+
+    def parameter(name: str, option: Any) -> inspect.Parameter:
+        if isinstance(option, OptionInfo):
+            option = Annotated[Any if option.parser else str | None, option]
+        return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=option)
+
+    group.__dict__["__signature__"] = inspect.Signature([parameter(*item) for item in options.items()])
+    return group
 
 
-def read_options(
-    delimiter: Annotated[
-        str | None, text_option("MARK", "comma, semicolon, tab, bar or space; default: detected.")
-    ] = None,
-    decimal: Annotated[str | None, text_option("MARK", "Decimal mark: point or comma; default: detected.")] = None,
-    header_row: Annotated[str | None, text_option("N", "Line with the names, counted from 1; 0 = none.")] = None,
-    unit_row: Annotated[str | None, text_option("N", "Line with the units, counted from 1; 0 = none.")] = None,
-    time_column: Annotated[
-        str | None, text_option("NAME", 'Name or number (from 1) of the time column, or "none".')
-    ] = None,
-    time_unit: Annotated[
-        str | None, text_option("UNIT", "Unit of a numeric time column: s, ms, us, ns, min, h, day, year.")
-    ] = None,
-    time_format: Annotated[
-        str | None, text_option("FORMAT", 'How a time stamp is written, such as "%d.%m.%Y %H:%M:%S".')
-    ] = None,
-    day_first: Annotated[
-        bool | None, typer.Option("--day-first/--month-first", help="03/04/2025: 3 April, or March 4.")
-    ] = None,
-    rate: Annotated[str | None, text_option("HZ", "Sample rate; replaces that of the time stamps.")] = None,
-    missing: Annotated[
-        list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
-    ] = None,
-    gaps: Annotated[
-        str | None,
-        text_option(
+read_options = option_group(
+    {
+        "delimiter": text_option("MARK", "comma, semicolon, tab, bar or space; default: detected."),
+        "decimal": text_option("MARK", "Decimal mark: point or comma; default: detected."),
+        "header_row": text_option("N", "Line with the names, counted from 1; 0 = none."),
+        "unit_row": text_option("N", "Line with the units, counted from 1; 0 = none."),
+        "time_column": text_option("NAME", 'Name or number (from 1) of the time column, or "none".'),
+        "time_unit": text_option("UNIT", "Unit of a numeric time column: s, ms, us, ns, min, h, day, year."),
+        "time_format": text_option("FORMAT", 'How a time stamp is written, such as "%d.%m.%Y %H:%M:%S".'),
+        "day_first": Annotated[
+            bool | None, typer.Option("--day-first/--month-first", help="03/04/2025: 3 April, or March 4.")
+        ],
+        "rate": text_option("HZ", "Sample rate; replaces that of the time stamps."),
+        "missing": Annotated[
+            list[str] | None, text_option("VALUE", 'A value that means "no sample", such as -200; may be repeated.')
+        ],
+        "gaps": text_option(
             "HOW", "Gaps in time: rows (ignored; default), missing (adds missing samples), dt (elapsed time)."
         ),
-    ] = None,
-    part: Annotated[
-        str | None, text_option("NAME", "Sheet, topic, group or variable of a file that holds several.")
-    ] = None,
-    unpack_gb: Annotated[
-        str | None,
-        text_option("GB", "What a packed file may unpack to; default: 0.134 GB, or 32 times its size."),
-    ] = None,
-) -> ReadOptions:
-    """The options about reading a file, as every command that reads one takes them; see `reads_source`."""
-    return options_from_text(
-        delimiter,
-        time_column,
-        time_unit,
-        missing or (),
-        gaps,
-        decimal=decimal,
-        header_row=header_row,
-        unit_row=unit_row,
-        time_format=time_format,
-        day_first=day_first,
-        rate=rate,
-        part=part,
-        unpack_gb=unpack_gb,
-    )
+        "part": text_option("NAME", "Sheet, topic, group or variable of a file that holds several."),
+        "unpack_gb": text_option(
+            "GB", "What a packed file may unpack to; default: 0.134 GB, or 32 times its size."
+        ),
+    },
+    options_from_text,
+)
+"""The options about reading a file, as every command that reads one takes them; see `reads_source`."""
 
 
 def with_options(**groups: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:

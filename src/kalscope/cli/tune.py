@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import textwrap
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
-from kalscope.cli.tune_options import NO_FUSION, NOTHING, TuneOptions, fusion_options, tune_options
+from kalscope.cli.tune_options import NO_FUSION, FusionOptions
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -23,7 +22,7 @@ MAX_OTHERS = 24
 """Maximum number of other channels that are named; a car sends hundreds."""
 
 
-@with_options(reading=read_options, options=tune_options, fusing=fusion_options)
+@with_options(reading=read_options, options=FusionOptions)
 def tune_command(
     source: Source,
     channel: Annotated[
@@ -31,8 +30,7 @@ def tune_command(
         typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
-    options: TuneOptions = NOTHING,
-    fusing: dict[str, Any] = NO_FUSION,
+    options: FusionOptions = NO_FUSION,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
@@ -55,7 +53,6 @@ def tune_command(
     tell_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    options = replace(options, **fusing)
     options.refuse_others(channel, every)
     recording = open_source(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
@@ -84,7 +81,7 @@ def tune_command(
         say(f"note: {note}")
 
 
-def _answers(recording: Recording, names: tuple[str, ...], options: TuneOptions) -> list[Answer]:
+def _answers(recording: Recording, names: tuple[str, ...], options: FusionOptions) -> list[Answer]:
     """The answers of the channels, with progress on a terminal."""
     from kalscope.cli.console import progress_line
     from kalscope.cli.tune_answer import answer_for

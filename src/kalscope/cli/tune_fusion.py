@@ -12,7 +12,7 @@ import numpy as np
 
 from kalscope.analysis.fused import FusionJudgement, SensorJudgement, judge_fusion
 from kalscope.cli.tune_answer import between, momentum_and_gate, wrapped
-from kalscope.cli.tune_options import TuneOptions, save
+from kalscope.cli.tune_options import FusionOptions, save
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import (
@@ -77,7 +77,7 @@ class FusionAnswer:
     """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 
-def answer_fusion(recording: Recording, options: TuneOptions, progress: Progress) -> FusionAnswer:
+def answer_fusion(recording: Recording, options: FusionOptions, progress: Progress) -> FusionAnswer:
     """Find and judge the filter that fuses channels of a recording.
 
     Raises:
@@ -97,8 +97,8 @@ def answer_fusion(recording: Recording, options: TuneOptions, progress: Progress
             dt=dt,
             names=sensors,
             momentum=0.0 if request.goal else request.momentum,
-            robust=options.robust,
-            gains=options.gains,
+            robust=request.robust,
+            gains=options.sensor_gains,
             reference=reference,
             known_r=known,
             progress=progress,
@@ -134,10 +134,10 @@ def answer_fusion(recording: Recording, options: TuneOptions, progress: Progress
     )
 
 
-def _sensors(recording: Recording, options: TuneOptions) -> tuple[tuple[str, ...], str | None]:
+def _sensors(recording: Recording, options: FusionOptions) -> tuple[tuple[str, ...], str | None]:
     """The channels to fuse, and the reference among them, if one is named."""
     reference = options.reference
-    mixed = options.gains and reference is not None
+    mixed = options.sensor_gains and reference is not None
     sensors = channels_to_fuse(units_of(recording), options.fuse or "", mixed_units=mixed)
     return sensors, None if reference is None else sensor_named(sensors, "--reference", reference)
 
@@ -172,30 +172,31 @@ def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams 
     return replace(params, gate=None if math.isnan(gate) else gate)
 
 
-def _how(options: TuneOptions, request: Request) -> str:
+def _how(options: FusionOptions, request: Request) -> str:
     """How the filter was found, for the tuning file."""
-    known = [*options.each, *(name for name in ("--r", "--sigma", "--density") if name in options.numbers)]
+    known = (options.r, options.sigma, options.density) != (None, None, None)
     origin = "r given" if known else "r from a still stretch" if options.still is not None else ""
     parts = [part for part in (request.goal, origin) if part]
     return ", ".join(["fused", *parts, *([] if request.goal else ["maximum likelihood"])])
 
 
-def _known_noise(options: TuneOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
+def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
     """The r of each sensor that is known, unit²; NaN where it is to be estimated.
 
     Raises:
         BadSetting: an option names another sensor, or a sensor shows no still stretch.
     """
-    for option, given in options.each.items():
+    if options.sensor_noise is not None:
+        option, given = options.sensor_noise
         values = for_each_sensor(sensors, option, given)
         return [value * value if option == "--sigma" else value for value in values]
     dt = recording.steps() if recording.gaps == "dt" else None
-    noise = replace(options, each={}).request(recording).noise
+    noise = options.request(recording).noise
     known = [noise.resolve(recording.channel(name), dt) for name in sensors]
     return [math.nan if one is None else one[0] for one in known]
 
 
-def _request_of(options: TuneOptions, recording: Recording) -> Request:
+def _request_of(options: FusionOptions, recording: Recording) -> Request:
     """The target, momentum and robustness that were asked for; without noise: each sensor has its own.
 
     Raises:
@@ -205,7 +206,8 @@ def _request_of(options: TuneOptions, recording: Recording) -> Request:
         raise BadSetting(
             f"--method must be ml with --fuse, the only one for several sensors (got {options.method})"
         )
-    request = replace(replace(options, each={}).request(recording), noise=Noise())
+    request = replace(options, r=None, sigma=None).request(recording)
+    request = replace(request, noise=Noise())
     request.checked_momentum()
     return request
 

@@ -82,7 +82,7 @@ COMMANDS = {
 def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     option, text = COMMANDS[way]
     at = opened(same_question(source))
-    asked = TuneOptions(numbers={option: float(text)}).request(at.recording)
+    asked = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)}).request(at.recording)
     answer = answer_for(at.recording, at.channel, asked, Progress(None))
     assert search(at, way, text) == answer.found
     assert answer.found.params is not None
@@ -95,7 +95,7 @@ def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_opti
     known = search(state, "data sheet σ, fit q", "0.9")
     told = apply_found(state.recording, "a", known)(state)
     found = search(told, "maximum lag", "50")
-    both = TuneOptions(numbers={"--lag-ms": 50.0, "--sigma": 0.9}).request(state.recording)
+    both = TuneOptions(lag_ms=50.0, sigma=0.9).request(state.recording)
     assert found == answer_for(state.recording, "a", both, Progress(None)).found
     assert found.params.r == pytest.approx(0.81)
     by_hand = told.with_tuning(r=2.0)  # nobody knows where this r comes from

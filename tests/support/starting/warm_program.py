@@ -15,7 +15,7 @@ import kalscope_app.dashboard
 import kalscope_app.guard.server
 import kalscope_app.views.window
 from kalscope.catalogue import open_source
-from kalscope.cli.app import OFFERS
+from kalscope.cli.app import COMMANDS, function_of
 from kalscope.export import limits  # noqa: F401
 from kalscope_app.commands import run
 from kalscope_app.engine.filter_runs import choose_samples
@@ -43,8 +43,8 @@ imageio.v3.imwrite("<bytes>", np.zeros((2, 2), np.uint8), extension=".png")  # a
 kalscope_app.dashboard.WARM_UP_AFTER_S = 1e6  # the worker of a forked program starts with its first task
 with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
-for offer in OFFERS.values():
-    offer.load()
+for name in COMMANDS:
+    function_of(name)
 served_page(page_script())
 "".encode("idna")  # as a connection does with the name of a host
 gc.freeze()  # looking for garbage would write to all the memory that the programs share
