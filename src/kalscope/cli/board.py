@@ -12,10 +12,10 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -40,6 +40,11 @@ if TYPE_CHECKING:
     from kalscope.sources.live.status import LiveStatus
     from kalscope.sources.recorder import Recorder
 
+Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud.")]
+NoReset = Annotated[
+    bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
+]
+
 
 # `kalscope ports`: what is plugged in, and how to open it.
 
@@ -50,8 +55,6 @@ NONE_FOUND = (
     " kalscope open serial:/dev/ttyACM0. Without a board: kalscope demo-board"
 )
 """What to do where nothing is plugged in."""
-
-_HEADINGS = ("device", "description", "serial number")
 
 
 def ports_command(
@@ -69,9 +72,10 @@ def ports_text(ports: tuple[PortInfo, ...]) -> str:
     """A table of the ports and the command that opens the first one; advice where there are none."""
     if not ports:
         return NONE_FOUND
-    said = ((port.device, port.description, port.serial_number) for port in ports)
-    rows = [_HEADINGS, *(tuple(one_line(cell) or "-" for cell in row) for row in said)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADINGS))]
+    table = [("device", "description", "serial number")]
+    table += [(port.device, port.description, port.serial_number) for port in ports]
+    rows = [[one_line(cell) or "-" for cell in row] for row in table]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     first = next((port for port in ports if port.usb is not None), ports[0])  # a board is on USB
     return "\n".join([*lines, "", f"Open one: kalscope open serial:{one_line(first.device)}@115200"])
@@ -91,10 +95,7 @@ _COUNTS = re.compile(r"\d[\d\s,.]*")
 
 
 def record_command(
-    port: Annotated[
-        str,
-        typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud."),
-    ],
+    port: Port,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.csv", help="A new file to record into.")],
     seconds: Annotated[float | None, number_option("Stop after this many seconds.")] = None,
     lines: Annotated[float | None, number_option("Stop once at least this many lines are written.")] = None,
@@ -105,9 +106,7 @@ def record_command(
         bool,
         typer.Option("--no-reconnect", help="Stop with status 2 when the board disconnects; default: wait for it."),
     ] = False,
-    no_reset: Annotated[
-        bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
-    ] = False,
+    no_reset: NoReset = False,
 ) -> None:
     """Record what a board sends, without the dashboard.
 
@@ -126,14 +125,10 @@ def record_command(
     with closing(live):
         live.open()
         recorder, view = None, StatusLine()
-
-        def kept() -> str:
-            return one_line(summary(recorder)) if recorder else "nothing was recorded"
-
-        with stop_signals(kept) as stop:
+        with stop_signals(lambda: one_line(summary(recorder)) if recorder else "nothing was recorded") as stop:
             recorder = live.record(output, resume=resume)  # before the first byte is read
             live.start()
-            disconnected = _wait_for_end(live, recorder, stop, view, seconds=seconds, lines=lines)
+            disconnected = _wait_for_end(live, recorder, stop, view, seconds, lines)
             live.close(MAX_CLOSE_S)  # ends the recording too: the summary is that of a whole file
             view.clear()
     with suppress(OSError):  # the terminal may be gone: the recording is whole all the same
@@ -181,23 +176,19 @@ def _wait_for_end(
     recorder: Recorder,
     stop: threading.Event,
     view: StatusLine,
-    *,
     seconds: float | None,
     lines: float | None,
 ) -> str:
     """Wait until the recording is to end; the reason if that is a disconnect, else ""."""
-    end = None if seconds is None else time.monotonic() + seconds
+    end = time.monotonic() + (math.inf if seconds is None else seconds)
     while not stop.is_set():
         status = live.status()
         view.update(status, recorder)
         if status.word == "closed" or (status.word != "connected" and not live.reconnect):
             return status.hint or "it disconnected"
-        if lines is not None and recorder.counts.written >= lines:
+        if time.monotonic() >= end or (lines is not None and recorder.counts.written >= lines):
             break
-        left = POLL_INTERVAL_S if end is None else end - time.monotonic()
-        if left <= 0:
-            break
-        stop.wait(min(left, POLL_INTERVAL_S))
+        stop.wait(min(end - time.monotonic(), POLL_INTERVAL_S))
     return ""
 
 
@@ -211,10 +202,7 @@ START_S = 10.0
 
 
 def calibrate_command(
-    port: Annotated[
-        str,
-        typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud."),
-    ],
+    port: Port,
     seconds: Annotated[float, number_option("Measure for this many seconds.")] = 10.0,
     channel: Annotated[
         str | None, typer.Option("--channel", metavar="NAME", help="Measure only this channel; default: all.")
@@ -222,9 +210,7 @@ def calibrate_command(
     keep: Annotated[
         bool, typer.Option("--keep", help="Store the measured values on the board for its next starts.")
     ] = False,
-    no_reset: Annotated[
-        bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
-    ] = False,
+    no_reset: NoReset = False,
 ) -> None:
     """Let a board measure its own noise r.
 
@@ -233,39 +219,35 @@ def calibrate_command(
     The sketch on it must be exported with --calibration. Exit status 1 if the board refused; it then keeps its
     values.
     """
-    from kalscope.export.board import set_kept
+    from kalscope.export.board import NotCalibrated, measure, set_kept
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import port_of
 
     live = LiveSource(port_of(port, reset=not no_reset), reconnect=False)
     with closing(live):
         live.start(require=True)
-        found = _measured(live, channel, seconds)
-        for one in found:  # before anything else can fail: the board uses it
-            print(*map(plain, _lines(one)), sep="\n", flush=True)
-        refused = [one for one in found if not _is_measured(one)]
-        kept = keep and not refused
-        if kept:
+        with stop_signals() as stop, progress_line() as report:
+            progress = Progress(report, stop.is_set)
+            try:
+                _wait_for_samples(live, progress, max(START_S, seconds))
+                measured = measure(live, channel, seconds, progress)
+            except Cancelled as error:
+                say(f"{error}")
+                raise typer.Exit(stop.status) from None
+        for one in measured:  # before anything else can fail: the board uses it
+            print(plain(_measured_text(one)), flush=True)
+        refused = sum(isinstance(one.answer, NotCalibrated) for one in measured)
+        if keep and not refused:
             with said_at_stop(lambda: "the board may or may not have stored its values"):
                 set_kept(live, kept=True)
-    if len(refused) < len(found):
-        print(_afterwards(kept=kept, wanted=keep))
+    if not keep and refused < len(measured):
+        print("Not kept: after a reset the board uses the values of its export. --keep stores these.")
+    elif not refused:
+        print("Kept: the board uses these values from its next start.")
+    elif refused < len(measured):
+        print("Not kept, because not all channels were measured.")
     if refused:
         raise typer.Exit(CHECK_FAILED)
-
-
-def _measured(live: LiveSource, channel: str | None, seconds: float) -> tuple[Measurement, ...]:
-    """What the board measured; ends the command if it was stopped."""
-    from kalscope.export.board import measure
-
-    with stop_signals() as stop, progress_line() as report:
-        progress = Progress(report, stop.is_set)
-        try:
-            _wait_for_samples(live, progress, max(START_S, seconds))
-            return measure(live, channel, seconds, progress)
-        except Cancelled as error:
-            say(f"{error}")
-            raise typer.Exit(stop.status) from None
 
 
 def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> None:
@@ -280,33 +262,16 @@ def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> N
         time.sleep(0.05)
 
 
-def _is_measured(one: Measurement) -> bool:
-    from kalscope.export.board import Calibrated
-
-    return isinstance(one.answer, Calibrated)
-
-
-def _lines(one: Measurement) -> list[str]:
-    """What a board found of one channel, under the name that it has there; the remark has been checked."""
+def _measured_text(one: Measurement) -> str:
+    """What a board measured of one channel, under the name that it has there."""
     from kalscope.export.board import Calibrated, compared_text, found_text, refusal_text
 
     if isinstance(one.answer, Calibrated):
-        return [f"{one.answer.name}: {found_text(one.answer, '')}", f"  {compared_text(one, '')}"]
-    return [f"{one.answer.name}: {refusal_text(one.answer)}"]
-
-
-def _afterwards(*, kept: bool, wanted: bool) -> str:
-    if kept:
-        return "Kept: the board uses these values from its next start."
-    if wanted:
-        return "Not kept, because not all channels were measured."
-    return "Not kept: after a reset the board uses the values of its export. --keep stores these."
+        return f"{one.answer.name}: {found_text(one.answer, '')}\n  {compared_text(one, '')}"
+    return f"{one.answer.name}: {refusal_text(one.answer)}"
 
 
 # The connection of the demo board: a pseudo-terminal that opens like a serial port, or a local socket.
-
-
-_READ = 4096
 
 
 class PtyWire:
@@ -340,17 +305,15 @@ class PtyWire:
 
     def send(self, data: bytes) -> int:
         """Send what fits into the buffer of the terminal, about 4 KB."""
-        try:
+        with suppress(BlockingIOError):
             return os.write(self._master, data)
-        except BlockingIOError:
-            return 0
+        return 0
 
     def receive(self) -> bytes:
         """What was sent to the board."""
-        try:
-            return os.read(self._master, _READ)
-        except OSError:  # nothing was sent, or the port is closed
-            return b""
+        with suppress(OSError):  # nothing was sent, or the port is closed
+            return os.read(self._master, 4096)
+        return b""
 
     def close(self) -> None:
         """Remove the port, as an unplugged cable does."""
@@ -380,34 +343,30 @@ class SocketWire:
     def connected(self) -> bool:
         """Whether a client is connected; accepts the next one if not."""
         if self._client is None:
-            try:
+            with suppress(BlockingIOError):
                 self._client = self._server.accept()[0]
-            except BlockingIOError:
-                return False
-            self._client.setblocking(False)
-        return True
+                self._client.setblocking(False)
+        return self._client is not None
 
     def send(self, data: bytes) -> int:
         """Send what fits into the buffer of the connection."""
-        try:
-            return self._client.send(data) if self._client else 0
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._disconnect()
-            return 0
+        return self._transfer(lambda client: client.send(data)) or 0
 
     def receive(self) -> bytes:
         """What was sent to the board."""
-        try:
-            data = self._client.recv(_READ) if self._client else b""
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
+        data = self._transfer(lambda client: client.recv(4096))
+        if data == b"":
             self._disconnect()
-        return data
+        return data or b""
+
+    def _transfer(self, action: Callable[[socket.socket], Any]) -> Any:
+        """What the client takes or has sent; None where it can do neither now."""
+        try:
+            return None if self._client is None else action(self._client)
+        except BlockingIOError:
+            return None
+        except OSError:
+            self._disconnect()
 
     def close(self) -> None:
         """Disconnect and stop listening."""
@@ -418,10 +377,6 @@ class SocketWire:
         if self._client is not None:
             self._client.close()
             self._client = None
-
-
-Wire = PtyWire | SocketWire
-"""The board's end of a connection; the other end may be opened and closed at any time."""
 
 
 # `kalscope demo-board`: send a recording or a synthetic signal over a port as a board would, until stopped.
@@ -439,8 +394,6 @@ A real board takes longer to start."""
 FORMATS = ("labels", "csv")
 _MAX_SLEEP_S = 0.02
 _MAX_PENDING_BYTES = 1 << 16
-_MAX_BACKLOG_S = 5.0
-"""Delay after which the board does not catch up, s: the machine was suspended."""
 
 
 class BoardLines:
@@ -469,7 +422,7 @@ class BoardLines:
         names = [_name(name, unit) for name, unit in zip(recording.names, recording.units, strict=True)]
         heads = [f"{name}:" for name in names] if form == "labels" else [""] * len(names)
         self.lines = [
-            _terminated(",".join(head + _number(value) for head, value in zip(heads, row, strict=True)), checksum)
+            _terminated(",".join(f"{head}{value:.9g}" for head, value in zip(heads, row, strict=True)), checksum)
             for row in recording.values.tolist()
         ]
         """One line per sample, newline included."""
@@ -480,14 +433,13 @@ class BoardLines:
 
     def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
         """The lines after the first `sent` ones that are due at `now`, s, and when the next one is."""
-        repeats, at = divmod(sent, len(self.lines))
-        found: list[bytes] = []
-        while self.due[at] + repeats * self.period <= now:
-            found.append(self.lines[at])
-            at += 1
-            if at == len(self.lines):
-                repeats, at = repeats + 1, 0
-        return found, float(self.due[at] + repeats * self.period)
+        lines: list[bytes] = []
+        while True:
+            repeats, at = divmod(sent + len(lines), len(self.lines))
+            due = float(self.due[at]) + repeats * self.period
+            if due > now:
+                return lines, due
+            lines.append(self.lines[at])
 
 
 def _due(recording: Recording, rate: float | None) -> tuple[NDArray[np.float64], float]:
@@ -509,10 +461,6 @@ def _name(name: str, unit: str) -> str:
     return f"{bare}[{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
 
 
-def _number(value: float) -> str:
-    return "nan" if math.isnan(value) else f"{value:.9g}"
-
-
 def _terminated(line: str, checksum: bool) -> bytes:
     end = f"*{reduce(int.__xor__, line.encode(), 0):02X}" if checksum else ""
     return f"{line}{end}\r\n".encode()
@@ -521,53 +469,35 @@ def _terminated(line: str, checksum: bool) -> bytes:
 class Board:
     """Sends the lines while the port is open, from the start each time it is opened, as an Arduino does."""
 
-    def __init__(self, lines: BoardLines, wire: Wire, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, lines: BoardLines, wire: PtyWire | SocketWire, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.lines, self._wire, self._clock = lines, wire, clock
-        self.dropped = 0
-        """Lines that were not read in time."""
         self._opened: float | None = None
-        self._started: float | None = None
         self._sent = 0
         self._pending = bytearray()
-        self._received = bytearray()
 
     def step(self) -> float:
         """Do what is due; returns the seconds until there is more to do."""
         if not self._wire.connected():
-            self._started = self._opened = None
+            self._opened = None
             return _MAX_SLEEP_S
         now = self._clock()
-        self._opened = now if self._opened is None else self._opened
-        if now - self._opened < BOOT_S:
-            return BOOT_S - (now - self._opened)
-        if self._started is None:
-            self._started, self._sent = now, 0
+        if self._opened is None:
+            self._opened, self._sent = now, 0
             self._pending[:] = b"# kalscope demo-board\r\n" + self.lines.header
-            self._received.clear()
-        self._answer()
-        lines, due = self.lines.between(self._sent, now - self._started)
-        if now - self._started > due + _MAX_BACKLOG_S or (lines and len(lines) > _MAX_BACKLOG_S * MAX_RATE):
-            self._started = now
+        now -= self._opened + BOOT_S
+        if now < 0.0:
+            return -now
+        self._wire.receive()  # or a sender would wait
+        lines, due = self.lines.between(self._sent, now)
         self._sent += len(lines)
-        for i, line in enumerate(lines):
+        for line in lines:
             if len(self._pending) + len(line) > _MAX_PENDING_BYTES:
-                self.dropped += len(lines) - i
-                break
+                break  # they are not read in time: the others are lost
             self._pending += line
-        if self._pending:
-            del self._pending[: self._wire.send(bytes(self._pending))]
-        if self._pending:
-            return 0.001
-        return min(max(due - (now - self._started), 0.0), _MAX_SLEEP_S)
-
-    def _answer(self) -> None:
-        """Repeat what was received in a line that begins with #, as the sketches of Kalscope answer."""
-        self._received += self._wire.receive()
-        while b"\n" in self._received:
-            line, _, rest = self._received.partition(b"\n")
-            self._received = bytearray(rest)
-            self._pending += b"# heard " + bytes(line).strip()[:64] + b"\r\n"
-        del self._received[:-64]
+        del self._pending[: self._wire.send(bytes(self._pending))]
+        return 0.001 if self._pending else min(due - now, _MAX_SLEEP_S)
 
 
 def demo_board_command(
@@ -585,9 +515,6 @@ def demo_board_command(
         str,
         typer.Option("--format", metavar="FORMAT", help="labels (name:value,…) or csv (a header, then values)."),
     ] = "labels",
-    channels: Annotated[
-        list[str] | None, typer.Option("--channel", metavar="NAME", help="Send this channel only; may be repeated.")
-    ] = None,
     checksum: Annotated[
         bool, typer.Option("--checksum", help="End each line with *XX, as NMEA 0183 does.")
     ] = False,
@@ -598,23 +525,11 @@ def demo_board_command(
     """
     from kalscope.catalogue import open_source
 
-    recording = open_source(source)
-    if channels:
-        recording = _only(recording, [recording.index(name) for name in channels])
-    lines = BoardLines(recording, form=form, checksum=checksum, rate=rate)
+    lines = BoardLines(open_source(source), form=form, checksum=checksum, rate=rate)
     wire = PtyWire() if port is None else SocketWire(port)
-    try:
+    with closing(wire):
         print(f"Demo board: kalscope open {wire.address}", flush=True)
         board, wait = Board(lines, wire), 0.0
         with stop_signals() as stop:
             while not stop.wait(wait):
                 wait = board.step()
-    finally:
-        wire.close()
-
-
-def _only(recording: Recording, channels: list[int]) -> Recording:
-    names, units = ([values[i] for i in channels] for values in (recording.names, recording.units))
-    return replace(
-        recording, names=tuple(names), units=tuple(units), values=recording.values[:, channels], truth=None
-    )
