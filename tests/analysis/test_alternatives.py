@@ -76,13 +76,6 @@ def test_each_alternative_leaves_the_noise_it_is_said_to_leave_and_the_one_asked
             assert missed < 0.2, one.name
 
 
-def test_a_long_parabola_is_the_same_by_fourier_transform(monkeypatch):
-    z = 1e3 + np.cumsum(RNG.normal(size=3000))
-    fast = candidates.savitzky_golay(z, 701)
-    monkeypatch.setattr(candidates, "MAX_DIRECT", 10_000)
-    assert np.allclose(fast, candidates.savitzky_golay(z, 701), rtol=0, atol=1e-8)
-
-
 def test_savitzky_golay_delayed_is_the_centred_one_later():
     z = RNG.normal(size=300)
     centred = candidates.savitzky_golay(z, 21)
@@ -118,8 +111,9 @@ def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():
         if one.causal:
             changed = z.copy()
             changed[300:] += 1e6
-            before = 296 if one.name == "Delayed Savitzky-Golay" else 300
-            assert np.array_equal(one.run(changed)[5:before], curve[5:before], equal_nan=True), one.name
+            delayed = one.name == "Delayed Savitzky-Golay"
+            before, rounding = (296, 1e-12 * 1e6) if delayed else (300, 0.0)  # of a Fourier transform
+            assert np.allclose(one.run(changed)[5:before], curve[5:before], 0.0, rounding, equal_nan=True), one.name
 
 
 def test_every_alternative_is_equivariant_in_unit_and_level():

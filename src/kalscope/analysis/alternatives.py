@@ -7,13 +7,14 @@ the start-up, the gaps, and that K follows from two variances. The comparison sa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from kalscope.analysis.candidates import Candidate, Description, at_lag, at_noise, settled
+from kalscope.analysis.candidates import Candidate, at_lag, at_noise, settled
 from kalscope.analysis.filter_errors import (
     Difference,
     Errors,
@@ -45,13 +46,11 @@ filter."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Alternative(Description):
+class Alternative(Candidate):
     """One filter beside the current one, over the stretch."""
 
     curve: Array
     """Filtered signal, unit, shape (last − first,); NaN before its first output."""
-    noise_reduction_db: float
-    """White noise, in to out, dB; on the recording's own noise for median and one-euro; NaN for the smoother."""
     rmse: float | None
     """RMS difference from the truth after the start, unit; None where the truth is not known."""
     prediction: float | None
@@ -65,6 +64,18 @@ class Alternative(Description):
     """Its error against that of the current filter; None for the current one and for those not causal."""
 
 
+def measured(one: Candidate, curve: Array, errors: Errors, **compared: Any) -> Alternative:
+    """A candidate with its curve and the errors of it."""
+    return Alternative(
+        **vars(one),
+        curve=curve,
+        rmse=errors.rmse(curve),
+        prediction=errors.prediction(curve) if one.causal else None,
+        roughness=errors.roughness(curve),
+        **compared,
+    )
+
+
 @dataclass(frozen=True)
 class Stretch:
     """What is compared, and with what."""
@@ -75,37 +86,37 @@ class Stretch:
     """Sample periods before each sample, shape (n,); None = 1 each."""
     errors: Errors
     """The samples, and which of them are judged by what."""
-    present: Alternative
-    """The present filter over them."""
+    present: Candidate
+    """The present filter."""
+    curve: Array
+    """The samples, filtered by it."""
     memory: float
     """Number of samples for which its errors stay correlated."""
 
-    def run(self, chain: Chain) -> Array:
-        """A chain over the samples; its Kalman filter is the present one."""
-        return ChainFilter(chain, self.params).denoise(self.errors.z, self.steps)
+    def filtered(self, one: Candidate) -> Array:
+        """The samples, filtered by a candidate as a device runs it where one can."""
+        if one.chain is None:
+            return one.run(self.errors.z)
+        return ChainFilter(one.chain, self.params).denoise(self.errors.z, self.steps)
+
+    def against(self, curve: Array, than: Array, comparisons: int) -> Difference:
+        """The error of one curve against that of another."""
+        errors = self.errors
+        return difference(errors.squared(curve), errors.squared(than), self.memory, comparisons)
 
 
-def measured(curve: Array, errors: Errors, *, causal: bool = True) -> dict[str, Any]:
-    """A curve with its errors, as an `Alternative` has them."""
-    prediction = errors.prediction(curve) if causal else None
-    return {
-        "curve": curve,
-        "rmse": errors.rmse(curve),
-        "prediction": prediction,
-        "roughness": errors.roughness(curve),
-    }
-
-
-def present_row(result: FilterResult, steady: SteadyState, errors: Errors, moves: bool) -> Alternative:
-    """The present filter."""
-    close = np.abs(result.k - steady.gain) <= 0.01 * steady.gain
+def present_filter(
+    params: FilterParams, steps: Array | None, result: FilterResult, steady: SteadyState
+) -> Candidate:
+    """The present filter, which gave `result`, in the words of a candidate."""
+    close, moves = np.abs(result.k - steady.gain) <= 0.01 * steady.gain, params.momentum > 0.0
     less = " Lags less for the same noise, because it keeps the direction, and overshoots for it."
-    return Alternative(
+    return Candidate(
         name="Kalman (present)",
         parameters=f"K = {steady.gain:.4g}" + (f", L = {steady.velocity_gain:.4g}" if moves else ""),
-        **measured(result.x, errors),
+        run=lambda z: kalman_filter(z, params, steps).x,
         lag_samples=steady.lag_samples,
-        noise_reduction_db=steady.noise_reduction_db,
+        noise_gain=10.0 ** (-0.1 * steady.noise_reduction_db),
         start_samples=int(np.argmax(close)) if close.any() else len(result.k),
         gaps="lets its variance grow, and weights the next sample more",
         memory=5 if moves else 2,
@@ -115,47 +126,37 @@ def present_row(result: FilterResult, steady: SteadyState, errors: Errors, moves
     )
 
 
-def candidate_rows(chosen: tuple[Candidate, ...], stretch: Stretch, match: Match) -> tuple[Alternative, ...]:
-    """Each candidate, as a device runs it where one can."""
-    errors, present = stretch.errors, stretch.present
-    present_errors = errors.squared(present.curve)
-    causal = sum(one.causal for one in chosen)
-
-    def row(one: Candidate) -> Alternative:
-        curve = one.run(errors.z) if one.chain is None else stretch.run(one.chain)
-        decibel = -10.0 * math.log10(one.noise_gain) if one.noise_gain > 0.0 else math.inf
-        near = abs(decibel - present.noise_reduction_db) <= MAX_MISS_DB
-        if match == "lag":
-            near = is_matched(one.lag_samples - present.lag_samples, present.lag_samples)
-        against = difference(errors.squared(curve), present_errors, stretch.memory, causal) if one.causal else None
-        return Alternative(
-            **{each.name: getattr(one, each.name) for each in fields(Description)},
-            **measured(curve, errors, causal=one.causal),
-            noise_reduction_db=decibel,
-            matched=near and one.noise_gain < MAX_NOISE_GAIN,
-            against=against,
-        )
-
-    return tuple(map(row, chosen))
-
-
-def smoother_row(stretch: Stretch) -> Alternative:
+def smoother(params: FilterParams, steps: Array | None) -> Candidate:
     """The smoother, which takes later samples too."""
-    errors, params = stretch.errors, stretch.params
-    curve = smooth(errors.z, params, stretch.steps).x
-    return Alternative(
+    return Candidate(
         name="Smoother (offline bound)",
         parameters="same parameters, both ways" if params.momentum else "same q and r, both ways",
-        **measured(curve, errors, causal=False),
+        run=lambda z: smooth(z, params, steps).x,
         causal=False,
         lag_samples=0.0,
-        noise_reduction_db=math.nan,
+        noise_gain=math.nan,
         start_samples=0,
         gaps="interpolates from both sides",
         memory=0,
         overshoot=math.nan,
         sentence="The best estimate that q and r allow for a finished recording; no device can run it.",
     )
+
+
+def candidate_rows(chosen: Sequence[Candidate], stretch: Stretch, match: Match) -> tuple[Alternative, ...]:
+    """Each candidate over the stretch."""
+    causal = sum(one.causal for one in chosen)
+
+    def row(one: Candidate) -> Alternative:
+        curve, present = stretch.filtered(one), stretch.present
+        near = abs(one.noise_reduction_db - present.noise_reduction_db) <= MAX_MISS_DB
+        if match == "lag":
+            near = is_matched(one.lag_samples - present.lag_samples, present.lag_samples)
+        matched = near and one.noise_gain < MAX_NOISE_GAIN
+        against = stretch.against(curve, stretch.curve, causal) if one.causal else None
+        return measured(one, curve, stretch.errors, matched=matched, against=against)
+
+    return tuple(map(row, chosen))
 
 
 def is_matched(miss: float, lag: float) -> bool:
@@ -170,152 +171,91 @@ MIN_GAIN = 1e-3
 """A median that lowers the error by less is not worth a row; prediction errors are mostly the noise of the next
 sample."""
 
-BEFORE_PRESENT, BEFORE_BEST = "Median, then Kalman", "Median, then the best"
-"""Names of the rows: before the present filter, and before the best other one."""
 
-
-def helpful_medians(others: tuple[Alternative, ...], stretch: Stretch) -> tuple[tuple[Alternative, str], ...]:
-    """The medians that help: before the present filter, and before the best of the others if that does better.
+def helpful_median(stretch: Stretch) -> tuple[Alternative, str] | None:
+    """The median that helps most before the present filter, and what the verdict says of it; None = none helps.
 
     A median takes out spikes before a filter smears them, for a sample or two more lag. So it is compared as it is,
     not at equal lag, and only where it does more than a smaller q would, which costs the same lag.
-
-    Args:
-        others: the candidates.
-        stretch: what is compared.
-
-    Returns:
-        Both filters as one row, and what the verdict says of it, with a leading space.
     """
-    better = [one for one in others if one.matched and one.chain and one.against and one.against.better]
-    best = min(better, key=lambda one: one.against.ratio if one.against else 1.0, default=None)
-    bases = [(BEFORE_PRESENT, stretch.present)] + ([] if best is None else [(BEFORE_BEST, best)])
-    tried = (_median_before(name, one, stretch) for name, one in bases)
-    return tuple(one for one in tried if one is not None)
-
-
-def _median_before(name: str, base: Alternative, stretch: Stretch) -> tuple[Alternative, str] | None:
-    """The better of the medians before `base`, or None where none helps it."""
-    then = base.chain.then if base.chain else None
-    errors, best = stretch.errors, None
-    for chain in () if isinstance(then, Median) else (Chain(window, then) for window in WINDOWS):
-        curve = stretch.run(chain)
-        squared = errors.squared(curve)
-        found = _better(squared, errors.squared(base.curve), stretch)
-        if found is None or (best and best[0].ratio < found.ratio):
+    params, errors, present = stretch.params, stretch.errors, stretch.present
+    rows = list[tuple[float, Alternative, str]]()
+    comparisons = 2 * len(WINDOWS)  # each with the present filter and with one that is as slow
+    for window in WINDOWS:
+        chain = Chain(window)
+        one = replace(present, name="Median, then Kalman", parameters=f"window of {window}", chain=chain)
+        curve = stretch.filtered(one)
+        against = stretch.against(curve, stretch.curve, comparisons)
+        if not _is_worth_it(against):
             continue
-        steady = chain_response(chain, stretch.params, (errors.z, base.curve))
-        if _better(squared, errors.squared(_as_slow(steady.lag_samples, stretch)), stretch):
-            best = found, chain, curve, steady
-    if best is None:
-        return None
-    found, chain, curve, steady = best
-    window, later = chain.median, plural(float(f"{steady.lag_samples - base.lag_samples:.2g}"), "sample")
-    spikes = "one sample" if window == WINDOWS[0] else f"up to {window // 2} samples"
-    present = errors.squared(stretch.present.curve)
-    row = replace(
-        base,
-        name=name,
-        parameters=f"window of {window}" + (f", {lower(then.name)}: {then.words}" if then else ""),
-        chain=chain,
-        **measured(curve, errors),
-        lag_samples=steady.lag_samples,
-        noise_reduction_db=steady.noise_reduction_db,
-        start_samples=base.start_samples + window,
-        memory=base.memory + Median(window).memory,
-        against=difference(errors.squared(curve), present, stretch.memory, 2 * len(WINDOWS)),
-        sentence=f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag.",
-    )
-    if base is not stretch.present:
-        return row, ""
-    less = f"{percent_of(found.ratio)} smaller ({interval_words(found)})"
-    return row, f" With a median of {window} before your filter its {errors.words} is {less}, for {later} more lag."
+        response = chain_response(chain, params, (errors.z, stretch.curve))
+        ratio = ratio_for(lag_samples=response.lag_samples, momentum=params.momentum)
+        as_slow = kalman_filter(errors.z, replace(params, q=ratio * float(params.r)), stretch.steps).x
+        if not _is_worth_it(stretch.against(curve, as_slow, comparisons)):
+            continue
+        later = plural(float(f"{response.lag_samples - present.lag_samples:.2g}"), "sample")
+        spikes = "one sample" if window == WINDOWS[0] else f"up to {window // 2} samples"
+        one = replace(
+            one,
+            lag_samples=response.lag_samples,
+            noise_gain=10.0 ** (-0.1 * response.noise_reduction_db),
+            start_samples=present.start_samples + window,
+            memory=present.memory + Median(window).memory,
+            sentence=f"The median takes out spikes of {spikes} before the filter sees them, for {later} more lag.",
+        )
+        less = f"{percent_of(against.ratio)} smaller ({interval_words(against)})"
+        words = f" With a median of {window} before your filter its {errors.words} is {less}, for {later} more lag."
+        rows.append((against.ratio, measured(one, curve, errors, against=against), words))
+    return min(rows, key=lambda row: row[0])[1:] if rows else None
 
 
-def _better(error: Array, than: Array, stretch: Stretch) -> Difference | None:
-    """The difference of squared errors where it is significantly for the better and worth a row."""
-    found = difference(error, than, stretch.memory, 2 * len(WINDOWS))
-    return found if found.better and found.ratio < 1.0 - MIN_GAIN else None
+def _is_worth_it(one: Difference) -> bool:
+    """Whether an error is smaller, significantly and by enough for a row."""
+    return one.better and one.ratio < 1.0 - MIN_GAIN
 
 
-def _as_slow(lag: float, stretch: Stretch) -> Array:
-    """The present filter with a smaller q, so that it lags as much: a median must do more than slow it down."""
-    params = stretch.params
-    ratio = ratio_for(lag_samples=lag, momentum=params.momentum)
-    return kalman_filter(stretch.errors.z, replace(params, q=ratio * float(params.r)), stretch.steps).x
-
-
-def identity_words(z: Array, result: FilterResult, params: FilterParams, smoothed: Array) -> str:
-    """Sentences on the current filter and the same with the gains it settles to.
+def identity_words(z: Array, result: FilterResult, params: FilterParams) -> str:
+    """Sentences on the current filter and the same with the gains it settles to, started at the first sample.
 
     Args:
         z: measurements, shape (n,), NaN where missing.
         result: the output of the current filter.
         params: its parameters.
-        smoothed: fixed gains started at the first sample, shape (n,); without momentum exponential smoothing.
     """
-    steady, noise = steady_state(params), math.sqrt(float(params.r))
-    apart = np.abs(result.x - smoothed)
-    seen = np.flatnonzero(np.isfinite(z))
-    gaps = np.flatnonzero(np.diff(seen) > 1) if len(seen) else seen
+    steady, noise, tau = steady_state(params), math.sqrt(float(params.r)), params.momentum
+    gain, seen = number(steady.gain, 4), np.flatnonzero(np.isfinite(z))
+    form = f"Once settled your filter is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
+    if tau:
+        kept, ahead = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau)
+        predicts = f"x += {number(ahead, 4)}·v and v *= {number(kept, 4)} predict"
+        corrects = f"e = z − x corrects, x += {gain}·e and v += {number(steady.velocity_gain, 4)}·e"
+        form = f"Once settled your filter has fixed gains: {predicts}, then {corrects}."
+    parts = [f"{form} The Kalman filter differs at the start and at gaps."]
+    gaps = np.flatnonzero(np.diff(seen) > 1)
     until = int(seen[gaps[0]]) + 1 if len(gaps) else len(z)
-    parts = [
-        f"{_settled(steady, params.momentum)} The Kalman filter differs at the start and at gaps.",
-        _start(apart[:until], result.k[:until], steady.gain, noise),
-        _gaps(apart, result.k, seen, gaps, steady.gain, noise),
-    ]
+    apart = np.abs(result.x - settled(z, params))[:until]
+    largest = float(apart[np.isfinite(apart)].max(initial=0.0))
+    if largest <= 1e-9 * noise or noise == 0.0:
+        parts.append("At the start of this recording the two do not differ.")
+    else:
+        parts.append(
+            f"At the start they differ by up to {number(largest / noise, 2)} standard deviations of the noise: "
+            "the Kalman filter averages what it has, fixed gains stay biased towards the first sample."
+        )
+    if len(gaps):
+        longest = int(gaps[np.argmax(np.diff(seen)[gaps])])
+        after = int(seen[longest + 1])
+        parts.append(
+            f"There {'is' if len(gaps) == 1 else 'are'} {plural(len(gaps), 'gap')}; after the longest"
+            f" ({after - int(seen[longest]) - 1} samples) the gain is {number(float(result.k[after]))} instead of"
+            f" {number(steady.gain)}."
+        )
+    else:
+        parts.append("No samples are missing here, so gaps do not matter.")
     if params.gate is not None and result.rejected:
         rejected = plural(int(result.rejected), "sample")
         parts.append(f"Your outlier gate rejected {rejected}, which no other filter here does.")
     return " ".join(parts)
-
-
-def _settled(steady: SteadyState, tau: float) -> str:
-    """The settled filter as a formula."""
-    gain = number(steady.gain, 4)
-    if not tau:
-        return f"Once settled your filter is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
-    kept, ahead = math.exp(-1.0 / tau), -tau * math.expm1(-1.0 / tau)
-    return (
-        f"Once settled your filter has fixed gains: x += {number(ahead, 4)}·v and v *= {number(kept, 4)} predict,"
-        f" then e = z − x corrects, x += {gain}·e and v += {number(steady.velocity_gain, 4)}·e."
-    )
-
-
-def _start(apart: Array, k: Array, gain: float, noise: float) -> str:
-    """How far the two differ at the start, and for how long."""
-    good = np.isfinite(apart)
-    largest = float(apart[good].max(initial=0.0))
-    if largest <= 1e-9 * noise or noise == 0.0:
-        return "At the start of this recording the two do not differ."
-    far = np.flatnonzero(good & (apart > 0.1 * noise))
-    begin = int(np.argmax(good))
-    lasting = (
-        f" and by more than a tenth of that for the first {int(far[-1]) - begin + 1} samples" if len(far) else ""
-    )
-    quick = k[np.isfinite(k)]
-    second = float(quick[begin + 1]) if len(quick) > begin + 1 else gain
-    return (
-        f"At the start they differ by up to {number(largest / noise, 2)} standard deviations of the noise"
-        f"{lasting}: the Kalman filter averages what it has (second gain {number(second, 2)}), fixed "
-        "gains stay biased towards the first sample."
-    )
-
-
-def _gaps(apart: Array, k: Array, seen: NDArray[np.intp], gaps: NDArray[np.intp], gain: float, noise: float) -> str:
-    """How many gaps there are, and how the first sample after the longest one is weighted."""
-    if len(gaps) == 0:
-        return "No samples are missing here, so gaps do not matter."
-    after = seen[gaps + 1]
-    longest = int(np.argmax(np.diff(seen)[gaps]))
-    missing = int(np.diff(seen)[gaps][longest]) - 1
-    largest = float(np.nanmax(apart[after])) if np.isfinite(apart[after]).any() else 0.0
-    apart_by = f", and the two then differ by up to {number(largest / noise, 2)} standard deviations of the noise"
-    places = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return (
-        f"There {'is' if len(gaps) == 1 else 'are'} {places}; after the longest ({missing} samples) the gain is "
-        f"{number(float(k[after[longest]]))} instead of {number(gain)}{apart_by if noise else ''}."
-    )
 
 
 MAX_SAMPLES = 200_000
@@ -337,7 +277,7 @@ class Comparison:
     present: Alternative
     """The Kalman filter at the present q and r."""
     others: tuple[Alternative, ...]
-    """The candidates, medians that help, then the smoother; empty where there is nothing to match."""
+    """The candidates, a median that helps, then the smoother; empty where there is nothing to match."""
     verdict: str
     """Which is better, by how much, and whether that is more than chance."""
     identity: str
@@ -380,31 +320,30 @@ def compare_alternatives(
     part = slice(first, last)
     piece = np.ascontiguousarray(samples[part])
     steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
-    result = kalman_filter(piece, params, steps)
-    steady = steady_state(params)
-    lag, moves = steady.lag_samples, params.momentum > 0.0
-    refused = refusal(piece, lag, steady.gain)
-    if refused is not None:
-        present = present_row(result, steady, Errors(piece, true, _start_of(piece, [])), moves)
-        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
-    chosen = _candidates(piece, result, steady, match, moves)
+    result, steady = kalman_filter(piece, params, steps), steady_state(params)
+    yours = present_filter(params, steps, result, steady)
+    refused = refusal(piece, steady.lag_samples, steady.gain)
+    chosen = () if refused is not None else _candidates(piece, result, steady, match, params.momentum > 0.0)
     errors = Errors(piece, true, _start_of(piece, [one for one in chosen if one.causal]))
-    present = present_row(result, steady, errors, moves)
+    present = measured(yours, result.x, errors)
+    if refused is not None:
+        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
     # With momentum, errors stay correlated for longer than the lag: for as long as the filter takes to settle.
-    memory = max(lag, steady.settle_samples / math.log(100.0)) if moves else lag
-    stretch = Stretch(params, steps, errors, present, memory)
-    others = candidate_rows(chosen, stretch, match)
-    medians = helpful_medians(others, stretch)
+    settling = steady.settle_samples / math.log(100.0) if params.momentum else 0.0
+    stretch = Stretch(params, steps, errors, yours, result.x, max(steady.lag_samples, settling))
+    others, last_one = candidate_rows(chosen, stretch, match), smoother(params, steps)
+    median = helpful_median(stretch)
+    ending = measured(last_one, last_one.run(piece), errors)
     return Comparison(
         match=match,
         first=first,
         last=last,
         judged=errors.judged,
         present=present,
-        others=(*others, *(row for row, _ in medians), smoother_row(stretch)),
-        verdict=_verdict(others, stretch, match) + "".join(words for _, words in medians),
-        identity=identity_words(piece, result, params, settled(piece, params)),
-        note=_note(first, last, len(samples), errors.judged, true, errors.spikes),
+        others=(*others, *(() if median is None else median[:1]), ending),
+        verdict=_verdict(others, stretch, match) + ("" if median is None else median[1]),
+        identity=identity_words(piece, result, params),
+        note=_note(first, last, len(samples), errors),
     )
 
 
@@ -447,17 +386,17 @@ def _verdict(others: tuple[Alternative, ...], stretch: Stretch, match: Match) ->
     return f"{text}{missing}{overshoot_words(stretch.present.overshoot, beyond)}"
 
 
-def _start_of(z: Array, causal: list[Candidate]) -> int:
+def _start_of(z: Array, causal: Sequence[Candidate]) -> int:
     """Sample from which on every causal filter has started; at most half of the stretch."""
     before = int(np.argmax(np.isfinite(z))) if len(z) else 0
     return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
 
 
-def _note(first: int, last: int, n: int, judged: int, truth: Array | None, spikes: int) -> str:
+def _note(first: int, last: int, n: int, errors: Errors) -> str:
     stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
     by = "the difference from the known truth"
-    if truth is None:
+    if errors.truth is None:
         by = "how well each predicts the next sample, which none has used"
-    without = f", without {plural(spikes, 'spike')} that none could predict" if spikes else ""
-    later = f" Errors: {by}, over the last {judged} samples, once all have started{without}." if judged else ""
-    return f"Compared on {stretch}.{later}"
+    without = f", without {plural(errors.spikes, 'spike')} that none could predict" if errors.spikes else ""
+    judged = f"over the last {errors.judged} samples, once all have started{without}."
+    return f"Compared on {stretch}." + (f" Errors: {by}, {judged}" if errors.judged else "")

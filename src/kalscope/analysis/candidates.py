@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
 
 import numpy as np
 
@@ -35,9 +34,6 @@ from kalscope.filtering.classic import (
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import settled_transfer
 
-MAX_DIRECT = 501
-"""Longest window of a parabola that is computed without Fourier transform."""
-
 HOLDS = "holds its output, then continues as if no time had passed"
 COUNTS = "holds its output; the next sample counts for the time since"
 BRIDGES = "needs a whole window: missing samples are interpolated linearly"
@@ -54,15 +50,19 @@ SENTENCES: dict[type[Stage], str] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Description:
-    """What a user reads about a filter at one setting."""
+class Candidate:
+    """One filter at one setting, and what a user reads about it."""
 
     name: str
     """Its usual name."""
     parameters: str
     """Its setting in words; cut-offs in cycles a sample."""
+    run: Run
+    """From z, shape (n,), NaN where missing, to its curve."""
     lag_samples: float
     """Lag on a ramp in samples; of median and one-euro as measured with this recording's noise and speed."""
+    noise_gain: float
+    """Share of the variance of white noise that is left; NaN where that is not known."""
     start_samples: int
     """Samples until 1 % of the start is left."""
     memory: int
@@ -78,15 +78,10 @@ class Description:
     overshoot: float = 0.0
     """Overshoot of its step response, share of the step; NaN where that is not known."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Candidate(Description):
-    """One filter at one setting."""
-
-    run: Run
-    """From z, shape (n,), NaN where missing, to its curve."""
-    noise_gain: float
-    """Share of the variance of white noise that is left."""
+    @property
+    def noise_reduction_db(self) -> float:
+        """White noise, in to out, dB; on the recording's own noise for median and one-euro."""
+        return math.inf if self.noise_gain == 0.0 else -10.0 * math.log10(self.noise_gain)
 
 
 def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
@@ -103,17 +98,17 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
         window,
         MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
         Exponential(1.0 / (1.0 + lag)),
-        _nearest_power(lambda one: abs(one.lag - lag)),
+        min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=lambda one: abs(one.lag - lag)),
         Median(_nearest_window(window, bench, lambda size: abs(lag_of(Median(size)) - lag))),
         Butterworth(min(max(cutoff, MIN_CUTOFF), MAX_CUTOFF)),
-        one_euro(_search(lambda share: lag - lag_of(one_euro(share, bench))), bench),
+        one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
     )
 
 
 def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
     """Every candidate at the setting that leaves a share nearest to `gain` of white noise, 0 … 1."""
 
-    def left(stage: Stage) -> float:
+    def gain_of(stage: Stage) -> float:
         return bench.noise_gain(partial(classic, stage=stage))
 
     def missed(share: float) -> float:
@@ -121,23 +116,24 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
 
     # On Gaussian noise a median of N leaves about π/(2N); on the recording's own it is measured.
     guess = _odd(0.5 * math.pi / gain, bench)
-    better = left(Median(guess)) / gain * guess
+    better = gain_of(Median(guess)) / gain * guess
+    cutoff = _bisect(lambda one: Butterworth(one).noise_gain - gain, MIN_CUTOFF, MAX_CUTOFF, 60)
     return _all(
         bench,
         _nearest_window(2.25 / gain, bench, lambda size: missed(_parabola_noise(size))),
         MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
         Exponential(2.0 * gain / (1.0 + gain)),
-        _nearest_power(lambda one: missed(one.noise_gain)),
-        Median(_nearest_window(better, bench, lambda size: missed(left(Median(size))))),
-        Butterworth(_cutoff_for_noise(gain)),
-        one_euro(_search(lambda share: left(one_euro(share, bench)) - gain), bench),
+        min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=lambda one: missed(one.noise_gain)),
+        Median(_nearest_window(better, bench, lambda size: missed(gain_of(Median(size))))),
+        Butterworth(cutoff),
+        one_euro(_bisect(lambda share: gain_of(one_euro(share, bench)) - gain, *EURO_SHARES), bench),
     )
 
 
 def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
     """The classic filters; the one-euro filter comes last, after the parabolas over `parabola` samples."""
     made = [of_stage(stage, bench) for stage in stages]
-    return *made[:-1], savitzky_golay_delayed(parabola), savitzky_golay_centred(parabola), made[-1]
+    return *made[:-1], *parabolas(parabola), made[-1]
 
 
 def of_stage(stage: Stage, bench: Bench) -> Candidate:
@@ -159,13 +155,14 @@ def of_stage(stage: Stage, bench: Bench) -> Candidate:
     )
 
 
-def savitzky_golay_delayed(window: int) -> Candidate:
-    """A parabola through `window` samples, odd, available once the window is full."""
+def parabolas(window: int) -> tuple[Candidate, Candidate]:
+    """A parabola through `window` samples, odd: available once the window is full, and without that delay."""
+    centred = partial(savitzky_golay, window=window)
 
     def run(z: Array) -> Array:
-        return delayed(savitzky_golay(z, window), window // 2)
+        return delayed(centred(z), window // 2)
 
-    return Candidate(
+    late = Candidate(
         name="Delayed Savitzky-Golay",
         parameters=f"parabola over {window}",
         run=run,
@@ -177,18 +174,13 @@ def savitzky_golay_delayed(window: int) -> Candidate:
         sentence="Keeps peaks and slopes in shape, at the price of a pure delay of half its window.",
         gaps=BRIDGES,
     )
+    sentence = "The same curve without its delay: for recordings only, because it needs later samples."
+    name = "Centred Savitzky-Golay"
+    return late, replace(late, name=name, run=centred, lag_samples=0.0, sentence=sentence, causal=False)
 
 
-def savitzky_golay_centred(window: int) -> Candidate:
-    """The same without the delay, which needs later samples."""
-    return replace(
-        savitzky_golay_delayed(window),
-        name="Centred Savitzky-Golay",
-        run=partial(savitzky_golay, window=window),
-        lag_samples=0.0,
-        sentence="The same curve without its delay: for recordings only, because it needs later samples.",
-        causal=False,
-    )
+EURO_SHARES = 1e-4, 1e4, 12
+"""Of the present cut-off, least and most that is tried for the one-euro filter, and how often that is halved."""
 
 
 def one_euro(share: float, bench: Bench) -> OneEuro:
@@ -205,14 +197,6 @@ def _parabola_noise(window: float) -> float:
     return 1.0 if n < 3 else 3.0 * (3.0 * n * n - 7.0) / (4.0 * n * (n * n - 4.0))
 
 
-def _cutoff_for_noise(gain: float) -> float:
-    low, high = MIN_CUTOFF, MAX_CUTOFF
-    for _ in range(60):  # the noise grows with the cut-off
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if Butterworth(middle).noise_gain > gain else (middle, high)
-    return math.sqrt(low * high)
-
-
 def _odd(window: float, bench: Bench) -> int:
     """The odd window nearest to a length."""
     return min(max(2 * round(0.5 * (window - 1.0)) + 1, 1), bench.longest_window)
@@ -224,26 +208,20 @@ def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) ->
     least, step = miss(best), max(2, 2 * round(0.02 * best))
     while step >= max(2, 2 * (best // 500)):  # half a percent of a long window is close enough
         near = [size for size in (best - step, best + step) if 1 <= size <= bench.longest_window]
-        found = min(((miss(size), size) for size in near), default=(math.inf, best))
-        if found[0] < least:
-            least, best = found
+        nearest = min(((miss(size), size) for size in near), default=(math.inf, best))
+        if nearest[0] < least:
+            least, best = nearest
         else:
             step = 2 * (step // 4)
     return best
 
 
-def _nearest_power(miss: Callable[[PowerOfTwo], float]) -> PowerOfTwo:
-    """The gain of 1, 1/2, 1/4 … that comes closest."""
-    return min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=miss)
-
-
-def _search(too_quick: Callable[[float], float]) -> float:
-    """The share from 1e-4 to 1e4 where `too_quick` changes its sign; it grows with the share."""
-    low, high = -4.0, 4.0
-    while high - low > 0.002:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if too_quick(10.0**middle) > 0.0 else (middle, high)
-    return 10.0 ** (0.5 * (low + high))
+def _bisect(too_quick: Callable[[float], float], low: float, high: float, steps: int) -> float:
+    """Where `too_quick`, which grows, changes its sign between two positive numbers."""
+    for _ in range(steps):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if too_quick(middle) > 0.0 else (middle, high)
+    return math.sqrt(low * high)
 
 
 def classic(z: Array, stage: Stage) -> Array:
@@ -252,39 +230,39 @@ def classic(z: Array, stage: Stage) -> Array:
 
 
 def settled(z: Array, params: FilterParams) -> Array:
-    """The Kalman filter with the gains that it settles to, started at the first sample; scalars."""
+    """The Kalman filter with the gains that it settles to, started at the first sample; it holds at gaps."""
     from scipy.signal import lfilter
 
-    gain, product, both = settled_transfer(params)
-    top, bottom = [gain, product - gain], [1.0, product - both - 1.0, both]
-    return _skipping(z, lambda seen: cast("Array", lfilter(top, bottom, seen - seen[0])) + seen[0])
+    seen, out = np.flatnonzero(np.isfinite(z)), np.full(len(z), np.nan)
+    if len(seen):
+        gain, product, both = settled_transfer(params)
+        start = z[seen[0]]
+        x = lfilter([gain, product - gain], [1.0, product - both - 1.0, both], z[seen] - start)
+        out[seen[0] :] = np.repeat(x + start, np.diff(seen, append=len(z)))
+    return out
 
 
 def savitzky_golay(z: Array, window: int) -> Array:
     """Centre of a parabola through `window` samples, odd; missing ones are interpolated linearly.
 
-    NaN before the first sample. The ends come from the parabola through the outermost window.
+    NaN before the first sample. The ends come from the parabola through the outermost window. By Fourier transform:
+    scipy's filter would take seconds for a long window.
     """
-    from scipy.signal import savgol_filter
-
-    bridged, first = _bridged(z)
-    if 3 <= window <= MAX_DIRECT:
-        if len(bridged) >= window:
-            bridged = np.asarray(savgol_filter(bridged, window, 2))
-    elif window > MAX_DIRECT and len(bridged) >= window:
-        bridged = _long_parabola(bridged, window)
-    return np.concatenate([np.full(first, np.nan), bridged])
-
-
-def _long_parabola(z: Array, window: int) -> Array:
-    """The same by Fourier transform, where scipy's filter would take seconds."""
     from scipy.signal import oaconvolve, savgol_coeffs
 
-    half, level, out = window // 2, float(z.mean()), np.empty(len(z))
-    out[half : len(z) - half] = oaconvolve(z - level, np.asarray(savgol_coeffs(window, 2)), "valid") + level
-    place = np.linspace(-1.0, 1.0, window)
-    out[:half] = np.polynomial.Polynomial.fit(place, z[:window], 2)(place[:half])
-    out[len(z) - half :] = np.polynomial.Polynomial.fit(place, z[-window:], 2)(place[half + 1 :])
+    seen, out = np.flatnonzero(np.isfinite(z)), np.full(len(z), np.nan)
+    if not len(seen):
+        return out
+    first = int(seen[0])
+    bridged: Array = np.interp(np.arange(first, len(z)), seen, z[seen])
+    if 3 <= window <= len(bridged):
+        half, level, place = window // 2, float(bridged.mean()), np.linspace(-1.0, 1.0, window)
+        begin, end = (
+            np.polynomial.Polynomial.fit(place, part, 2)(place) for part in (bridged[:window], bridged[-window:])
+        )
+        inner = oaconvolve(bridged - level, np.asarray(savgol_coeffs(window, 2)), "valid") + level
+        bridged = np.concatenate([begin[:half], inner, end[half + 1 :]])
+    out[first:] = bridged
     return out
 
 
@@ -293,23 +271,3 @@ def delayed(curve: Array, samples: int) -> Array:
     late = np.full(len(curve), np.nan)
     late[samples:] = curve[: len(curve) - samples]
     return late
-
-
-def _skipping(z: Array, run: Callable[[Array], Array]) -> Array:
-    """`run` on the finite samples; its last value in between, NaN before the first."""
-    seen = np.isfinite(z)
-    if not seen.any():
-        return np.full(len(z), np.nan)
-    if seen.all():
-        return run(z)
-    latest = np.cumsum(seen) - 1
-    return np.where(latest >= 0, run(z[seen])[np.maximum(latest, 0)], np.nan)
-
-
-def _bridged(z: Array) -> tuple[Array, int]:
-    """The samples z from the first finite one on, gaps interpolated; and the number of samples before it."""
-    seen = np.flatnonzero(np.isfinite(z))
-    if len(seen) == 0:
-        return np.empty(0), len(z)
-    first = int(seen[0])
-    return np.interp(np.arange(first, len(z)), seen, z[seen]), first

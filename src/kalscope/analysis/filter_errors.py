@@ -25,7 +25,7 @@ class Errors:
 
     def __init__(self, z: Array, truth: Array | None, first: int) -> None:
         """Args: the samples; the truth or None; first sample to judge."""
-        self.z, self._truth, self._first = z, truth, first
+        self.z, self.truth, self._first = z, truth, first
         self.judged = max(len(z) - first, 0)
         self.words = "error in predicting the next sample" if truth is None else "error against the truth"
         self._rough = rms_step(z)
@@ -37,14 +37,14 @@ class Errors:
 
     def squared(self, curve: Array) -> Array:
         """Against the truth if it is known, else against the next sample, which no causal filter has seen."""
-        return (self._ahead(curve) if self._truth is None else (curve - self._truth) ** 2)[self._first :]
+        return (self._ahead(curve) if self.truth is None else (curve - self.truth) ** 2)[self._first :]
 
     def _ahead(self, curve: Array) -> Array:
         return (self._ahead_of - curve) ** 2
 
     def rmse(self, curve: Array) -> float | None:
         """RMS error against the truth; None where it is not known."""
-        return None if self._truth is None else root_mean(self.squared(curve))
+        return None if self.truth is None else root_mean(self.squared(curve))
 
     def prediction(self, curve: Array) -> float:
         """RMS error against the next sample."""
