@@ -18,7 +18,7 @@ from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, filters_for_stdin, with_momentum
+from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
@@ -544,16 +544,3 @@ def test_only_the_channels_that_are_used_are_rescaled(tmp_path: Path) -> None:
     save_tuning(tuning, path)
     (params,), notes = filters_for_stdin(path, {}, "fast", None, 0.01)
     assert (params.q, "momentum" in " ".join(notes)) == (0.005, False)
-
-
-def test_momentum_for_an_overshoot_keeps_lag_and_noise_and_a_given_one_keeps_q() -> None:
-    entry = ChannelTuning("a", "V", 0.01, 4.0, p0=1.0, x0=2.0, how="EM")
-    changed = with_momentum(entry, None, 0.08)
-    before, after = steady_state(entry.params), steady_state(changed.params)
-    assert after.lag_samples == pytest.approx(float(before.lag_samples), rel=1e-9)
-    assert after.overshoot == pytest.approx(0.08, rel=1e-6)
-    assert after.noise_reduction_db > before.noise_reduction_db
-    assert replace(changed, q=entry.q, momentum=0.0, how="EM") == entry
-    assert changed.how == "EM, 8 % overshoot"
-    assert with_momentum(entry, 7.0, None) == replace(entry, momentum=7.0, how="EM, momentum given")
-    assert with_momentum(entry, None, None) is entry

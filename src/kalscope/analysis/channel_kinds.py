@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Recording
@@ -36,32 +35,24 @@ MIN_RISES = 100
 """This many rising samples without a fall are not a measurement, whatever their name: noise falls now and then."""
 _BLOCK = 2000
 
-_CODE_WORDS = {
-    *("id", "status", "state", "flag", "qc", "quality", "code", "error", "err", "mode", "class", "label"),
-    *("version", "event", "accuracy", "type", "fix", "sats"),
-}
-_TIME_WORDS = {
-    *(
-        "t",
-        "time",
-        "timestamp",
-        "stamp",
-        "date",
-        "datetime",
-        "clock",
-        "rtc",
-        "local",
-        "utc",
-        "gmt",
-        "epoch",
-        "unix",
-    ),
-    *("elapsed", "uptime", "millis", "micros", "seconds", "sec", "ms", "us", "tick", "ticks"),
-}
-_COUNT_WORDS = {
-    *("n", "no", "nr", "count", "counter", "index", "idx", "seq", "sequence", "record", "row", "sample", "samples"),
-    *("entry", "packet", "frame", "scan", "num", "number", "line", "cycle"),
-}
+
+def _words(name: str) -> frozenset[str]:
+    """The words of a name in lower case: "gpsLat_2" gives gps, lat."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return frozenset(re.findall(r"[a-z]+", spaced.lower()))
+
+
+_CODE_WORDS = _words(
+    "id status state flag qc quality code error err mode class label version event accuracy type fix sats"
+)
+_TIME_WORDS = _words(
+    "t time timestamp stamp date datetime clock rtc local utc gmt epoch unix elapsed uptime millis micros seconds sec"
+    " ms us tick ticks"
+)
+_COUNT_WORDS = _words(
+    "n no nr count counter index idx seq sequence record row sample samples entry packet frame scan num number line"
+    " cycle"
+)
 _STEP_WORDS = {"dt", "delta", "interval", "step", "period", "loop"}
 _PLACE_WORDS = {"lat", "latitude", "lon", "long", "lng", "longitude"}
 _NO_NAME = {"value", "column"}
@@ -90,34 +81,22 @@ def default_channel(recording: Recording) -> str:
 
 def channel_kinds(recording: Recording) -> dict[str, str]:
     """The kind of each channel, one of KINDS, by its name. A long recording is judged by parts of it."""
-    chosen = _chosen(len(recording))
-    columns = [recording.values[chosen, i] for i in range(len(recording.names))]
-    fullest = max((int(np.isfinite(column).sum()) for column in columns), default=0)
-    steps = np.diff(recording.time[chosen])
-    channels = [
-        _Channel(column, _words(name), steps, fullest)
-        for name, column in zip(recording.names, columns, strict=True)
-    ]
-    return {name: channel.kind for name, channel in zip(recording.names, channels, strict=True)}
+    n = len(recording)
+    judged = np.arange(n)
+    if n > 3 * _BLOCK:  # runs at the beginning, in the middle and at the end
+        judged = np.concatenate([start + np.arange(_BLOCK) for start in (0, (n - _BLOCK) // 2, n - _BLOCK)])
+    values, steps = recording.values[judged], np.diff(recording.time[judged])
+    fullest = int(np.isfinite(values).sum(axis=0).max(initial=0))
+    return {
+        name: _Channel(column, _words(name), steps, fullest).kind
+        for name, column in zip(recording.names, values.T, strict=True)
+    }
 
 
 def with_kinds(recording: Recording, names: list[str]) -> list[str]:
     """These names of channels, each with its kind in brackets unless it measures something."""
     kinds = channel_kinds(recording)
     return [f"{name} ({kinds[name]})" if kinds[name] else name for name in names]
-
-
-def _chosen(n: int) -> NDArray[np.intp]:
-    """Indices of the samples that are judged: all, or runs at the beginning, in the middle and at the end."""
-    if n <= 3 * _BLOCK:
-        return np.arange(n)
-    return np.concatenate([start + np.arange(_BLOCK) for start in (0, (n - _BLOCK) // 2, n - _BLOCK)])
-
-
-def _words(name: str) -> frozenset[str]:
-    """The words of a name in lower case: "gpsLat_2" gives gps, lat."""
-    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return frozenset(re.findall(r"[a-z]+", spaced.lower()))
 
 
 @dataclass(frozen=True)
@@ -191,6 +170,11 @@ class _Rise:
         """Whether every sample is above the one before; two joints of runs aside."""
         return self.moves == self.steps and self.falls <= 2
 
+    @property
+    def counts(self) -> bool:
+        """Whether it rises by one amount, at half of the samples at least."""
+        return self.even >= 0.9 and self.moves >= max(0.5 * self.steps, MIN_SAMPLES - 1)
+
 
 def _is_time_step(it: _Channel) -> bool:
     """Whether a column repeats the time between the stamps, in s, ms or µs."""
@@ -206,18 +190,14 @@ def _is_date_part(it: _Channel) -> bool:
     if it.whole and any(first <= np.min(it.z) and np.max(it.z) <= last for first, last in limits):
         return True
     rise, named = it.rise, it.words <= (_TIME_WORDS | _DATE_WORDS) or it.words <= _NO_NAME
-    return rise is not None and it.whole and named and rise.usual == 1.0 and rise.even >= 0.9 and not _counts(rise)
-
-
-def _counts(rise: _Rise) -> bool:
-    return rise.even >= 0.9 and rise.moves >= max(0.5 * rise.steps, MIN_SAMPLES - 1)
+    return bool(rise and it.whole and named and rise.usual == 1.0 and rise.even >= 0.9 and not rise.counts)
 
 
 def _is_counter(it: _Channel) -> bool:
     rise, named = it.rise, bool(it.words & _COUNT_WORDS)
     if rise is None or not it.whole:
         return False
-    return (_counts(rise) and (rise.usual == 1.0 or named)) or (named and (rise.falls <= 2 or rise.grows))
+    return (rise.counts and (rise.usual == 1.0 or named)) or (named and (rise.falls <= 2 or rise.grows))
 
 
 def _is_clock(it: _Channel) -> bool:
@@ -226,7 +206,7 @@ def _is_clock(it: _Channel) -> bool:
         return False
     if rise.falls <= 2 and (np.min(it.z) > EPOCH or it.words & (_TIME_WORDS - {"t"})):  # t may be a temperature
         return True
-    return (it.whole and _counts(rise)) or (rise.always and (named or (it.whole and rise.steps >= 20)))
+    return (it.whole and rise.counts) or (rise.always and (named or (it.whole and rise.steps >= 20)))
 
 
 _RULES: tuple[tuple[str, Callable[[_Channel], bool]], ...] = (

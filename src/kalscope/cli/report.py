@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kalscope.cli.console import CHECK_FAILED, progress_line, say, tell_compiling, write_output
-from kalscope.cli.options import SamplePeriod, Source, number, number_option, percentage, reads_source
+from kalscope.cli.options import SamplePeriod, Source, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.export.report import Report
     from kalscope.papers.reproduction import Reproduction
-    from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
 # `kalscope report`: one page on a recording and its tuning, HTML or PNG.
@@ -35,16 +32,6 @@ def report_command(
             metavar="NAME", help="Channel to report; default: the fusion in --config, else its selected channel."
         ),
     ] = None,
-    momentum: Annotated[
-        float | None,
-        number_option("Momentum in sample periods, instead of that in --config; q and r do not change.", number),
-    ] = None,
-    overshoot: Annotated[
-        float | None,
-        number_option(
-            "Allowed overshoot of a step, percent: sets momentum and q at the lag of --config.", percentage
-        ),
-    ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing FILE.")] = False,
@@ -60,19 +47,13 @@ def report_command(
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
     from kalscope.export.report import as_html, as_png, make_report
-    from kalscope.tuning.choose import filters_for
+    from kalscope.tuning.choose import adapt_tuning, filters_for
     from kalscope.tuning.file import load_tuning
 
     tell_compiling()
     kind = _kind_of(output)
-    if momentum is not None and overshoot is not None:
-        raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
     fused = tuning.fusion is not None and channel is None
-    if fused and (momentum is not None or overshoot is not None):
-        raise BadSetting(
-            "--momentum and --overshoot need --channel: a fusion has the momentum of --config (got none)"
-        )
     check_new(output, force=force)
     with progress_line() as progress:
         recording = open_source(source, reading, sample_period=sample_period, progress=progress)
@@ -83,7 +64,10 @@ def report_command(
         (fusion,), notes = filters_for(recording, config, {})
         report = make_report(recording, tuning, fusion=fusion, config=str(config))
     else:
-        report, notes = _of_channel(recording, tuning, config, channel, (momentum, overshoot))
+        chosen, notes = adapt_tuning(recording, tuning, channel=channel)
+        entries = tuple(replace(entry, name=name) for name, entry in chosen.items())
+        selected = channel or (tuning.selected if tuning.selected in chosen else entries[0].name)
+        report = make_report(recording, replace(tuning, channels=entries, selected=selected), config=str(config))
     write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
@@ -94,33 +78,6 @@ def _kind_of(output: Path) -> str:
     if kind not in (".html", ".htm", ".png"):
         raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
     return kind
-
-
-def _of_channel(
-    recording: Recording,
-    tuning: Tuning,
-    config: Path,
-    channel: str | None,
-    change: tuple[float | None, float | None],
-) -> tuple[Report, list[str]]:
-    """The page on one channel, its filter with another momentum or overshoot; and notes on the choice."""
-    from dataclasses import replace
-
-    from kalscope.export.report import make_report
-    from kalscope.tuning.choose import adapt_tuning, with_momentum
-
-    chosen, notes = adapt_tuning(recording, tuning, channel=channel)
-    selected = channel or (tuning.selected if tuning.selected in chosen else next(iter(chosen)))
-    changed = with_momentum(chosen[selected], *change)
-    options = [] if changed == chosen[selected] else _options(selected, changed)
-    own = tuple(replace(entry, name=name) for name, entry in {**chosen, selected: changed}.items())
-    fitted = replace(tuning, channels=own, selected=selected)
-    return make_report(recording, fitted, config=str(config), options=options), notes
-
-
-def _options(channel: str, changed: ChannelTuning) -> list[str]:
-    """The options of `kalscope open` that change the filter of the tuning file to this one."""
-    return ["--channel", channel, "--q", repr(changed.q), "--momentum", repr(changed.momentum)]
 
 
 # `kalscope reproduce`: the source documents' figures and tables as one page, and its numbers as JSON.

@@ -221,7 +221,6 @@ def make_report(
     *,
     fusion: ChannelTuning | None = None,
     config: str = "tuning.toml",
-    options: Sequence[str] = (),
     now: datetime | None = None,
     command: str = "",
     pins: Sequence[tuple[str, ChannelTuning]] = (),
@@ -234,7 +233,6 @@ def make_report(
         channel: which one; None = the selected, else the first.
         fusion: the filter and its sensors, at the recording's sample period; None = the report is on a channel.
         config: name of the tuning file in the command.
-        options: more words of the command, where the filter is not that of the file.
         now: time to print; None = now. Everything else is the same in every run.
         command: what reopens this state; "" = with the tuning file `config`.
         pins: names and settings of the channel to show beside the present one.
@@ -266,7 +264,7 @@ def make_report(
         charts=_charts(recording, shown, z, result, truth),
         tables=tables,
         texts=texts,
-        command=command or _command(recording, config, options),
+        command=command or _command(recording, config),
         origin=_origin(recording, tuning, now),
     )
 
@@ -328,10 +326,10 @@ def _subtitle(recording: Recording, z: Array) -> str:
     return ", ".join(parts)
 
 
-def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
+def _command(recording: Recording, config: str) -> str:
     """What reopens the recording with a tuning file."""
     source = recording.source or "FILE"
-    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
+    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config])
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:

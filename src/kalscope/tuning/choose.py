@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from kalscope.common.numbers import Array
 from kalscope.common.text import unused_name
 from kalscope.errors import BadSetting
-from kalscope.estimation.fit import params_for_specification
 from kalscope.estimation.noise import starting_params
 from kalscope.filtering.classic import Chain
-from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.file import load_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
@@ -45,24 +44,13 @@ def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool =
     )
     if len(names) < 2 or len(set(names)) < len(names):
         raise BadSetting(f"{must} (got {text!r})")
-    if not mixed_units:
-        common_unit({name: units[name] for name in names})
-    return names
-
-
-def common_unit(units: Mapping[str, str]) -> str:
-    """The unit that all these channels have, "" where none of them has one.
-
-    Raises:
-        BadSetting: two units, or one channel with a unit and one without.
-    """
-    if len(set(units.values())) > 1:
-        said = ", ".join(f"{name} in {unit}" if unit else f"{name} without a unit" for name, unit in units.items())
+    if not mixed_units and len({units[name] for name in names}) > 1:
+        each = ", ".join(f"{name} in {units[name]}" if units[name] else f"{name} without a unit" for name in names)
         raise BadSetting(
-            f"fused channels must have one unit (got {said}); channels that measure one quantity in different "
+            f"fused channels must have one unit (got {each}); channels that measure one quantity in different "
             "units can be fused with --sensor-gains and --reference"
         )
-    return next(iter(units.values()))
+    return names
 
 
 def sensor_named(sensors: Sequence[str], option: str, text: str) -> str:
@@ -115,12 +103,10 @@ def _channel(names: Sequence[str], text: str, refusal: str) -> str:
 
 def _hint(units: Mapping[str, str]) -> str:
     """The channels that could be fused, by their unit."""
-    groups: dict[str, list[str]] = {}
-    for name, unit in units.items():
-        groups.setdefault(unit, []).append(name)
-    several = [(unit, names) for unit, names in groups.items() if len(names) > 1][:MAX_HINTS]
-    said = "; ".join(f"{', '.join(names[:MAX_HINTS])}{f' ({unit})' if unit else ''}" for unit, names in several)
-    return f", such as {said}" if said else "; no two channels here have the same unit"
+    groups = {unit: [name for name in units if units[name] == unit] for unit in units.values()}
+    several = [(unit, names[:MAX_HINTS]) for unit, names in groups.items() if len(names) > 1][:MAX_HINTS]
+    examples = "; ".join(", ".join(names) + (f" ({unit})" if unit else "") for unit, names in several)
+    return f", such as {examples}" if examples else "; no two channels here have the same unit"
 
 
 # Which filter a command runs: its options, the tuning file, or a guess from the signal, in this order.
@@ -192,7 +178,7 @@ def filters_for(
         pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
         return [_overridden(replace(entry, name=name), given) for name, entry in pairs.items()], notes
     names = recording.names if channel is None else (channel,)
-    chosen = [_untuned_filter(recording, name, given) for name in names]
+    chosen = [_untuned(name, given, recording.channel(name)) for name in names]
     return [used for used, _ in chosen], [note for _, note in chosen if note]
 
 
@@ -215,10 +201,8 @@ def filters_for_stdin(
         tuning = replace(load_tuning(config).only(channel), fusion=None)
     elif channel is not None:
         raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
-    elif not ({"q", "r"} <= set(given) or _ends_with_a_classic_filter(given)):
-        raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
     else:
-        return [_untuned(given)], []
+        return [_untuned("stdin", given, None)[0]], []
     used, notes = rescaled(tuning, period, given)
     return [_overridden(entry, given) for entry in used.channels], notes
 
@@ -251,27 +235,19 @@ def _overridden(entry: ChannelTuning, given: Given) -> ChannelTuning:
     return replace(entry, **values)
 
 
-def _untuned_filter(recording: Recording, name: str, given: Given) -> tuple[ChannelTuning, str]:
-    values, note = dict(given), ""
-    if not _ends_with_a_classic_filter(given) and not {"q", "r"} <= set(given):
-        values.setdefault("r", starting_params(recording.channel(name)).r)
+def _untuned(name: str, given: Given, z: Array | None) -> tuple[ChannelTuning, str]:
+    """The filter as given, with a guess where q or r is missing and has an effect; and a note on that."""
+    values, note, chain = dict(given), "", given.get("chain")
+    if not {"q", "r"} <= set(given) and not (isinstance(chain, Chain) and chain.then is not None):
+        if z is None:
+            raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
+        values.setdefault("r", starting_params(z).r)
         values.setdefault("q", values["r"] / 100.0)
         note = (
             f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; values not given are the starting values"
             " r = var(Δz)/2, q = r/100"
         )
-    return replace(_untuned(values), name=name), note
-
-
-def _untuned(given: Given) -> ChannelTuning:
-    """What was given, without a tuning file; q and r may be missing where they have no effect."""
-    return _overridden(ChannelTuning("stdin", "", 1.0, 1.0), given)
-
-
-def _ends_with_a_classic_filter(given: Given) -> bool:
-    """Whether a chain is given on which q and r have no effect."""
-    chain = given.get("chain")
-    return isinstance(chain, Chain) and chain.then is not None
+    return _overridden(ChannelTuning(name, "", 1.0, 1.0), values), note
 
 
 def _untuned_fusion(recording: Recording, given: Given, fuse: str) -> tuple[ChannelTuning, list[str]]:
@@ -333,7 +309,17 @@ def adapt_tuning(
     Raises:
         BadSetting: The tuning has none of the channels.
     """
-    pairs, choices = _pairs(recording, tuning, channel)
+    tuned = {entry.name: entry for entry in tuning.channels}
+    wanted = recording.names if channel is None else (channel,)
+    pairs = {name: tuned[name] for name in wanted if name in tuned}
+    choices: list[str] = []
+    if not pairs and len(wanted) == len(tuned) == 1:
+        pairs = {wanted[0]: tuning.channels[0]}
+        choices.append(f"{wanted[0]}: filtered as the tuning's only channel, {tuning.channels[0].name}")
+    if not pairs:
+        raise BadSetting(f"the tuning must hold {' or '.join(wanted)} (got channels {', '.join(tuned)})")
+    if absent := [name for name in wanted if name not in pairs]:
+        choices.append(f"the tuning has no such channel: {', '.join(absent)}")
     used = replace(tuning, channels=tuple(pairs.values()), selected="", fusion=None)
     used, notes = at_recording(recording, used, given or {})
     return dict(zip(pairs, used.channels, strict=True)), notes + choices
@@ -355,45 +341,6 @@ def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tu
     return used, notes
 
 
-def _pairs(recording: Recording, tuning: Tuning, channel: str | None) -> tuple[dict[str, ChannelTuning], list[str]]:
-    """The entry of each channel that has one, and notes on the others."""
-    tuned = {entry.name: entry for entry in tuning.channels}
-    wanted = recording.names if channel is None else (channel,)
-    pairs = {name: tuned[name] for name in wanted if name in tuned}
-    notes: list[str] = []
-    if not pairs and len(wanted) == len(tuned) == 1:
-        pairs = {wanted[0]: tuning.channels[0]}
-        notes.append(f"{wanted[0]}: filtered as the tuning's only channel, {tuning.channels[0].name}")
-    if not pairs:
-        raise BadSetting(f"the tuning must hold {' or '.join(wanted)} (got channels {', '.join(tuned)})")
-    left_out = [name for name in wanted if name not in pairs]
-    if left_out:
-        notes.append(f"the tuning has no such channel: {', '.join(left_out)}")
-    return pairs, notes
-
-
-def with_momentum(entry: ChannelTuning, momentum: float | None, overshoot: float | None) -> ChannelTuning:
-    """The filter with another momentum, or with the momentum that an overshoot allows.
-
-    Args:
-        entry: The filter; returned unchanged where both others are None.
-        momentum: In sample periods, with the same q and r; or None.
-        overshoot: Share of a step: of all filters with the lag of `entry` and no more overshoot, the one that
-            leaves the least noise, with the same r; or None.
-
-    Raises:
-        BadSetting: A momentum out of its range, or an overshoot that no momentum has at this lag.
-    """
-    if momentum is not None:
-        return replace(entry, momentum=momentum, how=f"{entry.how}, momentum given")
-    if overshoot is None:
-        return entry
-    lag = steady_state(entry.params).lag_samples
-    found = params_for_specification(entry.r, lag_samples=lag, overshoot=overshoot)
-    how = f"{entry.how}, {100.0 * overshoot:.4g} % overshoot"
-    return replace(entry, q=found.q, momentum=found.momentum, how=how)
-
-
 def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
     """The tuning at the recording's sample period in s, and a note where q, momentum or a chain had to change."""
     before = tuning.sample_period
@@ -412,10 +359,7 @@ def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning
         for old, new in zip(tuning.channels, moved.channels, strict=True)
         if old.chain != new.chain
     ]
-    if not changes:
-        return moved, []
-    note = (
-        f"{' and '.join(changes)}: {'they were' if len(changes) > 1 else 'it was'} tuned at a sample period of"
-        f" {before:.6g} s, here it is {period:.6g} s"
-    )
-    return moved, [note]
+    they = "they were" if len(changes) > 1 else "it was"
+    periods = f"tuned at a sample period of {before:.6g} s, here it is {period:.6g} s"
+    note = f"{' and '.join(changes)}: {they} {periods}"
+    return moved, [note] if changes else []
