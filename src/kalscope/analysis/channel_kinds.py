@@ -46,8 +46,8 @@ _CODE_WORDS = _words(
     "id status state flag qc quality code error err mode class label version event accuracy type fix sats"
 )
 _TIME_WORDS = _words(
-    "t time timestamp stamp date datetime clock rtc local utc gmt epoch unix elapsed uptime millis micros seconds sec"
-    " ms us tick ticks"
+    "t time timestamp stamp date datetime clock rtc local utc gmt epoch unix elapsed uptime millis micros seconds"
+    " sec ms us tick ticks"
 )
 _COUNT_WORDS = _words(
     "n no nr count counter index idx seq sequence record row sample samples entry packet frame scan num number line"

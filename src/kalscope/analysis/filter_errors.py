@@ -28,19 +28,14 @@ class Errors:
         self.z, self.truth, self._first = z, truth, first
         self.judged = max(len(z) - first, 0)
         self.words = "error in predicting the next sample" if truth is None else "error against the truth"
-        self._rough = rms_step(z)
-        self._ahead_of = np.append(z[1:], np.nan)
         aside = np.append(spikes_in(z)[1:], False)
-        self._ahead_of[aside] = np.nan
+        self._next = np.where(aside, np.nan, np.append(z[1:], np.nan))
         self.spikes = 0 if truth is not None else int(aside[first:].sum())
         """Samples that are not judged because they are spikes."""
 
     def squared(self, curve: Array) -> Array:
         """Against the truth if it is known, else against the next sample, which no causal filter has seen."""
-        return (self._ahead(curve) if self.truth is None else (curve - self.truth) ** 2)[self._first :]
-
-    def _ahead(self, curve: Array) -> Array:
-        return (self._ahead_of - curve) ** 2
+        return ((curve - (self._next if self.truth is None else self.truth)) ** 2)[self._first :]
 
     def rmse(self, curve: Array) -> float | None:
         """RMS error against the truth; None where it is not known."""
@@ -48,11 +43,12 @@ class Errors:
 
     def prediction(self, curve: Array) -> float:
         """RMS error against the next sample."""
-        return root_mean(self._ahead(curve)[self._first :])
+        return root_mean(((curve - self._next) ** 2)[self._first :])
 
     def roughness(self, curve: Array) -> float:
         """RMS step of the curve over that of the raw signal."""
-        return rms_step(curve[self._first :]) / self._rough if self._rough > 0.0 else math.nan
+        rough = root_mean(np.diff(self.z) ** 2)
+        return root_mean(np.diff(curve[self._first :]) ** 2) / rough if rough > 0.0 else math.nan
 
 
 def spikes_in(z: Array) -> Mask:
@@ -78,11 +74,6 @@ def root_mean(squares: Array) -> float:
     """Square root of the mean of what is finite; NaN where nothing is."""
     good = squares[np.isfinite(squares)]
     return math.sqrt(float(good.mean())) if len(good) else math.nan
-
-
-def rms_step(curve: Array) -> float:
-    """RMS change from sample to sample."""
-    return root_mean(np.diff(curve) ** 2)
 
 
 MAX_BLOCKS = 100
@@ -151,32 +142,26 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     blocks = min(len(b) // block_of(lag), MAX_BLOCKS)
     if blocks < MIN_BLOCKS:
         return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
+    from scipy.stats import t
+
     scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
-    a, b = (scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b))
-    low, high = _fieller(a, b, comparisons)
-    return Difference(math.sqrt(float(a.mean() / b.mean())), low, high)
+    means: list[Array] = [scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b)]
+    a, b = means
+    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, blocks - 1)) ** 2 / blocks
+    square = float(a.mean() / b.mean())
+    spread: Array = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
+    level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
+    if level <= 0.0:  # the mean of b may be 0
+        return Difference(math.sqrt(square), 0.0, math.inf)
+    slant = reach * float(spread[0, 1])
+    root = math.sqrt(slant * slant + level * reach * float(spread[0, 0]))
+    low, high = (math.sqrt(max(0.0, square + (sign * root - slant) / level)) for sign in (-1.0, 1.0))
+    return Difference(math.sqrt(square), low, high)
 
 
 def block_of(lag: float) -> int:
     """Samples of a block: ten lags of the filter, after which its errors are uncorrelated."""
     return math.ceil(10.0 * (lag + 1.0))
-
-
-def _fieller(a: Array, b: Array, comparisons: int) -> tuple[float, float]:
-    """Ends of the interval of √(mean a / mean b) from blocks, shape (k,) each; no upper end where b may be 0."""
-    from scipy.stats import t
-
-    k = len(a)
-    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, k - 1)) ** 2 / k
-    square = float(a.mean() / b.mean())
-    spread = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
-    level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
-    if level <= 0.0:
-        return 0.0, math.inf
-    slant = reach * float(spread[0, 1])
-    root = math.sqrt(slant * slant + level * reach * float(spread[0, 0]))
-    low, high = (math.sqrt(max(0.0, square + (sign * root - slant) / level)) for sign in (-1.0, 1.0))
-    return low, high
 
 
 def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag: float, samples: int) -> str:
@@ -193,7 +178,14 @@ def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag:
     if not judged:
         return "The filters cannot be compared on this stretch: all errors are 0."
     if all(math.isinf(d.high) for _, d in judged):
-        return _no_verdict(lag, samples)
+        needed = MIN_BLOCKS * block_of(lag)
+        if samples >= needed:
+            return "No verdict: the errors differ so much from block to block that any difference may be chance."
+        return (
+            "The stretch is too short for a verdict: the errors of your filter are correlated over about "
+            f"{number(lag)} samples, so {count(needed)} are needed, {MIN_BLOCKS} blocks of {count(block_of(lag))}, "
+            f"and {count(samples)} were judged. Record longer, or compare a faster filter."
+        )
     better = sorted(((name, d) for name, d in judged if d.better), key=lambda one: (one[1].ratio, one[0]))
     worse = [(name, d) for name, d in judged if d.worse]
     same = [name for name, d in judged if not d.real]
@@ -215,17 +207,6 @@ def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag:
     return " ".join(parts)
 
 
-def _no_verdict(lag: float, samples: int) -> str:
-    needed = MIN_BLOCKS * block_of(lag)
-    if samples < needed:
-        return (
-            "The stretch is too short for a verdict: the errors of your filter are correlated over about "
-            f"{number(lag)} samples, so {count(needed)} are needed, {MIN_BLOCKS} blocks of {count(block_of(lag))}, "
-            f"and {count(samples)} were judged. Record longer, or compare a faster filter."
-        )
-    return "No verdict: the errors differ so much from block to block that any difference may be chance."
-
-
 def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
     """A sentence on which filters overshoot a step, with a leading space; "" where the present one does not.
 
@@ -236,9 +217,8 @@ def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
     if own < MIN_OVERSHOOT:
         return ""
     beyond = [f"{name} by {percent(share)}" for name, share in others if share >= MIN_OVERSHOOT]
-    parts = [_listed(beyond)] if beyond else []
-    parts += ["the others do not"] if len(beyond) < len(others) else []
-    return "; ".join([f" Your filter overshoots a step by {percent(own)}", *parts]) + "."
+    parts = [f" Your filter overshoots a step by {percent(own)}", *([_listed(beyond)] if beyond else [])]
+    return "; ".join([*parts, *(["the others do not"] if len(beyond) < len(others) else [])]) + "."
 
 
 def percent_of(ratio: float) -> str:

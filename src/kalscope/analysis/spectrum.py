@@ -90,6 +90,8 @@ def spectrum(
 
     Source: Welch (1967), IEEE Trans. AU-15, 70; Hann windows, half overlap, the mean of each segment removed.
     """
+    from scipy.signal import welch
+
     samples = one_channel(z, params)
     period = 1.0 if sample_period is None else float(sample_period)
     curve = denoise(samples, params, dt)
@@ -98,16 +100,18 @@ def spectrum(
     if length < MIN_SAMPLES:
         none, needed = np.empty(0), f"A spectrum needs {MIN_SAMPLES} samples (got {length})."
         return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
-    raw, filtered = _bridged(samples[part]), _bridged(curve[part])
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
-    frequency, raw_density = _welch(raw, piece, period)
+    raw, filtered = _bridged(samples[part]), _bridged(curve[part])
+    densities: list[Array] = []
+    frequency = np.empty(0)
+    for y in (raw, filtered, raw - filtered):
+        frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
+        densities.append(density[1:])
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
-        frequency=frequency,
-        raw=raw_density,
-        filtered=_welch(filtered, piece, period)[1],
-        residual=_welch(raw - filtered, piece, period)[1],
-        response=magnitude_response(params, frequency * period),
+        frequency[1:],
+        *densities,
+        response=magnitude_response(params, frequency[1:] * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
         samples=length,
@@ -118,35 +122,24 @@ def spectrum(
 
 def whole_stretch(z: Array) -> tuple[slice, str]:
     """The samples to take a density of, and a sentence on it."""
-    seen = np.isfinite(z)
-    finite = int(seen.sum())
-    if finite == len(z):
+    seen = np.flatnonzero(np.isfinite(z))
+    if len(seen) == len(z):
         return slice(0, len(z)), "No sample is missing."
-    if finite == 0:
+    if not len(seen):
         return slice(0, 0), ""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], seen.view(np.int8), [0]])))
-    starts, ends = edges[::2], edges[1::2]
-    longest = int(np.argmax(ends - starts))
-    first, last = int(starts[longest]), int(ends[longest])
-    if 2 * (last - first) >= finite:
-        return slice(first, last), f"Samples {first} to {last - 1}, the longest stretch without a missing one."
+    longest = max(np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1), key=len)
+    first, last = int(longest[0]), int(longest[-1])
+    if 2 * len(longest) >= len(seen):
+        return slice(first, last + 1), f"Samples {first} to {last}, the longest stretch without a missing one."
     return (
-        slice(int(starts[0]), int(ends[-1])),
-        f"{len(z) - finite} missing samples are interpolated linearly, which adds power at low frequencies.",
+        slice(int(seen[0]), int(seen[-1]) + 1),
+        f"{len(z) - len(seen)} missing samples are interpolated linearly, which adds power at low frequencies.",
     )
 
 
 def _bridged(part: Array) -> Array:
     seen = np.flatnonzero(np.isfinite(part))
     return part if len(seen) == len(part) else np.interp(np.arange(len(part)), seen, part[seen])
-
-
-def _welch(y: Array, piece: int, period: float) -> tuple[Array, Array]:
-    """Frequencies above 0 and the one-sided density there."""
-    from scipy.signal import welch
-
-    frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
-    return frequency[1:], density[1:]
 
 
 SIZES_PER_OCTAVE = 3
