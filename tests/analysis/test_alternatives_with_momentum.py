@@ -10,10 +10,9 @@ import pytest
 from each import each
 
 from kalscope import FilterParams, kalman_filter, params_for_specification, steady_state
-from kalscope.analysis import alternatives, candidates
+from kalscope.analysis import candidates
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.candidates import at_lag
-from kalscope.analysis.filter_errors import difference, overshoot_words
 from kalscope.filtering.classic import Bench
 
 RNG = np.random.default_rng(31)
@@ -105,14 +104,6 @@ def test_the_verdict_names_who_overshoots():
     assert "overshoots" not in compare_alternatives(z, plain).verdict
 
 
-def test_the_words_about_overshoot():
-    assert overshoot_words(0.0, [("A", 0.2)]) == ""
-    assert overshoot_words(0.12, []) == " Your filter overshoots a step by 12 %."
-    assert overshoot_words(0.12, [("A", 0.0)]) == " Your filter overshoots a step by 12 %; the others do not."
-    both = overshoot_words(0.12, [("Delayed one", 0.2), ("Butterworth", 0.043)])
-    assert both == " Your filter overshoots a step by 12 %; delayed one by 20 % and butterworth by 4.3 %."
-
-
 def test_the_identity_is_the_settled_recursion():
     _, z, params = moving()
     z[1000:1100] = np.nan
@@ -141,15 +132,6 @@ def test_every_momentum_can_be_compared(momentum, match):
     assert np.isfinite(found.present.curve).all()
 
 
-def test_a_specification_is_compared_at_its_lag_and_its_overshoot():
-    _, z, _ = moving(20_000)
-    found = compare_alternatives(z, params_for_specification(1.0, lag_samples=4.0, overshoot=0.08))
-    assert found.present.lag_samples == pytest.approx(4.0)
-    assert found.present.overshoot == pytest.approx(0.08)
-    lags = [one.lag_samples for one in found.others if one.name in ("Exponential", "Moving average")]
-    assert lags == pytest.approx([4.0, 4.0], rel=1e-15)
-
-
 @pytest.mark.slow
 def test_what_has_the_same_noise_is_measured_on_ramps_as_long_as_its_own_lag():
     _, z, _ = moving(20_000)
@@ -159,31 +141,3 @@ def test_what_has_the_same_noise_is_measured_on_ramps_as_long_as_its_own_lag():
     window = int(median.parameters.split()[-1])
     assert window > 400
     assert median.lag_samples == pytest.approx(0.5 * (window - 1), rel=0.02)
-
-
-def test_errors_are_compared_in_blocks_as_long_as_the_filter_settles(monkeypatch):
-    lengths = []
-
-    def seen(error, present, lag, comparisons):
-        lengths.append(lag)
-        return difference(error, present, lag, comparisons)
-
-    monkeypatch.setattr(alternatives, "difference", seen)
-    _, z, _ = moving(20_000)
-    params = params_for_specification(1.0, lag_samples=0.5, overshoot=0.18)
-    compare_alternatives(z, params)
-    assert set(lengths) == {steady_state(params).settle_samples / math.log(100.0)}
-    assert lengths[0] > 2.0
-    lengths.clear()
-    compare_alternatives(z, FilterParams(0.05, 1.0))
-    assert set(lengths) == {steady_state(FilterParams(0.05, 1.0)).lag_samples}
-
-
-def test_a_filter_is_said_to_overshoot_only_where_it_does():
-    z = np.random.default_rng(4).normal(0.0, 1.0, 500).cumsum()
-    short, long = (
-        compare_alternatives(z, FilterParams(1.0, 1.0, momentum=momentum)).present for momentum in (0.01, 20.0)
-    )
-    assert short.overshoot == 0.0 < long.overshoot
-    assert "overshoots" not in short.sentence
-    assert long.sentence.endswith("and overshoots for it.")

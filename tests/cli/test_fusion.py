@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,28 +51,36 @@ def readings(source: str = SOURCE) -> np.ndarray:
 # ---- filter
 
 
-def test_a_tuning_with_a_fusion_gives_the_sensors_the_fused_value_and_its_variance(
-    config: Path, capsys: Captured
+MOVING = FilterParams(0.01, [1.0, 1.0, 9.0], offset=FUSION.offset, gate=16.0, momentum=5.0)
+SLOW = f"{SOURCE}&sample_period=0.02"
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "columns", "params", "note"),
+    [
+        (SOURCE, "--config CONFIG", "abc", FUSION.params, ""),
+        (SOURCE, "--config CONFIG --fuse c,a", "ca", FUSION.params.only([2, 0]), ""),
+        (SOURCE, "--config CONFIG --fuse 3,1", "ca", FUSION.params.only([2, 0]), ""),
+        (SOURCE, "--config CONFIG --q 0.01 --r a=1,c=9 --gate 16 --momentum 5", "abc", MOVING, ""),
+        (SOURCE, "--fuse a,b --q 0.01 --r 2", "ab", FilterParams(0.01, np.array([2.0, 2.0])), ""),
+        (SLOW, "--config CONFIG", "abc", replace(FUSION, q=0.004).params, "q was multiplied by 2"),
+    ],
+)
+def test_the_columns_are_the_sensors_the_fused_value_and_its_variance_bit_for_bit(
+    source: str, options: str, columns: str, params: FilterParams, note: str, config: Path, capsys: Captured
 ) -> None:
-    assert run(["filter", SOURCE, "--config", str(config)]) == 0
-    header, numbers = table(capsys.readouterr().out)
-    assert header == ["time", "a", "b", "c", "level", "level_variance"]
-    result = fuse(readings(), FUSION.params)
-    np.testing.assert_array_equal(numbers[:, 1:], np.column_stack([readings(), result.x, result.p]))
-
-
-def test_one_channel_of_it_can_still_be_filtered_alone(config: Path, capsys: Captured) -> None:
-    assert run(["filter", SOURCE, "--config", str(config), "--channel", "b"]) == 0
-    assert capsys.readouterr().out.startswith("time,b,b_filtered,b_variance\n")
-
-
-@pytest.mark.parametrize("names", ["c,a", "3,1"])
-def test_some_of_its_sensors_are_fused_on_request(names: str, config: Path, capsys: Captured) -> None:
-    assert run(["filter", SOURCE, "--config", str(config), "--fuse", names]) == 0
-    header, numbers = table(capsys.readouterr().out)
-    assert header[1:4] == ["c", "a", "level"]
-    expected = fuse(readings()[:, [2, 0]], FUSION.params.only([2, 0])).x
-    np.testing.assert_array_equal(numbers[:, 3], expected)
+    assert run(["filter", source, *options.replace("CONFIG", str(config)).split()]) == 0
+    out, err = capsys.readouterr()
+    header, numbers = table(out)
+    name, z = (
+        "level" if "CONFIG" in options else "fused",
+        readings(source)[:, ["abc".index(one) for one in columns]],
+    )
+    assert header[: -1 if params.momentum else None] == ["time", *columns, name, f"{name}_variance"]
+    result = fuse(z, params)
+    velocity = [] if result.velocity is None else [result.velocity / 0.01]
+    np.testing.assert_array_equal(numbers[:, 1:], np.column_stack([z, result.x, result.p, *velocity]))
+    assert (note in err, err.count("\n")) == (True, bool(note))
 
 
 def test_a_sensor_that_the_recording_lacks_is_left_out_and_named(config: Path, capsys: Captured) -> None:
@@ -79,34 +88,6 @@ def test_a_sensor_that_the_recording_lacks_is_left_out_and_named(config: Path, c
     out, err = capsys.readouterr()
     assert out.startswith("time,a,b,level,level_variance\n")
     assert "no channel c: fused without" in err
-
-
-def test_options_take_precedence_over_the_file_and_suffice_without_one(config: Path, capsys: Captured) -> None:
-    given = ["--q", "0.01", "--r", "a=1,c=9", "--gate", "16", "--momentum", "5"]
-    assert run(["filter", SOURCE, "--config", str(config), *given]) == 0
-    header, numbers = table(capsys.readouterr().out)
-    assert header[-1] == "level_velocity_per_s"
-    params = FilterParams(0.01, [1.0, 1.0, 9.0], offset=FUSION.offset, gate=16.0, momentum=5.0)
-    result = fuse(readings(), params)
-    assert result.velocity is not None
-    np.testing.assert_array_equal(numbers[:, 4], result.x)
-    np.testing.assert_array_equal(numbers[:, 6], result.velocity / 0.01)
-    assert run(["filter", SOURCE, "--fuse", "a,b", "--q", "0.01", "--r", "2"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    header, numbers = table(out)
-    assert header[3] == "fused"
-    expected = fuse(readings()[:, :2], FilterParams(0.01, np.array([2.0, 2.0]))).x
-    np.testing.assert_array_equal(numbers[:, 3], expected)
-
-
-def test_q_follows_the_sample_period_of_the_recording(config: Path, capsys: Captured) -> None:
-    slow = f"{SOURCE}&sample_period=0.02"
-    assert run(["filter", slow, "--config", str(config)]) == 0
-    out, err = capsys.readouterr()
-    assert "q was multiplied by 2" in err
-    expected = fuse(readings(slow), FilterParams(0.004, FUSION.r, offset=FUSION.offset)).x
-    np.testing.assert_array_equal(table(out)[1][:, 4], expected)
 
 
 def test_lines_are_fused_as_the_whole_recording_is_bit_for_bit(config: Path) -> None:
@@ -357,16 +338,13 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
     [
         (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
         (["--fuse", "a,b", "--all"], "--fuse must be used without --channel and --all"),
-        (["--fuse", "a,b", "--channel", "a"], "--fuse must be used without --channel and --all"),
         (["--reference", "a"], "--reference needs --fuse"),
         (["--sensor-gains"], "--sensor-gains needs --fuse"),
         (["--fuse", "a,b", "--reference", "c"], "--reference must be a sensor of --fuse: a, b (got 'c')"),
         (["--fuse", "a,b", "--method", "em"], "--method must be ml with --fuse"),
-        (["--fuse", "a,b", "--r", "c=1"], "--r must be a sensor of --fuse: a, b (got 'c')"),
         (["--fuse", "a,b", "--r", "a=0"], "--r must be a number above 0 (got '0')"),
         (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
         (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),
-        (["--fuse", "a,b", "--lag-ms", "50", "--gain", "0.1"], "only one of --lag-ms"),
     ],
 )
 def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], must: str, capsys: Captured) -> None:
@@ -401,11 +379,7 @@ def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_pa
 
 
 @pytest.mark.slow
-def test_the_report_of_one_of_its_channels_is_the_page_of_a_channel(
-    tmp_path: Path, config: Path, capsys: Captured
-) -> None:
+def test_the_report_of_one_of_its_channels_is_the_page_of_a_channel(tmp_path: Path, config: Path) -> None:
     page = tmp_path / "report.html"
     assert run(["report", SOURCE, "--config", str(config), "-o", str(page), "--channel", "b"]) == 0
     assert "Does the filter fit?" in page.read_text(encoding="utf-8")
-    assert run(["report", SOURCE, "--config", str(config), "-o", str(page), "--momentum", "5"]) == 2
-    assert "--momentum and --overshoot need --channel" in capsys.readouterr().err
