@@ -123,7 +123,3 @@ def test_a_long_recording_is_judged_by_parts_of_it():
     noise = RNG.normal(size=n)
     made = recording(seq=np.arange(n) % 65536, flag=np.arange(n) % 2, big=np.cumsum(noise**2), temp=noise)
     assert list(channel_kinds(made).values()) == [kinds.COUNTER, kinds.FLAG, kinds.RISING, kinds.MEASUREMENT]
-
-
-def test_every_kind_is_in_the_order():
-    assert {rule[0] for rule in kinds._RULES} <= set(kinds.KINDS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from pathlib import Path
 
 import numpy as np
@@ -102,8 +101,3 @@ def test_the_report_says_which_chain_runs_and_judges_nothing(files: tuple[str, s
     text = page.read_text(encoding="utf-8")
     assert "median of 3, then Kalman" in text
     assert "process noise q" in text
-
-
-def test_a_tuning_with_chains_is_exported(files: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["export", files[1], "--to", "json", "--channel", "a"]) == 0
-    assert json.loads(capsys.readouterr().out)

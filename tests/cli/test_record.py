@@ -179,20 +179,10 @@ def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp
     assert "# gap overrun " in path.read_text()
 
 
-def test_it_stops_after_so_many_seconds(tmp_path):
-    path = tmp_path / "run.csv"
-    begin = time.monotonic()
-    with Board(200) as board:
-        said = recorded(board, path, "--seconds", "1.5")
-    assert time.monotonic() - begin >= 1.5
-    assert str(path) in said
-    assert are_consecutive(rows_in(path))
-
-
 def test_it_stops_once_so_many_lines_are_written_and_shows_what_was_rejected(tmp_path):
     path = tmp_path / "run.csv"
     with Board(500, other=b"1,2,3\n") as board:
-        said = recorded(board, path, "--lines", "1200")
+        said = recorded(board, path, "--lines", "1200", "--seconds", "1000")
     written, rejected = map(int, ACCOUNT.search(said).groups()[1:3])
     assert written == len(rows_in(path)) >= 1200
     assert rejected > 0
@@ -239,24 +229,20 @@ def test_a_file_that_another_program_truncates_is_left_and_the_account_names_bot
     assert are_consecutive(rows)
 
 
-@pytest.mark.parametrize("output", ["", ".", "/"])
-def test_a_recording_must_have_a_name(capsys, output):
-    assert run(["record", "/dev/none", "-o", output]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "a recording must be a file" in line
-
-
 @pytest.mark.parametrize(
-    ("port", "options", "says"),
+    ("options", "says"),
     [
-        ("/dev/none", [], "kalscope: "),
-        ("/dev/none", ["--seconds", "-1"], "--seconds must be a number above 0 (got '-1')"),
-        ("/dev/none", ["--lines", "many"], "--lines must be a number above 0 (got 'many')"),
-        ("/dev/none@fast", [], "baud rate must be a whole number"),
+        ("/dev/none -o run.csv", "kalscope: "),
+        ("/dev/none -o run.csv --seconds -1", "--seconds must be a number above 0 (got '-1')"),
+        ("/dev/none -o run.csv --lines many", "--lines must be a number above 0 (got 'many')"),
+        ("/dev/none@fast -o run.csv", "baud rate must be a whole number"),
+        ("/dev/none -o .", "a recording must be a file"),
+        ("/dev/none --output=", "a recording must be a file"),
     ],
 )
-def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, capsys, port, options, says):
-    assert run(["record", port, "-o", str(tmp_path / "run.csv"), *options]) == 2
+def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, capsys, monkeypatch, options, says):
+    monkeypatch.chdir(tmp_path)
+    assert run(["record", *options.split()]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert says in line
     assert os.listdir(tmp_path) == []
