@@ -107,13 +107,10 @@ def _open_synthetic(text: str, sample_period: float | None) -> Recording:
 
 def _setting(key: str, text: str, kind: str) -> Any:
     """Value of one setting from its text, by the type that SignalSettings gives it."""
+    simple: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str}
     try:
-        if kind == "int":
-            return int(text)
-        if kind == "float":
-            return float(text)
-        if kind == "str":
-            return text
+        if kind in simple:
+            return simple[kind](text)
         return tuple(float(part) for part in text.split(",")) if text else None
     except ValueError:
         raise BadSetting(f"{key} must be a number (got {text!r})") from None

@@ -26,20 +26,14 @@ TWO = recording([0.0, 0.1, 0.4], [[1, 2], [3.25, np.nan], [-1e-7, 6]])
 
 def test_lines_are_written_as_a_board_writes_them():
     assert BoardLines(TWO).lines == [b"a:1,b[mV]:2\r\n", b"a:3.25,b[mV]:nan\r\n", b"a:-1e-07,b[mV]:6\r\n"]
-    csv = BoardLines(TWO, form="csv")
-    assert (csv.header, csv.lines[0]) == (b"a,b[mV]\r\n", b"1,2\r\n")
 
 
-@pytest.mark.parametrize("form", ["labels", "csv"])
-@pytest.mark.parametrize("checksum", [False, True])
-def test_what_it_sends_is_read_back_exactly(form, checksum):
-    sent = synthesize("sine", n=50, channels=2, quantum=0.001)
-    lines = BoardLines(sent, form=form, checksum=checksum)
-    parser = LineParser()
-    parser.feed(b"# remark\n" + lines.header + b"".join(lines.lines))
+def test_what_it_sends_is_read_back_exactly():
+    sent, parser = synthesize("sine", n=50, channels=2, quantum=0.001), LineParser()
+    parser.feed(b"# remark\n" + b"".join(BoardLines(sent).lines))
     rows = [event.rows[0] for event in parser if event.kind == "row"]
     names = [parser.layout.columns[i].name for i in parser.layout.channels]
-    assert names == [name.replace(" ", "_" if form == "csv" else " ") for name in sent.names]
+    assert names == list(sent.names)
     np.testing.assert_allclose(rows, sent.values, atol=1e-12)
 
 
@@ -95,8 +89,8 @@ class Wire:
 
 def test_a_board_restarts_whenever_the_port_is_opened():
     wire, now = Wire(), [5.0]
-    board = Board(BoardLines(TWO, form="csv"), wire, lambda: now[0])
-    start = b"# kalscope demo-board\r\na,b[mV]\r\n1,2\r\n"
+    board = Board(BoardLines(TWO), wire, lambda: now[0])
+    start = b"# kalscope demo-board\r\na:1,b[mV]:2\r\n"
     for opened in (5.0, 9.0):
         wire.open, wire.sent, now[0] = True, b"", opened
         assert board.step() == pytest.approx(BOOT_S)
@@ -127,7 +121,7 @@ def test_a_board_whose_lines_are_not_read_drops_whole_lines():
 @pytest.mark.parametrize("make", [PtyWire, lambda: SocketWire(0)], ids=["pty", "socket"])
 def test_a_live_source_reads_the_board_over_either_wire(make, tmp_path):
     wire, now = make(), [0.0]
-    board = Board(BoardLines(TWO, rate=2000, checksum=True), wire, lambda: now[0])
+    board = Board(BoardLines(TWO, rate=2000), wire, lambda: now[0])
 
     def step():
         """Its clock waits for the reader: a board drops what is not read in time."""
@@ -171,7 +165,6 @@ def test_what_a_board_cannot_do_is_one_line(capsys):
             ("--rate", "fast", "--rate must be a number"),
             ("--rate", "0", "--rate must be above 0"),
             ("--rate", "1e9", "at most 100000 lines per second"),
-            ("--format", "xml", "--format must be one of labels, csv"),
             ("--socket", taken, "must be a free port"),
             ("--socket", "70000", "--socket must be a port from 0 to 65535"),
         ):

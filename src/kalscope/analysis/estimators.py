@@ -65,13 +65,12 @@ def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
         return "They need not agree here: all of them look for a signal without momentum."
     if best.verdict == "below_resolution":
         return "They need not agree here: the sensor rounds its readings to steps larger than the noise."
-    compared = [(one, is_within(one, best)) for one in others]
-    if all(within is None for _, within in compared):
-        return ""
-    outside = [METHOD_NAMES[one.method] for one, within in compared if within is False]
-    if not outside:
-        return "The q/r of every method lies within the 95 % interval of maximum likelihood."
-    return (
-        f"Outside the 95 % interval of maximum likelihood: {', '.join(outside)}. These use less of the record, so "
-        "chance may explain it; so may a trend, an oscillation, spikes or slow noise, which the model lacks."
-    )
+    within = {METHOD_NAMES[one.method]: is_within(one, best) for one in others}
+    outside = ", ".join(name for name, inside in within.items() if inside is False)
+    if outside:
+        return (
+            f"Outside the 95 % interval of maximum likelihood: {outside}. These use less of the record, so "
+            "chance may explain it; so may a trend, an oscillation, spikes or slow noise, which the model lacks."
+        )
+    agree = "The q/r of every method lies within the 95 % interval of maximum likelihood."
+    return agree if True in within.values() else ""

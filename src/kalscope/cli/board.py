@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import asdict
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -391,45 +390,33 @@ DEFAULT_RATE = 100.0
 BOOT_S = 0.05
 """Time from the opening of the port to the first line, s: pyserial discards what has arrived when it opens a port.
 A real board takes longer to start."""
-FORMATS = ("labels", "csv")
 _MAX_SLEEP_S = 0.02
 _MAX_PENDING_BYTES = 1 << 16
 
 
 class BoardLines:
-    """The lines of a board, one per sample, and when each is due. The recording repeats."""
+    """The lines of a board, `name:value,name:value`, one per sample, and when each is due. The recording repeats."""
 
-    def __init__(
-        self, recording: Recording, *, form: str = "labels", checksum: bool = False, rate: float | None = None
-    ) -> None:
+    def __init__(self, recording: Recording, rate: float | None = None) -> None:
         """Format all lines.
 
         Args:
             recording: What the sensor sees; a gap in its time is a pause.
-            form: "labels": `name:value,name:value`; "csv": a header, then values.
-            checksum: End each line with `*` and the XOR of its bytes.
             rate: Lines per second; None = as the recording was sampled.
 
         Raises:
-            BadSetting: the rate is not within 0 … 100,000, or the form is neither.
+            BadSetting: the rate is not within 0 … 100,000.
         """
-        if form not in FORMATS:
-            raise BadSetting(f"--format must be one of {', '.join(FORMATS)} (got {form!r})")
         if rate is not None and not 0 < rate <= MAX_RATE:
             raise BadSetting(f"--rate must be above 0 and at most {MAX_RATE:.0f} lines per second (got {rate:g})")
         self.due, self.period = _due(recording, rate)
         """When each line is due, s, shape (n,), and after what time the recording repeats, s."""
         names = [_name(name, unit) for name, unit in zip(recording.names, recording.units, strict=True)]
-        heads = [f"{name}:" for name in names] if form == "labels" else [""] * len(names)
         self.lines = [
-            _terminated(",".join(f"{head}{value:.9g}" for head, value in zip(heads, row, strict=True)), checksum)
+            ",".join(f"{name}:{value:.9g}" for name, value in zip(names, row, strict=True)).encode() + b"\r\n"
             for row in recording.values.tolist()
         ]
         """One line per sample, newline included."""
-        # "sine 1" above the numbers could be taken for a text and a number.
-        header = ",".join(name.replace(" ", "_") for name in names)
-        self.header = _terminated(header, checksum) if form == "csv" else b""
-        """What precedes them each time the board starts; b"" where the lines carry the names."""
 
     def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
         """The lines after the first `sent` ones that are due at `now`, s, and when the next one is."""
@@ -461,11 +448,6 @@ def _name(name: str, unit: str) -> str:
     return f"{bare}[{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
 
 
-def _terminated(line: str, checksum: bool) -> bytes:
-    end = f"*{reduce(int.__xor__, line.encode(), 0):02X}" if checksum else ""
-    return f"{line}{end}\r\n".encode()
-
-
 class Board:
     """Sends the lines while the port is open, from the start each time it is opened, as an Arduino does."""
 
@@ -485,7 +467,7 @@ class Board:
         now = self._clock()
         if self._opened is None:
             self._opened, self._sent = now, 0
-            self._pending[:] = b"# kalscope demo-board\r\n" + self.lines.header
+            self._pending[:] = b"# kalscope demo-board\r\n"
         now -= self._opened + BOOT_S
         if now < 0.0:
             return -now
@@ -511,13 +493,6 @@ def demo_board_command(
     rate: Annotated[
         float | None, number_option("Lines per second; default: as SOURCE was sampled.", cli_number)
     ] = None,
-    form: Annotated[
-        str,
-        typer.Option("--format", metavar="FORMAT", help="labels (name:value,…) or csv (a header, then values)."),
-    ] = "labels",
-    checksum: Annotated[
-        bool, typer.Option("--checksum", help="End each line with *XX, as NMEA 0183 does.")
-    ] = False,
 ) -> None:
     """Send a recording over a port, as a board would.
 
@@ -525,7 +500,7 @@ def demo_board_command(
     """
     from kalscope.catalogue import open_source
 
-    lines = BoardLines(open_source(source), form=form, checksum=checksum, rate=rate)
+    lines = BoardLines(open_source(source), rate)
     wire = PtyWire() if port is None else SocketWire(port)
     with closing(wire):
         print(f"Demo board: kalscope open {wire.address}", flush=True)
