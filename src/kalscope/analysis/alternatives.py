@@ -323,38 +323,30 @@ def compare_alternatives(
     result, steady = kalman_filter(piece, params, steps), steady_state(params)
     yours = present_filter(params, steps, result, steady)
     refused = refusal(piece, steady.lag_samples, steady.gain)
-    chosen = () if refused is not None else _candidates(piece, result, steady, match, params.momentum > 0.0)
-    errors = Errors(piece, true, _start_of(piece, [one for one in chosen if one.causal]))
+    chosen = () if refused is not None else _candidates(piece, result.x, steady, match, params.momentum > 0.0)
+    slowest = max((one.start_samples for one in chosen if one.causal), default=0)
+    begun = int(np.argmax(np.isfinite(piece))) if len(piece) else 0
+    errors = Errors(piece, true, min(begun + slowest, len(piece) // 2))  # once every causal filter has started
     present = measured(yours, result.x, errors)
     if refused is not None:
-        return Comparison(match, first, last, 0, present, (), verdict=refused, identity="", note="")
+        return Comparison(match, first, last, 0, present, (), refused, "", "")
     # With momentum, errors stay correlated for longer than the lag: for as long as the filter takes to settle.
     settling = steady.settle_samples / math.log(100.0) if params.momentum else 0.0
     stretch = Stretch(params, steps, errors, yours, result.x, max(steady.lag_samples, settling))
-    others, last_one = candidate_rows(chosen, stretch, match), smoother(params, steps)
-    median = helpful_median(stretch)
-    ending = measured(last_one, last_one.run(piece), errors)
-    return Comparison(
-        match=match,
-        first=first,
-        last=last,
-        judged=errors.judged,
-        present=present,
-        others=(*others, *(() if median is None else median[:1]), ending),
-        verdict=_verdict(others, stretch, match) + ("" if median is None else median[1]),
-        identity=identity_words(piece, result, params),
-        note=_note(first, last, len(samples), errors),
-    )
+    others, median = candidate_rows(chosen, stretch, match), helpful_median(stretch)
+    both_ways = smoother(params, steps)
+    rows = (*others, *(() if median is None else median[:1]), measured(both_ways, both_ways.run(piece), errors))
+    words = _verdict(others, stretch, match) + ("" if median is None else median[1])
+    identity, note = identity_words(piece, result, params), _note(first, last, len(samples), errors)
+    return Comparison(match, first, last, errors.judged, present, rows, words, identity, note)
 
 
-def _candidates(
-    z: Array, result: FilterResult, steady: SteadyState, match: Match, moves: bool
-) -> tuple[Candidate, ...]:
-    """The candidates, as tuned to the lag or the noise of the present filter."""
+def _candidates(z: Array, x: Array, steady: SteadyState, match: Match, moves: bool) -> tuple[Candidate, ...]:
+    """The candidates, as tuned to the lag or the noise of the present filter, whose curve is x."""
     lag, gain = steady.lag_samples, steady.gain
     share = 10.0 ** (-0.1 * steady.noise_reduction_db) if moves else gain / (2.0 - gain)
     # A filter without momentum lags more than one with momentum at the same noise.
-    bench = bench_of(z, result.x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
+    bench = bench_of(z, x, 0.5 * (1.0 / share - 1.0) if moves and match == "noise" else lag)
     return at_lag(lag, bench) if match == "lag" else at_noise(share, bench)
 
 
@@ -375,21 +367,15 @@ def _verdict(others: tuple[Alternative, ...], stretch: Stretch, match: Match) ->
     text = verdict(equal, errors.words, words, stretch.memory, errors.judged)
     if not text.startswith("At equal"):
         return text
-    far = [
-        f"{lower(one.name)} "
-        f"({plural(one.lag_samples, 'sample') if match == 'lag' else decibels(one.noise_reduction_db)})"
+    reached = {
+        one.name: plural(one.lag_samples, "sample") if match == "lag" else decibels(one.noise_reduction_db)
         for one in runnable
         if not one.matched
-    ]
+    }
+    far = [f"{lower(name)} ({value})" for name, value in reached.items()]
     missing = f" Not available at this {words}: {', '.join(far)}." if far else ""
     beyond = [(one.name, one.overshoot) for one in runnable if one.matched]
     return f"{text}{missing}{overshoot_words(stretch.present.overshoot, beyond)}"
-
-
-def _start_of(z: Array, causal: Sequence[Candidate]) -> int:
-    """Sample from which on every causal filter has started; at most half of the stretch."""
-    before = int(np.argmax(np.isfinite(z))) if len(z) else 0
-    return min(before + max((one.start_samples for one in causal), default=0), len(z) // 2)
 
 
 def _note(first: int, last: int, n: int, errors: Errors) -> str:

@@ -395,7 +395,7 @@ _MAX_PENDING_BYTES = 1 << 16
 
 
 class BoardLines:
-    """The lines of a board, `name:value,name:value`, one per sample, and when each is due. The recording repeats."""
+    """The lines of a board, `name:value,name:value` per sample, and when each is due; the recording repeats."""
 
     def __init__(self, recording: Recording, rate: float | None = None) -> None:
         """Format all lines.

@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from kalscope.common.numbers import Array
 from kalscope.common.text import unused_name
 from kalscope.errors import BadSetting
@@ -211,7 +209,7 @@ def _fusion_for(
     recording: Recording, config: Path | None, given: Given, fuse: str | None
 ) -> tuple[ChannelTuning, list[str]]:
     if config is None:
-        return _untuned_fusion(recording, given, fuse or "")
+        return _untuned_fusion(recording, given, fuse or ""), []
     used, notes = at_recording(recording, _fusion_in(config, fuse), given)
     (fusion,) = used.channels
     here = [name for name in fusion.sensors if name in recording.names]
@@ -250,32 +248,18 @@ def _untuned(name: str, given: Given, z: Array | None) -> tuple[ChannelTuning, s
     return _overridden(ChannelTuning(name, "", 1.0, 1.0), values), note
 
 
-def _untuned_fusion(recording: Recording, given: Given, fuse: str) -> tuple[ChannelTuning, list[str]]:
-    """The filter as given where q and every r are, else by maximum likelihood."""
+def _untuned_fusion(recording: Recording, given: Given, fuse: str) -> ChannelTuning:
+    """The filter as given, without a tuning file."""
     units = units_of(recording)
     names = channels_to_fuse(units, fuse)
-    r = np.array(for_each_sensor(names, "--r", given.get("r", math.nan)))
-    if "q" in given and not np.isnan(r).any():
-        values: Given = {**given, "r": r}
-        return ChannelTuning(FUSED, units[names[0]], sensors=names, **values), []
-
-    from kalscope.estimation.fusion import estimate_fusion
-
-    found = estimate_fusion(
-        recording.values[:, [recording.index(name) for name in names]],
-        dt=recording.steps() if recording.gaps == "dt" else None,
-        names=names,
-        momentum=given.get("momentum", "auto"),
-        known_r=r,
-    )
-    if found.params is None:
+    r = for_each_sensor(names, "--r", given.get("r", math.nan))
+    if "q" not in given or any(map(math.isnan, r)):
         raise BadSetting(
-            f"a fusion needs a usable q and r of each sensor, and the record gives none: {found.message}"
+            "--fuse without --config needs --q and an --r of each sensor (got fewer): "
+            "kalscope tune LOG --fuse … -o FILE finds them"
         )
-    fusion = ChannelTuning.of_params(FUSED, units[names[0]], found.params, "maximum likelihood", names)
-    fusion = _overridden(fusion, given)
-    each = ", ".join(f"{name} {value:.6g}" for name, value in zip(names, fusion.r, strict=True))
-    return fusion, [f"{FUSED}: q = {fusion.q:.6g}, r of {each}, by maximum likelihood"]
+    values: Given = {**given, "r": r}
+    return ChannelTuning(FUSED, units[names[0]], sensors=names, **values)
 
 
 def _fusion_in(config: Path, names: str | None) -> Tuning:
