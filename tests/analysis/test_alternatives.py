@@ -86,19 +86,6 @@ def test_savitzky_golay_delayed_is_the_centred_one_later():
     assert np.array_equal(late[10:], centred[:-10])
 
 
-def test_exponential_smoothing_is_the_steady_kalman_filter():
-    z = np.cumsum(RNG.normal(size=3000)) + RNG.normal(size=3000)
-    params = FilterParams(q=0.04, r=1.0)
-    steady = steady_state(params)
-    settled = FilterParams(q=0.04, r=1.0, p0=steady.p, x0=z[0])  # begun where its variance settles
-    assert np.allclose(
-        kalman_filter(z, settled).x, candidates.classic(z, Exponential(steady.gain)), rtol=0, atol=1e-10
-    )
-    apart = np.abs(kalman_filter(z, params).x - candidates.classic(z, Exponential(steady.gain)))
-    assert apart[:20].max() > 0.1
-    assert apart[400:].max() < 1e-10 * np.abs(z).max()
-
-
 def test_missing_samples_leave_no_hole_and_no_future_in_a_causal_filter():
     z = RNG.normal(size=400).cumsum()
     z[:5] = z[100:140] = np.nan

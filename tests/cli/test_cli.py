@@ -356,17 +356,6 @@ def test_channels_of_a_line_are_filtered_side_by_side(
     assert [row[1] for row in rows] == [repr(x) for x in b.tolist()]
 
 
-def test_one_channel_of_a_tuning_filters_a_single_column(
-    feed: Callable[[bytes], None], config: Path, capsys: Captured
-) -> None:
-    feed(b"10\n11\n")
-    assert run(["filter", "-", "--config", str(config), "--channel", "a", "--sample-period", "0.02"]) == 0
-    out, err = capsys.readouterr()
-    expected = kalman_filter([10.0, 11.0], FilterParams(0.2 / 3.0, 1.7)).x
-    np.testing.assert_allclose([float(line) for line in out.split()], expected, rtol=1e-14)
-    assert "q was multiplied by 2" in err
-
-
 def test_lines_before_the_first_readable_one_count_as_missing() -> None:
     params = FilterParams(1.0, 1.0, p0=1.0, x0=0.0)
     lines = LineFilter(StandardFilter(params))
@@ -469,13 +458,6 @@ def test_the_report_accounts_for_every_line_on_stderr(awkward: str, capsys: Capt
     assert "line 22: must have 3 fields (got 2) (got '20;400')" in err
     assert "line 23, \"a\": must be a number (got 'ERR')" in err
     assert "is -200 a missing value?" in err
-
-
-def test_a_missing_value_is_taken_away_when_told(awkward: str, capsys: Captured) -> None:
-    assert run(["filter", awkward, "--channel", "a", "--missing", "-200", "--missing", "ERR"]) == 0
-    found = columns(capsys.readouterr().out)
-    assert np.isnan(found["a"]).sum() == 5
-    assert "a_filtered" in found
 
 
 @pytest.mark.parametrize(
