@@ -218,7 +218,7 @@ def test_the_identity_tells_start_and_gaps_with_this_recordings_numbers():
         f"after the longest (100 samples) the gain is {k[1100]:.3g} instead of {steady_state(params).gain:.3g}"
         in said
     )
-    apart = np.abs(kalman_filter(z, params).x - candidates.classic(z, Exponential(steady_state(params).gain)))
+    apart = np.abs(kalman_filter(z, params).x - candidates.run_stage(z, Exponential(steady_state(params).gain)))
     assert f"differ by up to {apart[:1000].max():.2g} standard deviations" in said
     assert "No samples are missing" in compare_alternatives(z[:900], params).identity
 
@@ -249,7 +249,7 @@ def test_the_interval_of_a_large_ratio_covers_it_as_often_as_it_promises():
         rng = np.random.default_rng(seed)
         walk = np.cumsum(0.1 * rng.normal(size=6000))
         z = walk + rng.normal(size=6000)
-        a, b = ((candidates.classic(z, Exponential(alpha)) - walk)[500:] ** 2 for alpha in (quick, present))
+        a, b = ((candidates.run_stage(z, Exponential(alpha)) - walk)[500:] ** 2 for alpha in (quick, present))
         found = difference(a, b, lag=9.5)
         covered += found.low <= ratio <= found.high
     assert 178 <= covered <= 200  # 95 % of 200, four standard deviations below

@@ -14,23 +14,8 @@ from functools import partial
 import numpy as np
 
 from kalscope.common.numbers import Array
-from kalscope.filtering.classic import (
-    MAX_CUTOFF,
-    MAX_SHIFT,
-    MIN_CUTOFF,
-    Bench,
-    Butterworth,
-    Chain,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    Run,
-    RunningStage,
-    Stage,
-    step_overshoot,
-)
+from kalscope.filtering import classic
+from kalscope.filtering.classic import Bench, Chain, OneEuro, PowerOfTwo, Run, Stage
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import settled_transfer
 
@@ -39,11 +24,11 @@ COUNTS = "holds its output; the next sample counts for the time since"
 BRIDGES = "needs a whole window: missing samples are interpolated linearly"
 
 SENTENCES: dict[type[Stage], str] = {
-    MovingAverage: "Simple to explain, but it must store its window, and a spike moves it twice.",
-    Exponential: "The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
+    classic.MovingAverage: "Simple to explain, but it must store its window, and a spike moves it twice.",
+    classic.Exponential: "The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
     PowerOfTwo: "One subtraction, one shift, one addition on integers; but the only gains are 1/2, 1/4, 1/8 …",
-    Median: "Removes spikes shorter than half its window completely, but reduces plain noise less.",
-    Butterworth: "Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
+    classic.Median: "Removes spikes shorter than half its window completely, but reduces plain noise less.",
+    classic.Butterworth: "Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
     OneEuro: "Smooth when still, quick when moving; its cut-off doubles at this recording's usual speed.",
 }
 """Main advantage and disadvantage of each classic filter."""
@@ -91,16 +76,16 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
     cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
 
     def lag_of(stage: Stage) -> float:
-        return bench.lag(partial(classic, stage=stage))
+        return bench.lag(partial(run_stage, stage=stage))
 
     return _all(
         bench,
         window,
-        MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
-        Exponential(1.0 / (1.0 + lag)),
-        min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=lambda one: abs(one.lag - lag)),
-        Median(_nearest_window(window, bench, lambda size: abs(lag_of(Median(size)) - lag))),
-        Butterworth(min(max(cutoff, MIN_CUTOFF), MAX_CUTOFF)),
+        classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
+        classic.Exponential(1.0 / (1.0 + lag)),
+        min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: abs(one.lag - lag)),
+        classic.Median(_nearest_window(window, bench, lambda size: abs(lag_of(classic.Median(size)) - lag))),
+        classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF)),
         one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
     )
 
@@ -109,23 +94,25 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
     """Every candidate at the setting that leaves a share nearest to `gain` of white noise, 0 … 1."""
 
     def gain_of(stage: Stage) -> float:
-        return bench.noise_gain(partial(classic, stage=stage))
+        return bench.noise_gain(partial(run_stage, stage=stage))
 
     def missed(share: float) -> float:
         return abs(math.log(max(share, 1e-300) / gain))
 
     # On Gaussian noise a median of N leaves about π/(2N); on the recording's own it is measured.
     guess = _odd(0.5 * math.pi / gain, bench)
-    better = gain_of(Median(guess)) / gain * guess
-    cutoff = _bisect(lambda one: Butterworth(one).noise_gain - gain, MIN_CUTOFF, MAX_CUTOFF, 60)
+    better = gain_of(classic.Median(guess)) / gain * guess
+    cutoff = _bisect(
+        lambda one: classic.Butterworth(one).noise_gain - gain, classic.MIN_CUTOFF, classic.MAX_CUTOFF, 60
+    )
     return _all(
         bench,
         _nearest_window(2.25 / gain, bench, lambda size: missed(_parabola_noise(size))),
-        MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
-        Exponential(2.0 * gain / (1.0 + gain)),
-        min(map(PowerOfTwo, range(MAX_SHIFT + 1)), key=lambda one: missed(one.noise_gain)),
-        Median(_nearest_window(better, bench, lambda size: missed(gain_of(Median(size))))),
-        Butterworth(cutoff),
+        classic.MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
+        classic.Exponential(2.0 * gain / (1.0 + gain)),
+        min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: missed(one.noise_gain)),
+        classic.Median(_nearest_window(better, bench, lambda size: missed(gain_of(classic.Median(size))))),
+        classic.Butterworth(cutoff),
         one_euro(_bisect(lambda share: gain_of(one_euro(share, bench)) - gain, *EURO_SHARES), bench),
     )
 
@@ -138,8 +125,10 @@ def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
 
 def of_stage(stage: Stage, bench: Bench) -> Candidate:
     """A classic filter; its lag and noise are measured where no formula gives them."""
-    run = partial(classic, stage=stage)
-    settles = math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, Butterworth) else 0  # √2 π/Ω is where it peaks
+    run = partial(run_stage, stage=stage)
+    settles = (
+        math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, classic.Butterworth) else 0
+    )  # √2 π/Ω is where it peaks
     return Candidate(
         name=stage.name,
         parameters=stage.words,
@@ -149,7 +138,7 @@ def of_stage(stage: Stage, bench: Bench) -> Candidate:
         noise_gain=bench.noise_gain(run) if stage.noise_gain is None else stage.noise_gain,
         start_samples=stage.start_samples,
         memory=stage.memory,
-        overshoot=step_overshoot(run, settles) if settles else 0.0,
+        overshoot=classic.step_overshoot(run, settles) if settles else 0.0,
         sentence=SENTENCES[type(stage)],
         gaps=COUNTS if isinstance(stage, OneEuro) else HOLDS,
     )
@@ -170,7 +159,7 @@ def parabolas(window: int) -> tuple[Candidate, Candidate]:
         noise_gain=_parabola_noise(window),
         start_samples=window,
         memory=window,
-        overshoot=step_overshoot(run, window),
+        overshoot=classic.step_overshoot(run, window),
         sentence="Keeps peaks and slopes in shape, at the price of a pure delay of half its window.",
         gaps=BRIDGES,
     )
@@ -224,9 +213,9 @@ def _bisect(too_quick: Callable[[float], float], low: float, high: float, steps:
     return math.sqrt(low * high)
 
 
-def classic(z: Array, stage: Stage) -> Array:
+def run_stage(z: Array, stage: Stage) -> Array:
     """A classic filter as a device runs it, evenly sampled."""
-    return RunningStage(stage).take(z, np.empty(0))
+    return classic.RunningStage(stage).take(z, np.empty(0))
 
 
 def settled(z: Array, params: FilterParams) -> Array:
