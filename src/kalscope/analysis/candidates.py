@@ -126,9 +126,8 @@ def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
 def of_stage(stage: Stage, bench: Bench) -> Candidate:
     """A classic filter; its lag and noise are measured where no formula gives them."""
     run = partial(run_stage, stage=stage)
-    settles = (
-        math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, classic.Butterworth) else 0
-    )  # √2 π/Ω is where it peaks
+    # The step response of a Butterworth filter peaks √2 π/Ω after the step.
+    settles = math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, classic.Butterworth) else 0
     return Candidate(
         name=stage.name,
         parameters=stage.words,
