@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from kalscope.cli.console import USER_ERROR, open_stdout, say, user_message
+from kalscope.cli.console import USER_ERROR, say, user_message, writes_stdout
 from kalscope.common.stopping import INTERRUPTED
 
 COMMANDS = {
@@ -82,7 +82,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     """
     try:
         status = app(args=None if argv is None else list(argv), prog_name="kalscope", standalone_mode=False)
-        with open_stdout():
+        with writes_stdout():
             pass  # whatever was printed
     except typer.Abort:
         return INTERRUPTED

@@ -86,12 +86,19 @@ def write_output(chunks: Iterator[str], output: Path | None) -> None:
 
 @contextmanager
 def open_stdout() -> Generator[BinaryIO]:
-    """Standard output as bytes (Windows would add carriage returns); what was printed is written at the end.
+    """Standard output as bytes (Windows would add carriage returns), as `writes_stdout`."""
+    with writes_stdout():
+        yield sys.stdout.buffer
+
+
+@contextmanager
+def writes_stdout() -> Generator[None]:
+    """Write what the block printed when it ends.
 
     If the reader closes the pipe, the command ends with status 0: `kalscope filter … | head` has all it needs.
     """
     try:
-        yield sys.stdout.buffer
+        yield
         sys.stdout.flush()
     except OSError as error:
         # What is left in the buffer would raise once more when Python ends, where it cannot be caught.
