@@ -42,17 +42,18 @@ def _words(name: str) -> frozenset[str]:
     return frozenset(re.findall(r"[a-z]+", spaced.lower()))
 
 
-_CODE_WORDS = _words(
-    "id status state flag qc quality code error err mode class label version event accuracy type fix sats"
-)
-_TIME_WORDS = _words(
-    "t time timestamp stamp date datetime clock rtc local utc gmt epoch unix elapsed uptime millis micros seconds"
-    " sec ms us tick ticks"
-)
-_COUNT_WORDS = _words(
-    "n no nr count counter index idx seq sequence record row sample samples entry packet frame scan num number line"
-    " cycle"
-)
+_CODE_WORDS = {
+    *("id", "status", "state", "flag", "qc", "quality", "code", "error", "err", "mode", "class", "label"),
+    *("version", "event", "accuracy", "type", "fix", "sats"),
+}
+_TIME_WORDS = {
+    *("t", "time", "timestamp", "stamp", "date", "datetime", "clock", "rtc", "local", "utc", "gmt", "epoch"),
+    *("unix", "elapsed", "uptime", "millis", "micros", "seconds", "sec", "ms", "us", "tick", "ticks"),
+}
+_COUNT_WORDS = {
+    *("n", "no", "nr", "count", "counter", "index", "idx", "seq", "sequence", "record", "row", "sample", "samples"),
+    *("entry", "packet", "frame", "scan", "num", "number", "line", "cycle"),
+}
 _STEP_WORDS = {"dt", "delta", "interval", "step", "period", "loop"}
 _PLACE_WORDS = {"lat", "latitude", "lon", "long", "lng", "longitude"}
 _NO_NAME = {"value", "column"}
