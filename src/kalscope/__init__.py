@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio, params_for_specification
-    from kalscope.estimation.fusion import FusionEstimate, estimate_fusion
+    from kalscope.estimation.fusion import estimate_fusion
     from kalscope.estimation.likelihood import log_likelihood
     from kalscope.estimation.many import EstimateTable, estimate_many
     from kalscope.estimation.momentum import likelihood_profile
@@ -65,7 +65,6 @@ __all__ = [
     "Exponential",
     "FilterParams",
     "FilterResult",
-    "FusionEstimate",
     "FusionJudgement",
     "KalmanFilter",
     "KalscopeError",
@@ -135,10 +134,7 @@ _NAMES = {
         "estimate_fixed_ratio",
         "params_for_specification",
     ),
-    "estimation.fusion": (
-        "FusionEstimate",
-        "estimate_fusion",
-    ),
+    "estimation.fusion": ("estimate_fusion",),
     "estimation.likelihood": ("log_likelihood",),
     "estimation.many": (
         "EstimateTable",

@@ -45,7 +45,6 @@ from kalscope_app.session.state import (
 )
 
 if TYPE_CHECKING:
-    from kalscope.estimation.fusion import FusionEstimate
     from kalscope.estimation.request import Found
     from kalscope.fleet.results import Fleet
 
@@ -451,7 +450,7 @@ def readings_of(state: State, sensors: tuple[str, ...]) -> list[int]:
     return columns
 
 
-def apply_estimate(recording: Recording, sensors: tuple[str, ...], found: FusionEstimate) -> Change:
+def apply_estimate(recording: Recording, sensors: tuple[str, ...], found: Estimate) -> Change:
     """A search has ended: its filter is on screen, if it found one and the recording still is."""
 
     def change(state: State) -> State:
@@ -467,7 +466,7 @@ def apply_fusion(
     sensors: tuple[str, ...],
     params: FilterParams,
     how: str,
-    estimate: FusionEstimate | None = None,
+    estimate: Estimate | None = None,
 ) -> Change:
     """Sensors are fused: their filter is on screen, if their recording still is."""
 

@@ -30,7 +30,6 @@ from kalscope.sources.live.status import LiveStatus
 from kalscope.tuning.tuning import ChannelTuning, PaperTuning, Tuning, with_kalman_filter
 
 if TYPE_CHECKING:
-    from kalscope.estimation.fusion import FusionEstimate
     from kalscope.fleet.results import Fleet
 
 
@@ -437,7 +436,7 @@ class Fusion:
     """What it was when the sensors were fused; Reset goes back there."""
     dropped: frozenset[str] = frozenset()
     """Sensors that take no part."""
-    estimate: FusionEstimate | None = None
+    estimate: Estimate | None = None
     """What the search found about them; None where the filter comes from a file."""
 
     @cached_property

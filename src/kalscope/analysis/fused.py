@@ -22,7 +22,8 @@ from kalscope.analysis.judge import Judgement
 from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
 from kalscope.errors import BadSetting
-from kalscope.estimation.fusion import FusionEstimate, Shared, common_part, listed, shared_by_params
+from kalscope.estimation.fusion import common_part, listed, shared_by_params
+from kalscope.estimation.result import Estimate, Shared
 from kalscope.filtering.filter import FilterResult, fuse, smooth
 from kalscope.filtering.params import FilterParams, checked_readings, samples_of, steps_of
 from kalscope.filtering.steady import steady_state
@@ -187,7 +188,7 @@ class FusionJudgement(Judgement):
 
 def judge_fusion(
     z: ArrayLike,
-    estimate: FusionEstimate | FilterParams,
+    estimate: Estimate | FilterParams,
     dt: ArrayLike | None = None,
     *,
     names: Sequence[str] | None = None,
@@ -210,8 +211,8 @@ def judge_fusion(
     Raises:
         BadSetting: z does not fit the parameters, or the estimate has none.
     """
-    found = estimate if isinstance(estimate, FusionEstimate) else None
-    params = estimate.params if isinstance(estimate, FusionEstimate) else estimate
+    found = estimate if isinstance(estimate, Estimate) else None
+    params = estimate.params if isinstance(estimate, Estimate) else estimate
     if params is None:
         raise BadSetting("estimate must hold a filter (got one without params: its message says why)")
     if names is None:

@@ -26,8 +26,9 @@ from kalscope.common.text import (
 )
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import params_for_specification
-from kalscope.estimation.fusion import FusionEstimate, estimate_fusion, listed
+from kalscope.estimation.fusion import estimate_fusion, listed
 from kalscope.estimation.request import Noise, Request
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -65,7 +66,7 @@ class FusionAnswer:
     """Nominal sample period, s; None where unknown."""
     request: Request
     """What was asked for."""
-    estimate: FusionEstimate
+    estimate: Estimate
     """What maximum likelihood found."""
     params: FilterParams | None
     """The filter: the estimate, or the one that meets the target; None where there is none."""
@@ -90,7 +91,7 @@ def answer_fusion(recording: Recording, options: FusionOptions, progress: Progre
     dt = recording.steps() if recording.gaps == "dt" else None
     known = _known_noise(options, recording, sensors)
 
-    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[FusionEstimate, FilterParams | None]:
+    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[Estimate, FilterParams | None]:
         """The estimate, and the filter that is asked for."""
         fit = estimate_fusion(
             z,
@@ -142,7 +143,7 @@ def _sensors(recording: Recording, options: FusionOptions) -> tuple[tuple[str, .
     return sensors, None if reference is None else sensor_named(sensors, "--reference", reference)
 
 
-def _at_goal(fit: FusionEstimate, request: Request, period: float | None) -> FilterParams | None:
+def _at_goal(fit: Estimate, request: Request, period: float | None) -> FilterParams | None:
     """The filter with the q and momentum that meet the target while all sensors answer; as found without a target.
 
     A target needs no q of the record: the noises of the sensors are enough.
@@ -401,7 +402,7 @@ def save_fusion(recording: Recording, answer: FusionAnswer, output: Path) -> lis
     return save(recording, single, set(answer.sensors), output, fusion)
 
 
-def _shared(found: FusionEstimate) -> dict[str, Any] | None:
+def _shared(found: Estimate) -> dict[str, Any] | None:
     one = found.shared
     return one and {"sensors": [found.names[i] for i in one.sensors], "correlation": one.correlation}
 

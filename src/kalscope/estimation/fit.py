@@ -290,7 +290,6 @@ def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:
         found,
         r=floor,
         r_se=0.0,
-        ratio=found.q / floor,
         verdict="below_resolution",
         message=verdict.below_resolution(float(one.resolution), params),
         params=params,

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.numbers import Array, Mask
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.common.text import count, gate_text, number, percent, plural
 from kalscope.errors import BadSetting
@@ -38,7 +38,7 @@ from kalscope.estimation.climb import (
 from kalscope.estimation.fit import checked_momentum, estimate
 from kalscope.estimation.kernels import SIGMAS
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
-from kalscope.estimation.result import Estimate
+from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.spikes import checked_robust, rounding_variance
 from kalscope.estimation.verdict import BAD_UNIT, FLAT, MIN_SAMPLES, MIN_VARIANCE, OTHER_UNIT
 from kalscope.filtering.filter import fuse, smooth
@@ -261,18 +261,6 @@ FINE = 0.01
 """Rise of the log-likelihood that matters here."""
 
 
-@dataclass(frozen=True)
-class Shared:
-    """White noise that sensors have in common."""
-
-    sensors: tuple[int, ...]
-    """Two of them, or all."""
-    correlation: float
-    """Of the noises of these two, or the largest of any two of all, 0 … 1."""
-    rise: float
-    """By how much it raises twice the log-likelihood."""
-
-
 def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | None:
     """As `shared_noise` of the best fit near a filter; None where a sensor has hardly a reading."""
     if np.isfinite(z).sum(axis=0).min(initial=len(z)) < MIN_ROWS:
@@ -368,55 +356,6 @@ def _shared_by_all(z: Array, steps: Array, found: Found) -> Shared | None:
     least = np.sort(place.r / place.c**2)[:2]
     correlation = common / math.sqrt(float(np.prod(least + common))) if common > 0.0 else 0.0
     return Shared(tuple(range(data.sensors)), correlation, 2.0 * (free.loglik - fixed.loglik))
-
-
-# FusionEstimate: what several sensors of one quantity say about it and about each other.
-
-
-@dataclass(frozen=True, eq=False)
-class FusionEstimate:
-    """The fused filter found in a record, with 95 % intervals and words. No field is ever NaN."""
-
-    names: tuple[str, ...]
-    """The sensors, in the order of the columns."""
-    q: float
-    """Variance of the movement per nominal sample period, unit², ≥ 0."""
-    momentum: float
-    """Momentum τ, nominal sample periods; 0 = none."""
-    r: Array
-    """Variance of the noise of each sensor, unit², ≥ 0, shape (sensors,)."""
-    offset: Array
-    """Offset of each sensor, unit, shape (sensors,): that of the reference is 0; without one their sum is, each
-    with the sign of its gain."""
-    gain: Array
-    """Gain of each sensor, shape (sensors,): 1 unless they were asked for."""
-    q_interval: Array
-    """The q that the record allows, unit², shape (2,); ends may be 0 and inf."""
-    r_interval: Array
-    """The r that the record allows, unit², shape (sensors, 2); both ends are r itself where it was given."""
-    offset_interval: Array
-    """The offsets that it allows, unit, shape (sensors, 2)."""
-    gain_interval: Array
-    """The gains that it allows, shape (sensors, 2)."""
-    loglik: float
-    """Log-likelihood as `fuse(z, params).loglik`, of the readings without the spikes; 0 where nothing is."""
-    spikes: tuple[Indices, ...]
-    """The readings of each sensor that were set aside, their rows."""
-    verdict: str
-    """"ok", "shared_noise" (the noises of two sensors, or of all, are correlated: the fused value can be worse than
-    predicted), "no_noise" (the most likely r of one sensor is 0: it is taken for the signal), "no_movement"
-    (q = 0), "too_few", "constant" (a sensor always reads the same), "copies" (two sensors always move exactly
-    alike), "too_many_outliers" (over 20 % of the readings of a sensor set aside), "flat" (any ratio of movement
-    and noise explains the record) or "bad_unit" (variances outside 1e-300 … 1e300, or a known r of another
-    unit)."""
-    message: str
-    """What was found and what to do, for the user."""
-    notes: tuple[str, ...]
-    """What cannot be known, or should be checked; one sentence each."""
-    params: FilterParams | None
-    """The fused filter; None where there is none: the message says why."""
-    shared: Shared | None = None
-    """The sensors whose noises are correlated; None where none shows."""
 
 
 # Spikes of each sensor, by the rule of one sensor, and whether the fused filter should have a gate for them.
@@ -672,38 +611,36 @@ def _complete(z: Array, found: Found) -> Array | None:
     return np.where(rows, fused_signal(z, place, found.coordinates.data, weights), np.nan)
 
 
-# From the top of the likelihood to a FusionEstimate: units, offsets, gains, intervals, verdict and words.
+# From the top of the likelihood to a Estimate: units, offsets, gains, intervals, verdict and words.
 
 
 LITTLE = 0.01
 """Share of the fused value below which a sensor adds almost nothing."""
 
 
-def refused(asked: Question, verdict: str, message: str) -> FusionEstimate:
+def refused(asked: Question, verdict: str, message: str) -> Estimate:
     """The estimate of a record that gives none."""
     sensors = len(asked.names)
     none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
-    return FusionEstimate(
+    return Estimate(
         names=asked.names,
         q=0.0,
-        momentum=0.0,
         r=none,
         offset=none,
         gain=np.ones(sensors),
-        q_interval=np.array([0.0, math.inf]),
+        q_interval=wide[0],
         r_interval=wide,
         offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
         gain_interval=np.ones((sensors, 2)),
         loglik=0.0,
-        spikes=tuple(np.empty(0, np.intp) for _ in asked.names),
+        outliers=np.zeros(asked.z.shape, bool),
         verdict=verdict,
         message=message,
-        notes=(),
         params=None,
     )
 
 
-def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving: Estimate | None) -> FusionEstimate:
+def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving: Estimate | None) -> Estimate:
     """The estimate of the best place.
 
     Args:
@@ -733,7 +670,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
     verdict, message = _verdict(asked, params, place.q, r, shared)
     sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
     unsure = _unsure(asked, q, q_interval, r, r_interval)
-    return FusionEstimate(
+    return Estimate(
         names=asked.names,
         q=q,
         momentum=place.tau,
@@ -745,7 +682,9 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
         offset_interval=offset_interval,
         gain_interval=gain_interval,
         loglik=place.loglik,
-        spikes=tuple(np.flatnonzero(column) for column in away.T),
+        outliers=away,
+        momentum_interval=(0.0, 0.0) if place.tau == 0.0 else momentum_interval(found),
+        prediction_gain=0.0 if moving is None else moving.prediction_gain,
         verdict=verdict,
         message=message,
         notes=(*_model_notes(asked, away, found, moving), *unsure, *sensors),
@@ -877,7 +816,7 @@ def estimate_fusion(
     known_r: ArrayLike | None = None,
     progress: OnProgress | None = None,
     cancelled: Callable[[], bool] | None = None,
-) -> FusionEstimate:
+) -> Estimate:
     """Find how one quantity moves, and the noise and offset of each sensor that reads it, by maximum likelihood.
 
     What the sensors share is the signal, what they do not is their noise: sensor i reads b_i + c_i x + noise of
@@ -900,7 +839,7 @@ def estimate_fusion(
         cancelled: whether to stop; None = never.
 
     Returns:
-        A FusionEstimate; its `params` are None where the record gives none, and its `message` says why.
+        An Estimate; its `params` are None where the record gives none, and its `message` says why.
 
     Raises:
         BadSetting: z holds inf or has another shape; another argument does not fit it.

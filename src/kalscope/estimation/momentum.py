@@ -800,7 +800,6 @@ def conclude(found: MomentumFit, reason: str) -> Estimate:
         method="ml",
         q=found.q,
         r=found.r,
-        ratio=found.q / found.r if found.r > 0.0 else math.inf,
         loglik=found.loglik,
         ratio_interval=(min(ratios), max(ratios)),
         gain_interval=(min(gains), max(gains)),

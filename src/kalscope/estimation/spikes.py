@@ -253,7 +253,7 @@ def _conclude(z: Array, steps: Array, plain: Estimate, found: _Found) -> Estimat
     if count:
         one, gate = _with_gate(z, steps, one, found.away)
     message = f"{verdict.set_aside(count, present, plain, gate)} {one.message}".strip()
-    return replace(one, message=message, gate=gate, **known)
+    return replace(one, message=message, **known)
 
 
 def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estimate, float | None]:
@@ -276,7 +276,6 @@ def _only_spikes(one: Estimate) -> Estimate:
     return replace(
         one,
         r=float(one.q) / least,
-        ratio=least,
         verdict="only_spikes",
         message=verdict.only_spikes(params),
         params=params,

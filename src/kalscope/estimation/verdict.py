@@ -339,7 +339,6 @@ def _estimate(
         method=method,
         q=q,
         r=r,
-        ratio=q / r if r > 0.0 else (math.inf if q > 0.0 else 0.0),
         loglik=loglik,
         ratio_interval=(low, high),
         gain_interval=(gain_of(low), gain_of(high)),
