@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import Progress
 from kalscope.estimation import kernels
 from kalscope.estimation.likelihood import DROP
-from kalscope.estimation.momentum import MIN_MOMENTUM, step_variance
+from kalscope.estimation.momentum import MIN_MOMENTUM, interval_end, step_variance
 from kalscope.filtering.params import MAX_MOMENTUM
 
 # The exact log-likelihood of several sensors, its derivatives, and the coordinates in which it is searched.
@@ -110,29 +111,34 @@ class Place:
 
 def place_at(data: Readings, q: float, tau: float, r: Array, c: Array) -> Place:
     """The log-likelihood of these parameters with their best offsets; −inf where readings contradict r = 0."""
-    sensors, record = data.sensors, (data.value, data.sensor, data.gap)
+    sensors, model = data.sensors, (data.value, data.sensor, data.gap, q, tau, r, c)
     offset, spread = np.zeros(sensors), np.zeros((sensors, sensors))
     if sensors > 1:
         matrix, right = np.zeros((sensors, sensors)), np.zeros(sensors)
-        kernels.offset_equations(*record, q, tau, r, c, matrix, right)
+        kernels.filter_readings(*model, offset, None, matrix, right)
+        inner = matrix[1:, 1:]
         try:
-            spread[1:, 1:] = np.linalg.inv(matrix[1:, 1:])
+            spread[1:, 1:] = np.linalg.inv(inner)
         except np.linalg.LinAlgError:  # q = 0 or r = 0 to the last digit: no offset is better than another
-            spread[1:, 1:] = np.linalg.pinv(np.nan_to_num(matrix[1:, 1:]), hermitian=True)
+            spread[1:, 1:] = np.linalg.pinv(np.nan_to_num(inner), hermitian=True)
         offset[1:] = spread[1:, 1:] @ right[1:]
     kept = np.empty((len(data.value), kernels.SEARCH_KEPT))
-    chi2, logdet = kernels.filter_readings(*record, q, tau, r, c, offset, kept)
+    chi2, logdet = kernels.filter_readings(*model, offset, kept, None, None)
     loglik = -0.5 * (data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale)) + logdet + chi2)
     by_r, by_c = np.zeros(sensors), np.zeros(sensors)
-    by_q, by_tau = kernels.score_readings(*record, q, tau, r, c, offset, kept, by_r, by_c)
-    if not math.isfinite(loglik):
-        loglik = -math.inf
-    return Place(q, tau, r, c, offset, spread, loglik, by_q, by_tau, by_r, by_c)
+    by_q, by_tau = kernels.score_readings(*model, offset, kept, by_r, by_c)
+    return Place(
+        q, tau, r, c, offset, spread, loglik if math.isfinite(loglik) else -math.inf, by_q, by_tau, by_r, by_c
+    )
+
+
+STEP, MOMENTUM, FIRST_NOISE = 0, 1, 2
+"""Places of the parameters in a row: the step variance, τ, then r and then c of each sensor."""
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Which parameters are searched, and how: ln(step variance), ln τ, ln r_i, c_i; all others stay.
+    """The parameters that are searched, as ln(step variance), ln τ, ln r_i and c_i; all others stay.
 
     The step variance is that of one step of the signal: with momentum, q itself would run away as τ².
     """
@@ -141,48 +147,48 @@ class Coordinates:
     """The record."""
     base: Place
     """The parameters that stay."""
-    moves: bool
-    """Whether q is searched."""
-    keeps: bool
-    """Whether τ is searched."""
-    noisy: NDArray[np.intp]
-    """The sensors whose r is searched."""
-    gained: NDArray[np.intp]
-    """The sensors whose c is searched."""
+    free: Indices
+    """Those that are searched, ascending."""
 
-    @property
-    def size(self) -> int:
-        """Coordinates."""
-        return int(self.moves) + int(self.keeps) + len(self.noisy) + len(self.gained)
+    @cached_property
+    def gained(self) -> Indices:
+        """The sensors whose gain is searched."""
+        return self.free[self.free >= FIRST_NOISE + self.data.sensors] - FIRST_NOISE - self.data.sensors
 
-    def noise_index(self, sensor: int) -> int:
-        """The index of ln r of a sensor among the coordinates."""
-        return int(self.moves) + int(self.keeps) + int(np.flatnonzero(self.noisy == sensor)[0])
+    @cached_property
+    def _noisy(self) -> Indices:
+        return self.free[(self.free >= FIRST_NOISE) & (self.free < FIRST_NOISE + self.data.sensors)]
+
+    @cached_property
+    def _row(self) -> Array:
+        base = self.base
+        return np.concatenate([[base.q * step_of(base.tau), base.tau], base.r, base.c])
+
+    def index(self, parameter: int) -> int:
+        """Which coordinate a parameter is."""
+        return int(np.searchsorted(self.free, parameter))
 
     def start(self) -> Array:
-        """The coordinates of `base`, shape (size,)."""
-        head = [math.log(self.base.q * step_of(self.base.tau))] if self.moves else []
-        head += [math.log(self.base.tau)] if self.keeps else []
-        return np.concatenate([head, np.log(self.base.r[self.noisy]), self.base.c[self.gained]])
+        """The coordinates of `base`."""
+        is_log = self.free < FIRST_NOISE + self.data.sensors
+        at = self._row[self.free]
+        at[is_log] = np.log(at[is_log])
+        return at
 
     def place(self, at: Array) -> Place:
-        """The place of coordinates of shape (size,)."""
-        parts = iter(at.tolist())
-        log_step = next(parts) if self.moves else None
-        tau = math.exp(next(parts)) if self.keeps else self.base.tau
-        q = self.base.q * step_of(self.base.tau) if log_step is None else math.exp(log_step)
-        r, c = self.base.r.copy(), self.base.c.copy()
-        r[self.noisy] = np.exp(np.fromiter(parts, np.float64, len(self.noisy)))
-        c[self.gained] = np.fromiter(parts, np.float64, len(self.gained))
-        return place_at(self.data, q / step_of(tau), tau, r, c)
+        """The place of coordinates."""
+        row, noisy, searched = self._row.copy(), self._noisy, self.free[:FIRST_NOISE].tolist()
+        row[self.free] = at
+        row[noisy] = np.exp(row[noisy])
+        step, tau = (math.exp(row[k]) if k in searched else float(row[k]) for k in (STEP, MOMENTUM))
+        r, c = row[FIRST_NOISE:].reshape(2, -1)
+        return place_at(self.data, step / step_of(tau), tau, r, c)
 
     def slope(self, at: Place) -> Array:
-        """Derivatives of the log-likelihood by the coordinates, shape (size,)."""
-        by_log_q = at.q * at.by_q
-        head = [by_log_q] if self.moves else []
-        if self.keeps:
-            head.append(at.tau * at.by_tau - by_log_q * log_step_slope(at.tau))
-        return np.concatenate([head, (at.r * at.by_r)[self.noisy], at.by_c[self.gained]])
+        """Derivatives of the log-likelihood by the coordinates."""
+        by_step = at.q * at.by_q
+        by_tau = at.tau * at.by_tau - by_step * log_step_slope(at.tau) if at.tau > 0.0 else 0.0
+        return np.concatenate([[by_step, by_tau], at.r * at.by_r, at.by_c])[self.free]
 
 
 def step_of(tau: float) -> float:
@@ -298,20 +304,21 @@ _MIN_PAIRS = 8
 """Rows that two sensors must share to be compared."""
 
 
-def starting_places(data: Readings, z: Array, asked: Asked, gains: Array) -> list[Place]:
+def starting_places(data: Readings, z: Array, options: FitOptions, gains: Array) -> list[Place]:
     """Starts on the middle of the record; z is the record itself, shape (n, sensors), NaN where missing."""
     least = float((np.maximum(step_sizes(data), 1e-12) / gains**2).min())
-    noises = guessed_noises(z, data, asked, gains)
+    noises = guessed_noises(z, data, options, gains)
     part = data.middle()
     return [place_at(part, share * least, 0.0, noise, gains) for noise in noises for share in _MOVES]
 
 
-def guessed_noises(z: Array, data: Readings, asked: Asked, gains: Array) -> list[Array]:
+def guessed_noises(z: Array, data: Readings, options: FitOptions, gains: Array) -> list[Array]:
     """Guesses of r of all sensors, in scale², each shape (sensors,); a known r stays."""
     steps = np.maximum(step_sizes(data), 1e-12) / gains**2
     guesses = _noises((z - data.centre) / data.scale / gains, steps)
     return [
-        np.where(np.isnan(asked.known), np.maximum(one * gains**2, asked.floor), asked.known) for one in guesses
+        np.where(np.isnan(options.known), np.maximum(one * gains**2, options.floor), options.known)
+        for one in guesses
     ]
 
 
@@ -377,7 +384,7 @@ _FAR = 40.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class FitOptions:
     """What a fit searches."""
 
     known: Array
@@ -389,13 +396,9 @@ class Asked:
     gained: Indices
     """The sensors whose gain is searched."""
 
-    def free_noise(self) -> Indices:
-        """The sensors whose r is searched."""
-        return np.flatnonzero(np.isnan(self.known))
-
 
 @dataclass(frozen=True)
-class Found:
+class SensorFit:
     """The best place, and the shape of the likelihood around it."""
 
     coordinates: Coordinates
@@ -409,21 +412,26 @@ class Found:
     high: Array
     """Upper bounds."""
 
+    @property
+    def keeps(self) -> bool:
+        """Whether τ was searched."""
+        return MOMENTUM in self.coordinates.free
 
-def best_fit(data: Readings, asked: Asked, starts: Sequence[Place], progress: Progress) -> Found:
+
+def best_fit(data: Readings, options: FitOptions, starts: Sequence[Place], progress: Progress) -> SensorFit:
     """The highest place near one of the starts, which are on `data.middle()`, or at an edge."""
     part = data.middle()
     starts = sorted(starts, key=lambda one: -one.loglik)[:_MAX_TRIED]
-    tops: list[Found] = []
+    tops: list[SensorFit] = []
     for i, start in enumerate(starts):
         progress(0.5 * i / len(starts), "likelihood of all sensors together")
-        tops.append(climbed(part, asked, start))
+        tops.append(climbed(part, options, start))
     if part is not data:
-        tops = [climbed(data, asked, start) for start in _apart([one.place for one in tops])]
+        tops = [climbed(data, options, start) for start in _apart([one.place for one in tops])]
     best = max(tops, key=lambda one: one.place.loglik)
     progress(0.7, "likelihood at the edges")
-    for edge in _edges(data, asked, best.place):
-        there = climbed(data, asked, edge)
+    for edge in _edges(data, options, best.place):
+        there = climbed(data, options, edge)
         if there.place.loglik >= best.place.loglik - 1e-9 - 1e-12 * abs(best.place.loglik):
             best = there
     return best
@@ -438,20 +446,21 @@ def _apart(places: Sequence[Place]) -> list[Place]:
     return chosen[:_MAX_FINAL]
 
 
-def climbed(data: Readings, asked: Asked, start: Place, least: float = LEAST) -> Found:
+def climbed(data: Readings, options: FitOptions, start: Place, least: float = LEAST) -> SensorFit:
     """The top above one start, up to a step that rises by less than `least`; a variance that is 0 there stays."""
-    coordinates = coordinates_of(data, asked, start)
-    return top_of(coordinates, coordinates.start(), *bounds(coordinates, asked.floor), least)
+    coordinates = coordinates_of(data, options, start)
+    return top_of(coordinates, coordinates.start(), *bounds(coordinates, options.floor), least)
 
 
-def coordinates_of(data: Readings, asked: Asked, place: Place) -> Coordinates:
-    """The coordinates around a place: what is asked for, but no variance that is 0 there."""
-    free = asked.free_noise()
-    moves = place.q > 0.0
-    return Coordinates(data, place, moves, asked.keeps and moves, free[place.r[free] > 0.0], asked.gained)
+def coordinates_of(data: Readings, options: FitOptions, place: Place) -> Coordinates:
+    """The coordinates around a place: all that is to be fitted, but no variance that is 0 there."""
+    noisy = np.isnan(options.known) & (place.r > 0.0)
+    gained = np.isin(np.arange(data.sensors), options.gained)
+    free = np.concatenate([[place.q > 0.0, options.keeps and place.q > 0.0], noisy, gained])
+    return Coordinates(data, place, np.flatnonzero(free))
 
 
-def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array, least: float = LEAST) -> Found:
+def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array, least: float = LEAST) -> SensorFit:
     """The top of the likelihood in these coordinates."""
 
     def function(at: Array) -> tuple[float, Array]:
@@ -459,25 +468,18 @@ def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array, leas
         return place.loglik, coordinates.slope(place)
 
     top = climb(function, start, low, high, least)
-    return Found(coordinates, top, coordinates.place(top.at), low, high)
+    return SensorFit(coordinates, top, coordinates.place(top.at), low, high)
 
 
 def bounds(coordinates: Coordinates, floor: Array) -> tuple[Array, Array]:
     """Lower and upper bounds of the coordinates."""
-    size = math.log(max(step_sizes(coordinates.data).max(), 1e-300))
-    low = [size - LOWEST] if coordinates.moves else []
-    high = [size + HIGHEST] if coordinates.moves else []
-    if coordinates.keeps:
-        low.append(math.log(MIN_MOMENTUM))
-        high.append(math.log(MAX_MOMENTUM))
-    for i in coordinates.noisy.tolist():
-        low.append(max(size - LOWEST, math.log(float(floor[i])) if floor[i] > 0.0 else -math.inf))
-        high.append(size + HIGHEST)
-    for i in coordinates.gained.tolist():
-        ends = float(coordinates.base.c[i]) / _MAX_GAIN, float(coordinates.base.c[i]) * _MAX_GAIN
-        low.append(min(ends))
-        high.append(max(ends))
-    return np.array(low), np.array(high)
+    size, gain = math.log(max(step_sizes(coordinates.data).max(), 1e-300)), coordinates.base.c
+    with np.errstate(divide="ignore"):
+        least = np.maximum(size - LOWEST, np.log(floor))
+    ends = np.sort([gain / _MAX_GAIN, gain * _MAX_GAIN], axis=0)
+    low = np.concatenate([[size - LOWEST, math.log(MIN_MOMENTUM)], least, ends[0]])
+    high = np.concatenate([[size + HIGHEST, math.log(MAX_MOMENTUM)], np.full(len(gain), size + HIGHEST), ends[1]])
+    return low[coordinates.free], high[coordinates.free]
 
 
 def step_sizes(data: Readings) -> Array:
@@ -486,17 +488,15 @@ def step_sizes(data: Readings) -> Array:
     return np.array([float(np.mean(np.diff(one) ** 2)) if len(one) > 1 else 0.0 for one in values])
 
 
-def _edges(data: Readings, asked: Asked, best: Place) -> list[Place]:
+def _edges(data: Readings, options: FitOptions, best: Place) -> list[Place]:
     """The edges that may be higher: no movement, or no noise in one sensor."""
     edges: list[Place] = []
     if best.q > 0.0 and best.r.min() > 0.0:
         edges.append(place_at(data, 0.0, best.tau, best.r, best.c))
-    if best.q > 0.0 and not np.any(asked.known == 0.0):
-        for i in asked.free_noise():
-            if asked.floor[i] == 0.0:
-                r = best.r.copy()
-                r[i] = 0.0
-                edges.append(place_at(data, best.q, best.tau, r, best.c))
+    if best.q > 0.0 and not np.any(options.known == 0.0):
+        for i in np.flatnonzero(np.isnan(options.known) & (options.floor == 0.0)):
+            r = np.where(np.arange(data.sensors) == i, 0.0, best.r)
+            edges.append(place_at(data, best.q, best.tau, r, best.c))
     return [edge for edge in edges if edge.loglik > best.loglik - _FAR]
 
 
@@ -507,131 +507,103 @@ NORMAL = math.sqrt(2.0 * DROP)
 """Standard errors from the middle to the end of a 95 % interval, 1.96."""
 SURE = 0.1
 """Standard error of the logarithm of a variance up to which its likelihood is as good as normal."""
-_WIDENING = 1.7
-"""Factor between two steps outwards, until the end is bracketed."""
 _FINE = 1e-4
 """Rise of the likelihood that matters for the end of an interval."""
 _CLIMB = 10
 """Steps of the other parameters towards their best; they start where they were a little further inside."""
-_STEPS = 12
-"""Steps outwards, and then towards the end within its bracket."""
 
 
-def covariance(found: Found) -> Array:
+def covariance(fit: SensorFit) -> Array:
     """Covariance of the coordinates at the top; a coordinate at a bound or without curvature has variance inf."""
-    size = len(found.top.at)
-    full = np.full((size, size), 0.0)
-    np.fill_diagonal(full, math.inf)
-    inner = (found.top.at > found.low) & (found.top.at < found.high)
-    information = -found.top.curvature[np.ix_(inner, inner)]
+    size = len(fit.top.at)
+    full = np.diag(np.full(size, math.inf))
+    inner = (fit.top.at > fit.low) & (fit.top.at < fit.high)
+    information = -fit.top.curvature[np.ix_(inner, inner)]
     if inner.any() and np.all(np.linalg.eigvalsh(information) > 1e-9):
         full[np.ix_(inner, inner)] = np.linalg.inv(information)
     return full
 
 
-def noise_interval(found: Found, asked: Asked, sensor: int) -> tuple[float, float]:
+def noise_interval(fit: SensorFit, options: FitOptions, sensor: int) -> tuple[float, float]:
     """The r of one sensor that the record allows, in scale²."""
-    place = found.place
-    if not math.isnan(asked.known[sensor]):
-        return float(asked.known[sensor]), float(asked.known[sensor])
+    place, known = fit.place, float(options.known[sensor])
+    if not math.isnan(known):
+        return known, known
     if place.r[sensor] == 0.0:
-        r = place.r.copy()
-        r[sensor] = _guess(place.by_r[sensor], found)
-        return 0.0, _upper_end(found, asked, place.q, r, sensor)
-    index = found.coordinates.noise_index(sensor)
-    low, high = _log_interval(found, index)
-    return max(math.exp(low), float(asked.floor[sensor])), math.exp(high)
+        r = np.where(np.arange(len(place.r)) == sensor, _guess(float(place.by_r[sensor]), fit), place.r)
+        return 0.0, _upper_end(fit, options, place.q, r, FIRST_NOISE + sensor)
+    low, high = _interval(fit, FIRST_NOISE + sensor)
+    return max(low, float(options.floor[sensor])), high
 
 
-def movement_interval(found: Found, asked: Asked) -> tuple[float, float]:
+def movement_interval(fit: SensorFit, options: FitOptions) -> tuple[float, float]:
     """The q that the record allows, in scale²."""
-    place = found.place
+    place = fit.place
     if place.q == 0.0:
-        return 0.0, _upper_end(found, asked, _guess(place.by_q, found), place.r, None)
-    if not found.coordinates.keeps:
-        low, high = (math.exp(end) for end in _log_interval(found, 0))
-        step = math.exp(found.top.at[0]) / place.q
+        return 0.0, _upper_end(fit, options, _guess(place.by_q, fit), place.r, STEP)
+    if not fit.keeps:
+        step = step_of(place.tau)
+        low, high = _interval(fit, STEP)
         return low / step, high / step
     slope = np.array([1.0, -log_step_slope(place.tau)])
-    variance = float(slope @ covariance(found)[:2, :2] @ slope)
+    variance = float(slope @ covariance(fit)[:2, :2] @ slope)
     error = NORMAL * math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else math.inf
     return place.q * math.exp(-error), place.q * (math.exp(error) if error < 700.0 else math.inf)
 
 
-def momentum_interval(found: Found) -> tuple[float, float]:
+def momentum_interval(fit: SensorFit) -> tuple[float, float]:
     """The τ that the record allows, in sample periods; from 0, or up to inf, as where it was cut to the record."""
-    if not found.coordinates.keeps:
-        return found.place.tau, math.inf
-    low, high = _log_interval(found, 1)
-    return math.exp(low), math.exp(high)
+    return _interval(fit, MOMENTUM) if fit.keeps else (fit.place.tau, math.inf)
 
 
-def _log_interval(found: Found, index: int) -> tuple[float, float]:
-    """The ends of coordinate `index`, a logarithm; ∓inf beyond the bounds of the search."""
-    at, variance = float(found.top.at[index]), float(covariance(found)[index, index])
-    error = math.sqrt(variance)
+def _interval(fit: SensorFit, parameter: int) -> tuple[float, float]:
+    """The ends of a parameter; 0 and inf beyond the bounds of the search."""
+    index = fit.coordinates.index(parameter)
+    at, error = float(fit.top.at[index]), math.sqrt(float(covariance(fit)[index, index]))
     if error <= SURE:
-        return at - NORMAL * error, at + NORMAL * error
-    return _end(found, index, -1.0, error), _end(found, index, 1.0, error)
+        return math.exp(at - NORMAL * error), math.exp(at + NORMAL * error)
+    return _end(fit, index, -1.0, error), _end(fit, index, 1.0, error)
 
 
-def _guess(slope: float, found: Found) -> float:
+def _guess(slope: float, fit: SensorFit) -> float:
     """A variance whose likelihood is not yet much lower than at the edge where it is 0."""
-    least = math.exp(float(found.low.min()) + 1.0) if len(found.low) else 1e-18
+    least = math.exp(float(fit.low.min()) + 1.0) if len(fit.low) else 1e-18
     return max(0.01 * DROP / max(-slope, 1e-300), least) if slope < 0.0 else least
 
 
-def _upper_end(found: Found, asked: Asked, q: float, r: Array, sensor: int | None) -> float:
-    """The largest variance of a sensor, or of the movement, that is 0 at the top; its guess in q or r is > 0."""
-    edge = place_at(found.coordinates.data, q, found.place.tau, r, found.place.c)
-    coordinates = coordinates_of(found.coordinates.data, replace(asked, keeps=found.coordinates.keeps), edge)
-    low, high = bounds(coordinates, asked.floor)
-    index = 0 if sensor is None else coordinates.noise_index(sensor)
-    top = replace(found.top, at=np.clip(coordinates.start(), low, high))
-    return math.exp(_end(Found(coordinates, top, edge, low, high), index, 1.0, 1.0))
+def _upper_end(fit: SensorFit, options: FitOptions, q: float, r: Array, parameter: int) -> float:
+    """The largest value of a variance that is 0 at the top; its guess in q or r is above 0."""
+    edge = place_at(fit.coordinates.data, q, fit.place.tau, r, fit.place.c)
+    coordinates = coordinates_of(fit.coordinates.data, replace(options, keeps=fit.keeps), edge)
+    low, high = bounds(coordinates, options.floor)
+    top = replace(fit.top, at=np.clip(coordinates.start(), low, high))
+    return _end(SensorFit(coordinates, top, edge, low, high), coordinates.index(parameter), 1.0, 1.0)
 
 
-def _end(found: Found, index: int, side: float, error: float) -> float:
-    """Go outwards until the likelihood has fallen by DROP, then towards that place; √drop is almost straight."""
-    border = float(found.low[index] if side < 0.0 else found.high[index])
-    inside, fallen, at = float(found.top.at[index]), 0.0, found.top.at
-    stride = NORMAL * min(max(error, SURE), 1.0) if math.isfinite(error) else 1.0
-    outside, drop = inside, 0.0
-    for _ in range(_STEPS + 8):
-        if side * (inside - border) >= 0.0:
-            return side * math.inf
-        outside = border if side * (inside + side * stride - border) >= 0.0 else inside + side * stride
-        drop, beside = _drop(found, index, outside, at)
-        if drop >= DROP:
-            break
-        inside, fallen, at = outside, max(drop, 0.0), beside
-        stride *= _WIDENING
-    else:
-        return side * math.inf
-    for _ in range(_STEPS):
-        share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(drop) - math.sqrt(fallen))
-        middle = inside + min(max(share, 0.05), 0.95) * (outside - inside)
-        between, beside = _drop(found, index, middle, at)
-        if abs(between - DROP) < 1e-3:
-            return middle
-        if between < DROP:
-            inside, fallen, at = middle, max(between, 0.0), beside
-        else:
-            outside, drop = middle, between
-    return inside
+def _end(fit: SensorFit, index: int, side: float, error: float) -> float:
+    """Where the likelihood has fallen to the mark; 0 or inf beyond the bounds."""
+    stride = side * (NORMAL * min(max(error, SURE), 1.0) if math.isfinite(error) else 1.0)
+    start, border = float(fit.top.at[index]), float((fit.low if side < 0.0 else fit.high)[index])
+    if side * (start - border) >= 0.0:
+        return math.exp(side * math.inf)
+    others, beside = np.arange(len(fit.top.at)) != index, fit.top.at
 
+    def drop(value: float) -> tuple[float, Array]:
+        """How far the likelihood falls where the coordinate has this value and the others follow."""
+        nonlocal beside
+        at = beside.copy()
+        at[index] = value
 
-def _drop(found: Found, index: int, value: float, start: Array) -> tuple[float, Array]:
-    """How far the likelihood falls where one coordinate has this value and the others follow, and their place."""
-    others = np.arange(len(start)) != index
-    at = start.copy()
-    at[index] = value
+        def function(rest: Array) -> tuple[float, Array]:
+            at[others] = rest
+            place = fit.coordinates.place(at)
+            return place.loglik, fit.coordinates.slope(place)[others]
 
-    def function(rest: Array) -> tuple[float, Array]:
-        at[others] = rest
-        place = found.coordinates.place(at)
-        return place.loglik, found.coordinates.slope(place)[others]
+        top = climb(function, beside[others], fit.low[others], fit.high[others], _FINE, _CLIMB)
+        at[others] = top.at
+        fallen = fit.top.height - top.height
+        beside = at if fallen < DROP else beside
+        return fallen, at
 
-    top = climb(function, start[others], found.low[others], found.high[others], _FINE, _CLIMB)
-    at[others] = top.at
-    return found.top.height - top.height, at.copy()
+    end, _, crossed = interval_end(drop, start, stride, border, widening=1.7, margin=0.05, halving=99)
+    return math.exp(end if crossed else side * math.inf)

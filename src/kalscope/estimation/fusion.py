@@ -18,10 +18,10 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.climb import (
     BESIDE,
     NORMAL,
-    Asked,
-    Found,
+    FitOptions,
     Place,
     Readings,
+    SensorFit,
     best_fit,
     climbed,
     covariance,
@@ -173,8 +173,8 @@ def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Arra
 
 
 def with_momentum(
-    asked: Question, data: Readings, searched: Asked, plain: Found, tau: float | None, progress: Progress
-) -> tuple[Found, Estimate]:
+    asked: Question, data: Readings, searched: FitOptions, plain: SensorFit, tau: float | None, progress: Progress
+) -> tuple[SensorFit, Estimate]:
     """The fit with momentum where it is given or the signal asks for it, and what the fused signal says of it.
 
     Args:
@@ -205,7 +205,9 @@ def with_momentum(
     return found, one
 
 
-def _asked_of_signal(asked: Question, plain: Found, tau: float | None, progress: Progress) -> tuple[Estimate, int]:
+def _asked_of_signal(
+    asked: Question, plain: SensorFit, tau: float | None, progress: Progress
+) -> tuple[Estimate, int]:
     """The estimate of the fused value as one signal, and of how many rows.
 
     Without momentum one r may come out as 0 although its sensor is no better, only quicker than the random walk
@@ -227,12 +229,12 @@ def _estimate(signal: Array, dt: Array | None, tau: float | None, progress: Prog
     return estimate(signal, dt=dt, momentum=moves, robust=False, progress=progress, cancelled=progress.cancelled)
 
 
-def lifted(place: Place, searched: Asked) -> Array:
+def lifted(place: Place, searched: FitOptions) -> Array:
     """Its r, none of those that are searched so small that the search begins at an edge."""
     return np.where(np.isnan(searched.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
 
 
-def within_record(data: Readings, searched: Asked, found: Found) -> Found:
+def within_record(data: Readings, searched: FitOptions, found: SensorFit) -> SensorFit:
     """A momentum longer than the record is cut to its length: the record cannot show how much longer it is."""
     if found.place.tau <= data.span:
         return found
@@ -269,11 +271,11 @@ def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | N
     unit = data.scale * data.scale
     start = place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
     free = np.full(data.sensors, math.nan)
-    asked = Asked(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
+    asked = FitOptions(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
     return shared_noise(z, steps, climbed(data, asked, start, FINE))
 
 
-def shared_noise(z: Array, steps: Array, found: Found) -> Shared | None:
+def shared_noise(z: Array, steps: Array, found: SensorFit) -> Shared | None:
     """The noise that two sensors share, or all of them, whichever explains more; None where none shows.
 
     Args:
@@ -290,7 +292,7 @@ def shared_noise(z: Array, steps: Array, found: Found) -> Shared | None:
     return best if best is not None and best.rise > SURE and best.correlation >= MIN_CORRELATION else None
 
 
-def _shared_by_two(z: Array, steps: Array, found: Found, pair: tuple[int, ...]) -> Shared | None:
+def _shared_by_two(z: Array, steps: Array, found: SensorFit, pair: tuple[int, ...]) -> Shared | None:
     """The noise that sensors i and j share.
 
     Reading j less β times reading i has a noise independent of that of i where β = ρ σ_j/σ_i. In place of reading
@@ -313,7 +315,7 @@ def _shared_by_two(z: Array, steps: Array, found: Found, pair: tuple[int, ...]) 
         gain, r = np.append(gain, 1.0), np.append(r, 1.0 / weights.sum())
     if not np.isfinite(columns[-1]).any():
         return None
-    asked = Asked(np.full(len(r), math.nan), np.zeros(len(r)), found.coordinates.keeps, np.empty(0, np.intp))
+    asked = FitOptions(np.full(len(r), math.nan), np.zeros(len(r)), found.keeps, np.empty(0, np.intp))
 
     def fitted(beta: float, q: float, noise: Array) -> Place:
         turned = np.stack([columns[0], columns[1] - beta * columns[0], *columns[2:]], axis=1)
@@ -334,7 +336,7 @@ def _shared_by_two(z: Array, steps: Array, found: Found, pair: tuple[int, ...]) 
     return Shared(tuple(sorted(pair)), correlation, 2.0 * (best[0] - alone))
 
 
-def _shared_by_all(z: Array, steps: Array, found: Found) -> Shared | None:
+def _shared_by_all(z: Array, steps: Array, found: SensorFit) -> Shared | None:
     """The noise that all sensors share.
 
     Over the rows in which all sensors answer, the fused value is one signal of which the noise is known, 1/Σ c²/r.
@@ -349,7 +351,7 @@ def _shared_by_all(z: Array, steps: Array, found: Found) -> Shared | None:
     expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
     step = place.q * data.scale**2 / one.scale**2
     start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
-    asked = Asked(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
+    asked = FitOptions(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
     fixed = climbed(one, asked, start).place
     free = climbed(one, replace(asked, known=np.array([math.nan])), fixed).place
     common = float(free.r[0] - expected) * one.scale**2 / data.scale**2
@@ -579,7 +581,7 @@ def held_for(readings: Array) -> int:
     return round(usual) if evenly and float(np.median(sizes)) > MIN_CHANGE * float(sizes.min()) else 1
 
 
-def slow_sensors(z: Array, found: Found) -> list[int]:
+def slow_sensors(z: Array, found: SensorFit) -> list[int]:
     """The sensors that differ from the fused value by more than white noise: the difference stays for some rows."""
     data, place = found.coordinates.data, found.place
     signal = _complete(z, found)
@@ -598,7 +600,7 @@ def slow_sensors(z: Array, found: Found) -> list[int]:
     return slow
 
 
-def _complete(z: Array, found: Found) -> Array | None:
+def _complete(z: Array, found: SensorFit) -> Array | None:
     """The fused value of the rows in which all sensors answer, unit, NaN in the others; None if there are few."""
     if z.shape[1] < 2:
         return None
@@ -640,7 +642,9 @@ def refused(asked: Question, verdict: str, message: str) -> Estimate:
     )
 
 
-def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving: Estimate | None) -> Estimate:
+def conclude(
+    asked: Question, away: Mask, searched: FitOptions, found: SensorFit, moving: Estimate | None
+) -> Estimate:
     """The estimate of the best place.
 
     Args:
@@ -693,7 +697,7 @@ def conclude(asked: Question, away: Mask, searched: Asked, found: Found, moving:
     )
 
 
-def _gains(asked: Question, found: Found) -> tuple[Array, Array, float]:
+def _gains(asked: Question, found: SensorFit) -> tuple[Array, Array, float]:
     """Gains, their intervals, and the factor that x is stretched by, so that without a reference they average 1."""
     gain, searched = found.place.c, found.coordinates.gained
     if not len(searched):
@@ -709,7 +713,7 @@ def _gains(asked: Question, found: Found) -> tuple[Array, Array, float]:
         return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
 
 
-def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
+def _offsets(asked: Question, found: SensorFit) -> tuple[Array, Array]:
     """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
     searched = found.coordinates.gained
     offset, turned = _without_common(asked, found, found.place)
@@ -724,7 +728,7 @@ def _offsets(asked: Question, found: Found) -> tuple[Array, Array]:
     return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
 
 
-def _without_common(asked: Question, found: Found, place: Place) -> tuple[Array, Array]:
+def _without_common(asked: Question, found: SensorFit, place: Place) -> tuple[Array, Array]:
     """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
     data, gain = found.coordinates.data, place.c
     rule = np.sign(gain) if asked.reference is None else np.eye(data.sensors)[asked.reference]
@@ -756,10 +760,10 @@ def _verdict(asked: Question, params: FilterParams, q: float, r: Array, shared: 
     return "ok", said
 
 
-def _model_notes(asked: Question, away: Mask, found: Found, moving: Estimate | None) -> list[str]:
+def _model_notes(asked: Question, away: Mask, found: SensorFit, moving: Estimate | None) -> list[str]:
     """What is said of all sensors together."""
     notes: list[str] = []
-    if found.place.tau > 0.0 and not found.coordinates.keeps and (moving is None or moving.prediction_gain == 0.0):
+    if found.place.tau > 0.0 and not found.keeps and (moving is None or moving.prediction_gain == 0.0):
         notes.append(given_momentum(found.place.tau))
     elif found.place.tau > 0.0 and moving is not None:
         span = momentum_interval(found)
@@ -879,13 +883,13 @@ def _singles(
 
 def _fitted(
     asked: Question, gains: bool, tau: float | None, progress: Progress
-) -> tuple[Asked, Found, Estimate | None]:
+) -> tuple[FitOptions, SensorFit, Estimate | None]:
     """What was searched, the best fit, and what the fused value as one signal says of momentum."""
     data = Readings.of(asked.z, asked.steps)
     gained = np.flatnonzero(np.arange(data.sensors) != asked.gauge) if gains else np.empty(0, np.intp)
     unit = data.scale * data.scale
     floor = np.array([rounding_variance(column) / unit for column in asked.z.T])
-    searched = Asked(asked.known / unit, np.where(np.isnan(asked.known), floor, 0.0), False, gained)
+    searched = FitOptions(asked.known / unit, np.where(np.isnan(asked.known), floor, 0.0), False, gained)
     tried = [np.ones(data.sensors)]
     if gains:
         tried.append(starting_gains(data, asked.z, gained, asked.gauge))

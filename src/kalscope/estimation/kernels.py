@@ -877,58 +877,7 @@ def over_gap(gap: float, q: float, tau: float) -> Transition:
 
 
 @compiled(error_model="numpy")
-def offset_equations(
-    value: Array, sensor: Whole, gap: Array, q: float, tau: float, r: Array, c: Array, matrix: Array, right: Array
-) -> None:
-    """Add up `matrix` and `right` of the normal equations, matrix b = right, of the most likely offsets b.
-
-    The innovations are linear in b: v = v(0) + Σ d_l b_l. The filters of v(0) and of the d_l share their gains.
-    """
-    count, sensors = value.shape[0], r.shape[0]
-    place, speed, d = np.zeros(sensors), np.zeros(sensors), np.zeros(sensors)
-    i = int(sensor[0])
-    x, v, p, g = value[0] / c[i], 0.0, r[i] / (c[i] * c[i]), 0.0
-    w = 0.5 * q / tau if tau > 0.0 else 0.0
-    place[i] = -1.0 / c[i]
-    last = 1.0
-    e, f, a, b, grown = over_gap(last, q, tau)
-    for j in range(1, count):
-        if gap[j] > 0.0:
-            if gap[j] != last:
-                last = gap[j]
-                e, f, a, b, grown = over_gap(last, q, tau)
-            if tau > 0.0:
-                x, v = x + f * v, e * v
-                p, g, w = p + f * (2.0 * g + f * w) + a, e * (g + f * w) + b, e * e * w + grown
-                for k in range(sensors):
-                    place[k] += f * speed[k]
-                    speed[k] *= e
-            else:
-                p += a
-        i = int(sensor[j])
-        s = c[i] * c[i] * p + r[i]
-        part = 1.0 / s
-        kx, kv = c[i] * p * part, c[i] * g * part
-        innovation = value[j] - c[i] * x
-        x, v = x + kx * innovation, v + kv * innovation
-        for k in range(sensors):
-            d[k] = -c[i] * place[k]
-        d[i] -= 1.0
-        for k in range(sensors):
-            right[k] -= d[k] * innovation * part
-            for m in range(k + 1):
-                matrix[k, m] += d[k] * d[m] * part
-            place[k] += kx * d[k]
-            speed[k] += kv * d[k]
-        w -= kv * c[i] * g
-        p, g = p * r[i] * part, g * r[i] * part
-    for k in range(sensors):
-        for m in range(k):
-            matrix[m, k] = matrix[k, m]
-
-
-@compiled(error_model="numpy")
-def filter_readings(
+def filter_readings(  # noqa: PLR0912 - one loop for three purposes
     value: Array,
     sensor: Whole,
     gap: Array,
@@ -937,17 +886,27 @@ def filter_readings(
     r: Array,
     c: Array,
     offset: Array,
-    kept: Array,
+    kept: Array | None,
+    matrix: Array | None,
+    right: Array | None,
 ) -> tuple[float, float]:
-    """Filter the readings, keep what the scores need in `kept`, (readings, KEPT); returns Σ v²/s and Σ ln s."""
-    count = value.shape[0]
+    """Filter the readings, keep what the scores need in `kept`, (readings, SEARCH_KEPT); returns Σ v²/s and Σ ln s.
+
+    With `matrix` and `right` in place of `kept` it adds up the normal equations, matrix b = right, of the most
+    likely offsets b: the innovations are linear in b, v = v(0) + Σ d_l b_l, and the filters of v(0) and of the d_l
+    share their gains.
+    """
+    sensors = r.shape[0]
+    place, speed, d = np.zeros(sensors), np.zeros(sensors), np.zeros(sensors)
     i = int(sensor[0])
     x, v, p, g = (value[0] - offset[i]) / c[i], 0.0, r[i] / (c[i] * c[i]), 0.0
     w = 0.5 * q / tau if tau > 0.0 else 0.0
-    keep(kept, 0, 0.0, math.inf, (0.0, 0.0), (x, v, p, g, w))
+    place[i] = -1.0 / c[i]
+    if kept is not None:
+        kept[0, FUSION_V], kept[0, FUSION_G], kept[0, FUSION_W] = v, g, w
     chi2, logdet, product, last = 0.0, 0.0, 1.0, 1.0
     e, f, a, b, grown = over_gap(last, q, tau)
-    for j in range(1, count):
+    for j in range(1, value.shape[0]):
         if gap[j] > 0.0:
             if gap[j] != last:
                 last = gap[j]
@@ -955,6 +914,10 @@ def filter_readings(
             if tau > 0.0:
                 x, v = x + f * v, e * v
                 p, g, w = p + f * (2.0 * g + f * w) + a, e * (g + f * w) + b, e * e * w + grown
+                if matrix is not None:
+                    for k in range(sensors):
+                        place[k] += f * speed[k]
+                        speed[k] *= e
             else:
                 p += a
         i = int(sensor[j])
@@ -965,27 +928,31 @@ def filter_readings(
         x, v = x + kx * innovation, v + kv * innovation
         w -= kv * c[i] * g
         p, g = p * r[i] * part, g * r[i] * part
-        chi2 += innovation * innovation * part
-        product *= s
-        if not 1.0 / FUSION_FULL < product < FUSION_FULL:
-            logdet += math.log(product)
-            product = 1.0
-        keep(kept, j, innovation * part, s, (kx, kv), (x, v, p, g, w))
+        if kept is not None:
+            chi2 += innovation * innovation * part
+            product *= s
+            if not 1.0 / FUSION_FULL < product < FUSION_FULL:
+                logdet += math.log(product)
+                product = 1.0
+            kept[j, ERROR], kept[j, S], kept[j, KX], kept[j, KV] = innovation * part, s, kx, kv
+            kept[j, FUSION_X], kept[j, FUSION_V] = x, v
+            kept[j, FUSION_P], kept[j, FUSION_G], kept[j, FUSION_W] = p, g, w
+        if matrix is not None and right is not None:
+            for k in range(sensors):
+                d[k] = -c[i] * place[k]
+            d[i] -= 1.0
+            for k in range(sensors):
+                right[k] -= d[k] * innovation * part
+                for m in range(k + 1):
+                    matrix[k, m] += d[k] * d[m] * part
+            for k in range(sensors):
+                place[k] += kx * d[k]
+                speed[k] += kv * d[k]
+    if matrix is not None:
+        for k in range(sensors):
+            for m in range(k):
+                matrix[m, k] = matrix[k, m]
     return chi2, logdet + math.log(product)
-
-
-@compiled(inline="always")
-def keep(
-    kept: Array,
-    j: int,
-    error: float,
-    s: float,
-    gains: tuple[float, float],
-    state: tuple[float, float, float, float, float],
-) -> None:
-    """Write one row of `kept`."""
-    kept[j, ERROR], kept[j, S], kept[j, KX], kept[j, KV] = error, s, gains[0], gains[1]
-    kept[j, FUSION_X], kept[j, FUSION_V], kept[j, FUSION_P], kept[j, FUSION_G], kept[j, FUSION_W] = state
 
 
 @compiled(error_model="numpy")

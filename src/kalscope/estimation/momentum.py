@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
@@ -464,10 +464,10 @@ _SIZE = 1.0
 """Half the stretch of that curve."""
 _INTERVAL_MAX_MOVES = 20
 """Moves of the curve until its top lies inside."""
-_WIDENING = 1.6
-"""Factor between two steps outwards, until the end is bracketed."""
-_HALVINGS = 8
+_STEPS = 12
 """Steps towards the end within its bracket."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -482,9 +482,21 @@ class End:
     """Whether the likelihood falls below the mark there; False at the border of what is searched."""
 
 
-def momentum_ends(data: Differences, top: Top, progress: Progress) -> tuple[End, End]:
-    """The lower and the upper end of the 95 % interval of τ."""
-    return _end(data, top, -1.0, progress.part(0.0, 0.5)), _end(data, top, 1.0, progress.part(0.5, 1.0))
+def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> End:
+    """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ."""
+    left, start, bracketed = progress, top.log_moves, False  # of a number of steps that is not known
+
+    def drop(log_tau: float) -> tuple[float, float]:
+        nonlocal left, start, bracketed
+        part, left = left.part(0.0, 0.2), left.part(0.2, 1.0)
+        height, there = profile(data, log_tau, start, part)
+        bracketed = bracketed or top.loglik - height >= DROP
+        start = start if bracketed else there
+        return top.loglik - height, there
+
+    border, stride = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM), side * _first_stride(top)
+    end = interval_end(drop, top.log_tau, stride, border, widening=1.6, margin=0.02, halving=3)
+    return End(momentum_of(end[0]), *end[1:])
 
 
 def profile(data: Differences, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
@@ -506,36 +518,52 @@ def profile(data: Differences, log_tau: float, log_moves: float, progress: Progr
     return (at_edge, math.inf) if at_edge >= best - 1e-9 else (best, place)
 
 
-def _end(data: Differences, top: Top, side: float, progress: Progress) -> End:
-    """Go outwards until the likelihood has fallen, then towards the mark; √drop is almost straight in ln τ."""
-    border = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM)
-    inside, moves, fallen = top.log_tau, top.log_moves, 0.0
-    stride = _first_stride(top)
-    left = progress  # of a number of steps that is not known
+def interval_end(
+    drop: Callable[[float], tuple[float, T]],
+    inside: float,
+    stride: float,
+    border: float,
+    *,
+    widening: float,
+    margin: float,
+    halving: int,
+) -> tuple[float, T, bool]:
+    """Go outwards until the likelihood has fallen by DROP, then towards that place; √drop is almost straight.
+
+    Args:
+        drop: how far it has fallen at a value, and the best other parameters there.
+        inside: the value at the top.
+        stride: the first step, above 0 towards larger values.
+        border: the end of what is searched.
+        widening: factor between two steps outwards.
+        margin: share of the bracket that a step towards the end leaves on either side at least.
+        halving: every so many steps the bracket is halved.
+
+    Returns:
+        The end, the other parameters there, and whether the likelihood falls below the mark.
+    """
+    side, fallen = math.copysign(1.0, stride), 0.0
     while True:
-        part, left = left.part(0.0, 0.2), left.part(0.2, 1.0)
-        outside = border if side * (inside + side * stride - border) >= 0.0 else inside + side * stride
-        height, there = profile(data, outside, moves, part)
-        drop = top.loglik - height
-        if drop >= DROP:
+        outside = side * min(side * (inside + stride), side * border)
+        beyond, there = drop(outside)
+        if beyond >= DROP:
             break
         if outside == border:
-            return End(momentum_of(border), there, crossed=False)
-        inside, moves, fallen, stride = outside, there, max(drop, 0.0), stride * _WIDENING
-    end, beyond = End(momentum_of(outside), there, crossed=True), drop
-    for step in range(_HALVINGS):
+            return border, there, False
+        inside, fallen, stride = outside, max(beyond, 0.0), stride * widening
+    middle = outside
+    for step in range(1, _STEPS + 1):
         share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(beyond) - math.sqrt(fallen))
-        middle = inside + (min(max(share, 0.02), 0.98) if step % 3 < 2 else 0.5) * (outside - inside)
-        height, there = profile(data, middle, moves, left.part(step / _HALVINGS, (step + 1) / _HALVINGS))
-        drop = top.loglik - height
-        end = End(momentum_of(middle), there, crossed=True)
-        if abs(drop - DROP) < 1e-3:
+        share = min(max(share, margin), 1.0 - margin) if step % halving else 0.5
+        middle = inside + share * (outside - inside)
+        between, there = drop(middle)
+        if abs(between - DROP) < 1e-3:
             break
-        if drop < DROP:
-            inside, fallen = middle, max(drop, 0.0)
+        if between < DROP:
+            inside, fallen = middle, max(between, 0.0)
         else:
-            outside, beyond = middle, drop
-    return end
+            outside, beyond = middle, between
+    return middle, there, True
 
 
 def _first_stride(top: Top) -> float:
@@ -558,7 +586,8 @@ def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
     Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
     much longer the signal keeps its direction.
     """
-    low, high = momentum_ends(data, top, progress.part(0.0, 0.6))
+    low = momentum_end(data, top, -1.0, progress.part(0.0, 0.3))
+    high = momentum_end(data, top, 1.0, progress.part(0.3, 0.6))
     tau = top.tau
     there = fit_at(data, tau, progress.part(0.6, 0.8))
     shortest = max(data.span, low.tau)

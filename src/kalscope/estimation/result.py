@@ -26,7 +26,7 @@ class Shared:
     """By how much it raises twice the log-likelihood."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
     """q, r and momentum of a record, or of several sensors of one quantity, with their uncertainty.
 

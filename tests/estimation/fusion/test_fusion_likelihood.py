@@ -47,7 +47,7 @@ def test_it_is_that_of_the_fused_filter(tau):
 def test_slopes_are_those_of_the_heights(tau):
     z, dt = record(momentum=tau > 0.0)
     data = Readings.of(z, dt)
-    whole = Coordinates(data, place(data, tau), True, tau > 0.0, np.arange(3), np.array([1, 2]))
+    whole = Coordinates(data, place(data, tau), np.array([0, *([1] if tau else []), 2, 3, 4, 6, 7]))
     at = whole.start()
     beside = [whole.place(at + side).loglik - whole.place(at - side).loglik for side in 1e-5 * np.eye(len(at))]
     assert whole.slope(whole.place(at)) == pytest.approx(np.array(beside) / 2e-5, rel=1e-5, abs=1e-4)
