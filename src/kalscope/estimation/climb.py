@@ -108,6 +108,10 @@ class Place:
     by_c: Array
     """Its derivatives by c, shape (sensors,)."""
 
+    def quantity(self, z: Array, data: Readings) -> Array:
+        """What each reading of z, shape (n, sensors), makes of the quantity, unit."""
+        return (z - data.centre - self.offset * data.scale) / self.c
+
 
 def place_at(data: Readings, q: float, tau: float, r: Array, c: Array) -> Place:
     """The log-likelihood of these parameters with their best offsets; −inf where readings contradict r = 0."""

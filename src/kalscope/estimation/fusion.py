@@ -36,12 +36,10 @@ from kalscope.estimation.climb import (
     step_sizes,
 )
 from kalscope.estimation.fit import checked_momentum, estimate
-from kalscope.estimation.kernels import SIGMAS
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate, Shared
-from kalscope.estimation.spikes import checked_robust, rounding_variance
+from kalscope.estimation.spikes import advised_gate, checked_robust, rounding_variance
 from kalscope.estimation.verdict import BAD_UNIT, FLAT, MIN_SAMPLES, MIN_VARIANCE, OTHER_UNIT
-from kalscope.filtering.filter import fuse, smooth
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, refuse_infinite, samples_of, steps_of
 from kalscope.filtering.steady import steady_state
 
@@ -57,7 +55,7 @@ _SAME = 1e-12
 
 
 @dataclass(frozen=True)
-class Question:
+class SensorRecord:
     """A record of several sensors, and what is known of them."""
 
     z: Array
@@ -72,41 +70,54 @@ class Question:
     """Known r, unit², NaN where not known, shape (sensors,)."""
 
     @property
+    def dt(self) -> Array | None:
+        """The steps as the filters take them."""
+        return self.steps if len(self.steps) else None
+
+    @property
     def gauge(self) -> int:
         """The sensor whose offset and gain stay while the others are searched."""
         return 0 if self.reference is None else self.reference
 
-    def without(self, away: Mask) -> Question:
+    def without(self, outliers: Mask) -> SensorRecord:
         """The record without some readings, shape (n, sensors)."""
-        return replace(self, z=np.where(away, np.nan, self.z)) if away.any() else self
+        return replace(self, z=np.where(outliers, np.nan, self.z)) if outliers.any() else self
 
     def unusable(self, gains: bool) -> tuple[str, str] | None:
         """Verdict and words where a sensor makes the fit meaningless; a copy may have another gain with `gains`."""
         for name, column in zip(self.names, self.z.T, strict=True):
             readings = column[np.isfinite(column)]
             if len(readings) < MIN_SAMPLES:
-                return "too_few", too_few(name, len(readings))
+                return "too_few", (
+                    f"{name} has too few readings ({count(len(readings))}): at least {MIN_SAMPLES} are needed to "
+                    "find its noise. Record longer, or leave it out."
+                )
             if np.all(readings == readings[0]):
-                return "constant", constant(name)
+                return "constant", (
+                    f"All readings of {name} are equal, so it says nothing about the quantity: it may be dead, or "
+                    "its steps are too coarse. Leave it out."
+                )
             size = float(np.ptp(0.5 * readings))
             if not 1.0 / _MAX_SIZE < size < _MAX_SIZE:
                 return "bad_unit", BAD_UNIT
             if np.any((self.known > _MAX_FACTOR * size * size) | (self.known < size * size / _MAX_FACTOR)):
                 return "bad_unit", OTHER_UNIT
-        for i in range(len(self.names)):
-            for j in range(i):
-                if _are_copies(self.z[:, j], self.z[:, i], gains):
-                    return "copies", copies(self.names[j], self.names[i])
+        for i, j in combinations(range(len(self.names)), 2):
+            if _are_copies(self.z[:, i], self.z[:, j], gains):
+                return "copies", (
+                    f"{self.names[i]} and {self.names[j]} always move exactly alike: one is a copy of the other, "
+                    "and a copy adds nothing. Leave one of them out."
+                )
         return None
 
 
-def question(
+def checked_record(
     z: ArrayLike,
     dt: ArrayLike | None,
     names: Sequence[str] | None,
     reference: int | str | None,
     known_r: ArrayLike | None,
-) -> Question:
+) -> SensorRecord:
     """Check what was given; BadSetting as in `estimate_fusion`."""
     readings = samples_of(z)
     readings = readings[:, None] if readings.ndim == 1 else readings
@@ -124,7 +135,7 @@ def question(
         known = np.empty(0)
     if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
         raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
-    return Question(readings, steps_of(dt, n), given, _index(reference, given), known)
+    return SensorRecord(readings, steps_of(dt, n), given, _index(reference, given), known)
 
 
 def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
@@ -164,49 +175,57 @@ _STILL = 1e-3
 
 
 def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Array:
-    """The weighted mean of what the sensors say of the quantity, unit, shape (n,); NaN where none answers."""
-    said = (z - data.centre - place.offset * data.scale) / place.c
+    """The weighted mean of the sensors' values of the quantity, unit, shape (n,); NaN where none answers."""
+    value = place.quantity(z, data)
     present = np.isfinite(z)
     total = present @ weights
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(total > 0.0, np.where(present, said, 0.0) @ weights / total, np.nan)
+        return np.where(total > 0.0, np.where(present, value, 0.0) @ weights / total, np.nan)
 
 
 def with_momentum(
-    asked: Question, data: Readings, searched: FitOptions, plain: SensorFit, tau: float | None, progress: Progress
+    record: SensorRecord,
+    data: Readings,
+    options: FitOptions,
+    plain: SensorFit,
+    tau: float | None,
+    progress: Progress,
 ) -> tuple[SensorFit, Estimate]:
-    """The fit with momentum where it is given or the signal asks for it, and what the fused signal says of it.
+    """The fit with momentum where it is given or the signal asks for it, and the fused signal's own estimate.
 
     Args:
-        asked: the record.
+        record: the record.
         data: the same as readings.
-        searched: what is searched.
+        options: what is searched.
         plain: the fit without momentum.
         tau: the momentum that is given; None = find it.
         progress: receives progress reports.
     """
-    one, count = _asked_of_signal(asked, plain, tau, progress.part(0.0, 0.5))
-    start = float(one.momentum) if tau is None else tau
+    one, rows = _estimate_signal(record, plain, tau, progress.part(0.0, 0.5))
+    start = one.momentum if tau is None else tau
     if not start:
         return plain, one
-    fitted = replace(searched, keeps=tau is None)
+    place, fitted = plain.place, replace(options, keeps=tau is None)
     least = _STILL * float(step_sizes(data).max()) / step_of(start)
-    step = float(one.q) / data.scale**2 or plain.place.q or least
-    starts = [
-        place_at(data.middle(), step, start, noise, plain.place.c)
-        for noise in [*guessed_noises(asked.z, data, searched, plain.place.c), lifted(plain.place, searched)]
-    ]
-    found = best_fit(data, fitted, starts, progress.part(0.5, 1.0))
-    if tau is None:
-        found = within_record(data, fitted, found)
-        needed = MIN_GAIN + SHORT_RECORD / count
-        if 2.0 * (found.place.loglik - plain.place.loglik) <= needed:
-            return plain, replace(one, momentum=0.0)
-    return found, one
+    step = one.q / data.scale**2 or place.q or least
+    # none of the r that are searched so small that the search begins at an edge
+    lifted = np.where(np.isnan(options.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
+    noises = [*guessed_noises(record.z, data, options, place.c), lifted]
+    starts = [place_at(data.middle(), step, start, noise, place.c) for noise in noises]
+    fit = best_fit(data, fitted, starts, progress.part(0.5, 1.0))
+    if tau is not None:
+        return fit, one
+    if fit.place.tau > data.span:  # the record cannot show how much longer than itself it is
+        cut = place_at(data, fit.place.q, data.span, fit.place.r, fit.place.c)
+        fit = climbed(data, options, cut)
+    needed = MIN_GAIN + SHORT_RECORD / rows
+    if 2.0 * (fit.place.loglik - place.loglik) <= needed:
+        return plain, replace(one, momentum=0.0)
+    return fit, one
 
 
-def _asked_of_signal(
-    asked: Question, plain: SensorFit, tau: float | None, progress: Progress
+def _estimate_signal(
+    record: SensorRecord, plain: SensorFit, tau: float | None, progress: Progress
 ) -> tuple[Estimate, int]:
     """The estimate of the fused value as one signal, and of how many rows.
 
@@ -214,32 +233,16 @@ def _asked_of_signal(
     expects. So the mean with even weights is tried where the weighted one shows no momentum.
     """
     place, data = plain.place, plain.coordinates.data
-    r = place.r / place.c**2
-    dt = asked.steps if len(asked.steps) else None
-    signal = fused_signal(asked.z, place, data, 1.0 / (r + _EVEN * r.mean()) if r.any() else np.ones(data.sensors))
-    found = _estimate(signal, dt, tau, progress.part(0.0, 0.5))
-    if data.sensors > 1 and not found.momentum:
-        signal = fused_signal(asked.z, place, data, np.ones(data.sensors))
-        found = _estimate(signal, dt, tau, progress.part(0.5, 1.0))
-    return found, int(np.isfinite(signal).sum())
+    r, even = place.r / place.c**2, np.ones(data.sensors)
 
+    def one(weights: Array, part: Progress) -> tuple[Estimate, int]:
+        signal = fused_signal(record.z, place, data, weights)
+        momentum = "auto" if tau is None else tau
+        found = estimate(signal, "ml", record.dt, part, part.cancelled, momentum, robust=False)
+        return found, int(np.isfinite(signal).sum())
 
-def _estimate(signal: Array, dt: Array | None, tau: float | None, progress: Progress) -> Estimate:
-    moves = "auto" if tau is None else tau
-    return estimate(signal, dt=dt, momentum=moves, robust=False, progress=progress, cancelled=progress.cancelled)
-
-
-def lifted(place: Place, searched: FitOptions) -> Array:
-    """Its r, none of those that are searched so small that the search begins at an edge."""
-    return np.where(np.isnan(searched.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
-
-
-def within_record(data: Readings, searched: FitOptions, found: SensorFit) -> SensorFit:
-    """A momentum longer than the record is cut to its length: the record cannot show how much longer it is."""
-    if found.place.tau <= data.span:
-        return found
-    place = place_at(data, found.place.q, data.span, found.place.r, found.place.c)
-    return climbed(data, replace(searched, keeps=False), place)
+    weighted = one(1.0 / (r + _EVEN * r.mean()) if r.any() else even, progress.part(0.0, 0.5))
+    return weighted if data.sensors == 1 or weighted[0].momentum else one(even, progress.part(0.5, 1.0))
 
 
 # Noise that sensors have in common: whether the noises of two are correlated, or one noise is in all of them.
@@ -271,35 +274,35 @@ def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | N
     unit = data.scale * data.scale
     start = place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
     free = np.full(data.sensors, math.nan)
-    asked = FitOptions(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
-    return shared_noise(z, steps, climbed(data, asked, start, FINE))
+    options = FitOptions(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
+    return shared_noise(z, steps, climbed(data, options, start, FINE))
 
 
-def shared_noise(z: Array, steps: Array, found: SensorFit) -> Shared | None:
+def shared_noise(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
     """The noise that two sensors share, or all of them, whichever explains more; None where none shows.
 
     Args:
         z: readings, shape (n, sensors), NaN where missing.
         steps: nominal sample periods before each row; empty = 1 each.
-        found: the best fit with independent noises.
+        fit: the best fit with independent noises.
     """
-    share = min(1.0, COMPARED / len(found.coordinates.data.value))
+    share = min(1.0, COMPARED / len(fit.coordinates.data.value))
     part = slice(int(0.5 * (1.0 - share) * len(z)), math.ceil(0.5 * (1.0 + share) * len(z)))
     z, steps, sensors = z[part], steps[part], z.shape[1]
-    tried = [_shared_by_two(z, steps, found, pair) for pair in combinations(range(sensors), 2)]
-    tried += [_shared_by_all(z, steps, found)] if sensors > 2 else []
+    tried = [_shared_by_two(z, steps, fit, pair) for pair in combinations(range(sensors), 2)]
+    tried += [_shared_by_all(z, steps, fit)] if sensors > 2 else []
     best = max((one for one in tried if one is not None), key=lambda one: one.rise, default=None)
     return best if best is not None and best.rise > SURE and best.correlation >= MIN_CORRELATION else None
 
 
-def _shared_by_two(z: Array, steps: Array, found: SensorFit, pair: tuple[int, ...]) -> Shared | None:
+def _shared_by_two(z: Array, steps: Array, fit: SensorFit, pair: tuple[int, ...]) -> Shared | None:
     """The noise that sensors i and j share.
 
     Reading j less β times reading i has a noise independent of that of i where β = ρ σ_j/σ_i. In place of reading
     j it makes all noises independent, so that the same likelihood serves. Readings j without one of i in their row
     are left out. The search starts from a slow signal, because shared noise may have been fitted as movement.
     """
-    data, place = found.coordinates.data, found.place
+    data, place = fit.coordinates.data, fit.place
     i, j = sorted(pair, key=lambda one: -float(place.r[one]))
     both = np.isfinite(z[:, [i, j]]).all(axis=1)
     moves = [float(np.mean(np.diff(z[both, one]) ** 2)) for one in (i, j)] if both.sum() >= MIN_ROWS else [0.0]
@@ -315,13 +318,13 @@ def _shared_by_two(z: Array, steps: Array, found: SensorFit, pair: tuple[int, ..
         gain, r = np.append(gain, 1.0), np.append(r, 1.0 / weights.sum())
     if not np.isfinite(columns[-1]).any():
         return None
-    asked = FitOptions(np.full(len(r), math.nan), np.zeros(len(r)), found.keeps, np.empty(0, np.intp))
+    options = FitOptions(np.full(len(r), math.nan), np.zeros(len(r)), fit.keeps, np.empty(0, np.intp))
 
     def fitted(beta: float, q: float, noise: Array) -> Place:
         turned = np.stack([columns[0], columns[1] - beta * columns[0], *columns[2:]], axis=1)
         part = Readings.of(turned, steps, data.scale)
         gains = np.array([gain[0], gain[1] - beta * gain[0], *gain[2:]])
-        return climbed(part, asked, place_at(part, q, place.tau, noise, gains), FINE).place
+        return climbed(part, options, place_at(part, q, place.tau, noise, gains), FINE).place
 
     def correlated(beta: float) -> tuple[float, float, Place]:
         one = fitted(beta, QUIET * place.q, np.maximum(r, EVEN * r.max()))
@@ -336,13 +339,13 @@ def _shared_by_two(z: Array, steps: Array, found: SensorFit, pair: tuple[int, ..
     return Shared(tuple(sorted(pair)), correlation, 2.0 * (best[0] - alone))
 
 
-def _shared_by_all(z: Array, steps: Array, found: SensorFit) -> Shared | None:
+def _shared_by_all(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
     """The noise that all sensors share.
 
     Over the rows in which all sensors answer, the fused value is one signal of which the noise is known, 1/Σ c²/r.
     Where it shows more, that is common to all: it counts as movement.
     """
-    data, place = found.coordinates.data, found.place
+    data, place = fit.coordinates.data, fit.place
     rows = np.isfinite(z).all(axis=1)
     if rows.sum() < MIN_ROWS or place.r.min() == 0.0 or place.q == 0.0:
         return None
@@ -351,61 +354,20 @@ def _shared_by_all(z: Array, steps: Array, found: SensorFit) -> Shared | None:
     expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
     step = place.q * data.scale**2 / one.scale**2
     start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
-    asked = FitOptions(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
-    fixed = climbed(one, asked, start).place
-    free = climbed(one, replace(asked, known=np.array([math.nan])), fixed).place
+    options = FitOptions(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
+    fixed = climbed(one, options, start).place
+    free = climbed(one, replace(options, known=np.array([math.nan])), fixed).place
     common = float(free.r[0] - expected) * one.scale**2 / data.scale**2
     least = np.sort(place.r / place.c**2)[:2]
     correlation = common / math.sqrt(float(np.prod(least + common))) if common > 0.0 else 0.0
     return Shared(tuple(range(data.sensors)), correlation, 2.0 * (free.loglik - fixed.loglik))
 
 
-# Spikes of each sensor, by the rule of one sensor, and whether the fused filter should have a gate for them.
+# From the top of the likelihood to an Estimate: units, offsets, gains, intervals, verdict and words.
 
 
-def spikes_of(singles: Sequence[Estimate], z: Array) -> Mask:
-    """The readings that are set aside, shape (n, sensors).
-
-    Args:
-        singles: the estimate of each sensor for itself.
-        z: the readings, shape (n, sensors), NaN where missing.
-    """
-    none = np.zeros(len(z), dtype=bool)
-    away = np.stack([none if one.outliers is None else one.outliers for one in singles], axis=1)
-    if len(singles) > 1:  # what most of the sensors see at once belongs to the quantity
-        away &= 2 * away.sum(axis=1, keepdims=True) <= np.isfinite(z).sum(axis=1, keepdims=True)
-    return away
-
-
-def with_gate(params: FilterParams, z: Array, steps: Array, away: Mask) -> FilterParams:
-    """The parameters with a gate, where it brings the fused filter nearer to the signal; as `robust.gate` for one.
-
-    Args:
-        params: the filter.
-        z: the readings with the spikes, shape (n, sensors).
-        steps: nominal sample periods before each row; empty = 1 each.
-        away: the readings set aside, shape (n, sensors).
-    """
-    if not away.any():
-        return params
-    dt = steps if len(steps) else None
-    signal = smooth(np.where(away, np.nan, z), params, dt).x
-    gated = replace(params, gate=SIGMAS**2)
-    errors = [float(np.nansum(np.square(fuse(z, one, dt).x - signal))) for one in (params, gated)]
-    return gated if errors[1] < errors[0] else params
-
-
-# What the fit of several sensors says.
-
-
-def common(gains: bool, falling: bool) -> str:
-    """What all sensors share, without a reference; `gains` where they were searched, `falling` where one is < 0."""
-    signs = ", each with the sign of its gain," if falling else ""
-    also, product = (" or gain", ", and the gains so that their sizes multiply to 1") if gains else ("", "")
-    return (
-        f"An offset{also} that all sensors share cannot be known: the offsets are given so that their sum{signs} "
-        f"is 0{product}. Name a reference sensor where one of them is right."
-    )
+LITTLE = 0.01
+"""Share of the fused value below which a sensor adds almost nothing."""
 
 
 def listed(names: Sequence[str]) -> str:
@@ -413,150 +375,256 @@ def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def too_few(name: str, readings: int) -> str:
-    """A sensor with too few readings."""
-    return (
-        f"{name} has too few readings ({count(readings)}): at least {MIN_SAMPLES} are needed to find its noise. "
-        "Record longer, or leave it out."
-    )
-
-
-def constant(name: str) -> str:
-    """A sensor that always reads the same."""
-    return (
-        f"All readings of {name} are equal, so it says nothing about the quantity: it may be dead, or its steps "
-        "are too coarse. Leave it out."
-    )
-
-
-def copies(first: str, second: str) -> str:
-    """Two sensors that always move exactly alike."""
-    return (
-        f"{first} and {second} always move exactly alike: one is a copy of the other, and a copy adds nothing. "
-        "Leave one of them out."
-    )
-
-
-def too_many(name: str) -> str:
-    """A sensor of which too many readings look like spikes."""
-    return (
-        f"Over 20 % of the readings of {name} are predicted neither by those before nor by those after them: too "
-        "many for spikes. Check its wiring and its supply, leave it out, or switch the spike-proof fit off."
-    )
-
-
-def found(names: Sequence[str], shares: Sequence[float], gain: float, lag: float) -> str:
-    """The fused filter: what each sensor contributes, and how it follows."""
-    parts = [f"{percent(share)} from {name}" for name, share in zip(names, shares, strict=True)]
-    return (
-        f"The fused value takes {listed(parts)}. While all sensors answer it settles at gain {number(gain)}: it "
-        f"lags a ramp by {plural(lag, 'sample')}."
-    )
-
-
-def no_movement(q: float) -> str:
-    """For q → 0."""
-    return (
-        "No movement can be identified: a constant plus noise explains this record best, so only the noise of the "
-        f"sensors is known. q = {number(q)} is the largest that the record allows (95 %). Record while the "
-        "quantity moves, or choose a lag."
-    )
-
-
-def no_noise(name: str, r: float, alone: bool) -> str:
-    """For r → 0 of one sensor."""
-    others = "" if alone else ", and what the others show beside it counts as their noise"
-    return (
-        f"No noise can be identified in {name}: every change of it looks like movement{others}. "
-        f"r = {number(r)} is the largest that the record allows for it (95 %). Usual reasons: it "
-        "smooths or rounds its output, or the sensors do not see the same quantity. Give its r "
-        "from a still stretch or the data sheet."
-    )
-
-
-def set_aside(name: str, spikes: int, readings: int) -> str:
-    """Spikes of one sensor."""
-    return f"{plural(spikes, 'spike')} of {name} ({percent(spikes / readings)}) set aside before the fit."
-
-
-def adds_nothing(name: str, share: float) -> str:
-    """A sensor of little weight."""
-    return f"{name} adds almost nothing while the others answer: its share of the fused value is {percent(share)}."
-
-
-def at_rounding(name: str, r: float) -> str:
-    """R at the variance of rounding."""
-    return f"The noise of {name} is smaller than its steps: r = {number(r)} is the variance of rounding, Δ²/12."
-
-
-def fusion_shared_noise(names: Sequence[str], correlation: float, passes: bool, known: bool) -> str:
-    """Noise that sensors share; `passes` where no other sensor shows it, `known` where some r was given."""
-    advice = (
-        "It passes as movement, because no sensor differs from the others by it: choose a longer lag to smooth it."
-        if passes
-        else "Leave one of them out, or remove what they share."
-    )
-    return (
-        f"{common_part(names, correlation)}, such as interference or a common supply: it does not average out, so "
-        f"the error of the fused value can be larger than predicted. {advice}"
-        f"{' Or an r that was given is too small.' if known else ''}"
-    )
-
-
 def common_part(names: Sequence[str], correlation: float) -> str:
     """Which sensors share noise, and how much of it."""
     return f"{listed(names)} share noise (correlation {'up to ' if len(names) > 2 else ''}{number(correlation, 2)})"
 
 
-def held(name: str, rows: int) -> str:
-    """A sensor whose last reading a logger fills in."""
-    return (
-        f"Each reading of {name} fills about {rows} rows, as where a logger repeats the last one of a slow "
-        "sensor: it counts that often, and the sensor seems far better than it is. Leave the repeated cells empty."
+def refused(record: SensorRecord, verdict: str, message: str) -> Estimate:
+    """The estimate of a record that gives none."""
+    sensors = len(record.names)
+    none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
+    return Estimate(
+        names=record.names,
+        q=0.0,
+        r=none,
+        offset=none,
+        gain=np.ones(sensors),
+        q_interval=wide[0],
+        r_interval=wide,
+        offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
+        gain_interval=np.ones((sensors, 2)),
+        loglik=0.0,
+        outliers=np.zeros(record.z.shape, bool),
+        verdict=verdict,
+        message=message,
+        params=None,
     )
 
 
-def slow_note(names: Sequence[str], sensors: int) -> str:
-    """Sensors whose difference from the others changes slowly."""
-    who = "the sensors" if len(names) == sensors else f"the fused value and {listed(names)}"
-    return (
-        f"The difference between {who} changes slowly: an offset that drifts, or not quite the same quantity. It "
-        "counts as noise, so trust neither the shares nor the intervals too far."
+def conclude(
+    record: SensorRecord, outliers: Mask, options: FitOptions, fit: SensorFit, moving: Estimate | None
+) -> Estimate:
+    """The estimate of the best place.
+
+    Args:
+        record: the record with all of its readings.
+        outliers: the readings that were set aside, shape (n, sensors).
+        options: what was searched.
+        fit: the best fit.
+        moving: the estimate of the fused value as one signal; None where it was not needed.
+    """
+    data, place = fit.coordinates.data, fit.place
+    unit = data.scale * data.scale
+    gain, gain_interval, stretch = _gains(record, fit)
+    offset, offset_interval = _offsets(record, fit)
+    with np.errstate(over="ignore", under="ignore"):
+        q, r = place.q * unit * stretch * stretch, place.r * unit
+        q_interval = np.array(movement_interval(fit, options)) * unit * stretch * stretch
+        r_interval = np.array([noise_interval(fit, options, i) for i in range(data.sensors)]) * unit
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
+        return refused(record, "bad_unit", BAD_UNIT)
+    used_q = q if q > 0.0 else float(q_interval[1])
+    used_r = np.where(r > 0.0, r, r_interval[:, 1])
+    if not (math.isfinite(used_q) and np.isfinite(used_r).all()):
+        return refused(record, "flat", FLAT)
+    params = FilterParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
+    gate = advised_gate(record.z, record.steps, params, outliers) if outliers.any() else None
+    params = replace(params, gate=None if gate is None else gate * gate)
+    kept = record.without(outliers).z
+    shared = shared_noise(kept, record.steps, fit)
+    verdict, message = _verdict(record, params, place.q, r, shared)
+    notes = [
+        *_model_notes(record, kept, fit, moving),
+        *_unsure(record, q, q_interval, r, r_interval),
+        *_sensor_notes(record, outliers, params, r, options.floor * unit),
+    ]
+    return Estimate(
+        names=record.names,
+        q=q,
+        momentum=place.tau,
+        r=r,
+        offset=offset,
+        gain=gain,
+        q_interval=q_interval,
+        r_interval=r_interval,
+        offset_interval=offset_interval,
+        gain_interval=gain_interval,
+        momentum_interval=momentum_interval(fit) if place.tau > 0.0 else (0.0, 0.0),
+        prediction_gain=0.0 if moving is None else moving.prediction_gain,
+        loglik=place.loglik,
+        outliers=outliers,
+        verdict=verdict,
+        message=message,
+        notes=tuple(notes),
+        params=params,
+        shared=shared,
     )
 
 
-def momentum(tau: float, interval: tuple[float, float], less: float) -> str:
-    """Momentum that was found."""
-    low, high = interval
-    span = f"{number(low)} to {number(high)}" if high < float("inf") else f"{number(low)} or more"
-    return (
-        f"The quantity keeps its direction for about {number(tau)} samples ({span}): with this momentum the error "
-        f"of predicting unseen samples of the fused value is {percent(less)} smaller."
+def _gains(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array, float]:
+    """Gains, their intervals, and the factor that x is stretched by, so that without a reference they average 1."""
+    gain, searched = fit.place.c, fit.coordinates.gained
+    if not len(searched):
+        return gain, np.stack([gain, gain], axis=1), 1.0
+    sensors = len(gain)
+    free = record.reference is None
+    stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
+    turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
+    turned = turned[:, searched] / gain[searched]
+    error = _errors(turned, covariance(fit)[-len(searched) :, -len(searched) :])
+    shown = gain / stretch
+    with np.errstate(over="ignore"):
+        return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
+
+
+def _offsets(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array]:
+    """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
+    searched = fit.coordinates.gained
+    offset, turned = _without_common(record, fit.coordinates.data, fit.place)
+    error = _errors(turned, fit.place.spread * fit.coordinates.data.scale**2)
+    if len(searched):
+        slopes = np.empty((len(offset), len(searched)))
+        for j in range(len(searched)):
+            at = fit.top.at.copy()
+            at[j - len(searched)] += BESIDE
+            beside, _ = _without_common(record, fit.coordinates.data, fit.coordinates.place(at))
+            slopes[:, j] = (beside - offset) / BESIDE
+        error = np.hypot(error, _errors(slopes, covariance(fit)[-len(searched) :, -len(searched) :]))
+    return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
+
+
+def _without_common(record: SensorRecord, data: Readings, place: Place) -> tuple[Array, Array]:
+    """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
+    gain = place.c
+    rule = np.sign(gain) if record.reference is None else np.eye(data.sensors)[record.reference]
+    turned = np.eye(data.sensors) - np.outer(gain, rule) / (rule @ gain)
+    return turned @ (place.offset * data.scale + data.centre), turned
+
+
+def _errors(turned: Array, spread: Array) -> Array:
+    """Half the 95 % intervals of `turned` times values of covariance `spread`; inf where one is not known."""
+    lost = ~np.isfinite(np.diag(spread))
+    known = np.where(lost | lost[:, None], 0.0, spread)
+    variance = np.diag(turned @ known @ turned.T)
+    unknown = (np.abs(turned[:, lost]) > 1e-12).any(axis=1)
+    return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _verdict(
+    record: SensorRecord, params: FilterParams, q: float, r: Array, shared: Shared | None
+) -> tuple[str, str]:
+    """The code, and what was found: first what is wrong, then the filter."""
+    settled, names = steady_state(params.as_single), record.names
+    parts = [f"{percent(share)} from {name}" for name, share in zip(names, params.shares.tolist(), strict=True)]
+    verdict, wrong = "ok", ""
+    if shared is not None:
+        verdict, who = "shared_noise", [names[i] for i in shared.sensors]
+        wrong = (
+            f"{common_part(who, shared.correlation)}, such as interference or a common supply: it does not average "
+            "out, so the error of the fused value can be larger than predicted. "
+        )
+        if len(who) == len(names):
+            wrong += (
+                "It passes as movement, because no sensor differs from the others by it: choose a longer lag to "
+                "smooth it. "
+            )
+        else:
+            wrong += "Leave one of them out, or remove what they share. "
+        wrong += "" if np.isnan(record.known).all() else "Or an r that was given is too small. "
+    elif q == 0.0:
+        verdict = "no_movement"
+        wrong = (
+            "No movement can be identified: a constant plus noise explains this record best, so only the noise of "
+            f"the sensors is known. q = {number(params.q)} is the largest that the record allows (95 %). Record "
+            "while the quantity moves, or choose a lag. "
+        )
+    elif r.min() == 0.0:
+        verdict, i = "no_noise", int(r.argmin())
+        others = "" if len(names) == 1 else ", and what the others show beside it counts as their noise"
+        wrong = (
+            f"No noise can be identified in {names[i]}: every change of it looks like movement{others}. "
+            f"r = {number(params.sensor_r[i])} is the largest that the record allows for it (95 %). Usual reasons: "
+            "it smooths or rounds its output, or the sensors do not see the same quantity. Give its r from a still "
+            "stretch or the data sheet. "
+        )
+    return verdict, (
+        f"{wrong}The fused value takes {listed(parts)}. While all sensors answer it settles at gain "
+        f"{number(settled.gain)}: it lags a ramp by {plural(settled.lag_samples, 'sample')}."
     )
 
 
-def given_momentum(tau: float) -> str:
-    """Momentum that was given."""
-    return f"The momentum of {plural(tau, 'sample')} was given."
+def _model_notes(record: SensorRecord, z: Array, fit: SensorFit, moving: Estimate | None) -> list[str]:
+    """What is to know of all sensors together; `z` are the readings without the spikes."""
+    notes: list[str] = []
+    tau, names = fit.place.tau, record.names
+    if tau > 0.0 and not fit.keeps and (moving is None or moving.prediction_gain == 0.0):
+        notes.append(f"The momentum of {plural(tau, 'sample')} was given.")
+    elif tau > 0.0 and moving is not None:
+        low, high = momentum_interval(fit)
+        span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
+        notes.append(
+            f"The quantity keeps its direction for about {number(tau)} samples ({span}): with this momentum the "
+            f"error of predicting unseen samples of the fused value is {percent(moving.prediction_gain)} smaller."
+        )
+    if len(names) > 1 and record.reference is None:
+        signs = ", each with the sign of its gain," if fit.place.c.min() < 0.0 else ""
+        also, product = "", ""
+        if len(fit.coordinates.gained):
+            also, product = " or gain", ", and the gains so that their sizes multiply to 1"
+        notes.append(
+            f"An offset{also} that all sensors share cannot be known: the offsets are given so that their "
+            f"sum{signs} is 0{product}. Name a reference sensor where one of them is right."
+        )
+    slow = slow_sensors(z, fit)
+    if slow:
+        some = f"the fused value and {listed([names[i] for i in slow])}"
+        notes.append(
+            f"The difference between {'the sensors' if len(slow) == len(names) else some} changes slowly: an "
+            "offset that drifts, or not quite the same quantity. It counts as noise, so trust neither the shares "
+            "nor the intervals too far."
+        )
+    return notes
 
 
-def gate(threshold: float) -> str:
-    """The gate that goes with spikes."""
-    return f"The filter gets a gate of {gate_text(threshold)}, which ignores such spikes."
+def _unsure(record: SensorRecord, q: float, q_interval: Array, r: Array, r_interval: Array) -> list[str]:
+    """The variances above 0 of which the record does not exclude that they are 0."""
+    names = ["q"] if q > 0.0 and q_interval[0] == 0.0 else []
+    lowest = zip(record.names, r, r_interval[:, 0], strict=True)
+    names += [f"the r of {name}" for name, size, low in lowest if size > 0.0 and low == 0.0]
+    verb = "is" if len(names) == 1 else "are"
+    return [f"The record does not exclude that {listed(names)} {verb} 0: record longer."] if names else []
 
 
-def not_excluded(names: Sequence[str]) -> str:
-    """Variances whose intervals begin at 0: "q" or "r of A"."""
-    return (
-        f"The record does not exclude that {listed(names)} {'is' if len(names) == 1 else 'are'} 0: record longer."
-    )
+def _sensor_notes(record: SensorRecord, outliers: Mask, params: FilterParams, r: Array, floor: Array) -> list[str]:
+    """What is to know of single sensors; `floor` is the variance of rounding of each, unit²."""
+    notes: list[str] = []
+    for i, (name, share) in enumerate(zip(record.names, params.shares.tolist(), strict=True)):
+        readings = record.z[np.isfinite(record.z[:, i]), i]
+        spikes, rows = int(outliers[:, i].sum()), held_for(readings)
+        if spikes:
+            part = percent(spikes / len(readings))
+            notes.append(f"{plural(spikes, 'spike')} of {name} ({part}) set aside before the fit.")
+        if rows > 1 and len(record.names) > 1:
+            notes.append(
+                f"Each reading of {name} fills about {rows} rows, as where a logger repeats the last one of a slow "
+                "sensor: it counts that often, and the sensor seems far better than it is. Leave the repeated "
+                "cells empty."
+            )
+        if share < LITTLE:
+            part = f"its share of the fused value is {percent(share)}"
+            notes.append(f"{name} adds almost nothing while the others answer: {part}.")
+        if 0.0 < r[i] <= 1.0001 * floor[i]:
+            size = f"r = {number(r[i])} is the variance of rounding, Δ²/12"
+            notes.append(f"The noise of {name} is smaller than its steps: {size}.")
+    if params.gate is not None:
+        notes.append(f"The filter gets a gate of {gate_text(params.gate)}, which ignores such spikes.")
+    return notes
 
 
-# What the model of independent white noise does not describe: noise that sensors share, and slow disagreement.
+# What the model of independent white noise does not describe: repeated readings, and slow disagreement.
 
 
-MUCH = 1.3
-"""Factor by which the fused value must be noisier than the sensors explain."""
 SLOW = 0.2
 """Correlation of a sensor's difference with that of the row before, beyond which the difference counts as slow."""
 
@@ -581,14 +649,17 @@ def held_for(readings: Array) -> int:
     return round(usual) if evenly and float(np.median(sizes)) > MIN_CHANGE * float(sizes.min()) else 1
 
 
-def slow_sensors(z: Array, found: SensorFit) -> list[int]:
+def slow_sensors(z: Array, fit: SensorFit) -> list[int]:
     """The sensors that differ from the fused value by more than white noise: the difference stays for some rows."""
-    data, place = found.coordinates.data, found.place
-    signal = _complete(z, found)
-    if signal is None:
+    data, place = fit.coordinates.data, fit.place
+    rows = np.isfinite(z).all(axis=1)
+    if data.sensors < 2 or rows.sum() < MIN_ROWS:
         return []
-    apart = (z - data.centre - place.offset * data.scale) / place.c - signal[:, None]
+    exact = (place.r == 0.0).astype(np.float64)
+    weights = exact if exact.any() else place.c**2 / place.r
+    signal = np.where(rows, fused_signal(z, place, data, weights), np.nan)
     slow: list[int] = []
+    apart = place.quantity(z, data) - signal[:, None]
     for i in range(data.sensors):
         level: Array = apart[:, i] - np.nanmean(apart[:, i])
         pairs = level[1:] * level[:-1]
@@ -598,211 +669,6 @@ def slow_sensors(z: Array, found: SensorFit) -> list[int]:
         if certain and float(pairs.mean()) / size > max(SLOW, 4.0 / math.sqrt(len(pairs))):
             slow.append(i)
     return slow
-
-
-def _complete(z: Array, found: SensorFit) -> Array | None:
-    """The fused value of the rows in which all sensors answer, unit, NaN in the others; None if there are few."""
-    if z.shape[1] < 2:
-        return None
-    rows = np.isfinite(z).all(axis=1)
-    if int(rows.sum()) < MIN_ROWS:
-        return None
-    place = found.place
-    exact = (place.r == 0.0).astype(np.float64)
-    weights = exact if exact.any() else place.c**2 / place.r
-    return np.where(rows, fused_signal(z, place, found.coordinates.data, weights), np.nan)
-
-
-# From the top of the likelihood to a Estimate: units, offsets, gains, intervals, verdict and words.
-
-
-LITTLE = 0.01
-"""Share of the fused value below which a sensor adds almost nothing."""
-
-
-def refused(asked: Question, verdict: str, message: str) -> Estimate:
-    """The estimate of a record that gives none."""
-    sensors = len(asked.names)
-    none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
-    return Estimate(
-        names=asked.names,
-        q=0.0,
-        r=none,
-        offset=none,
-        gain=np.ones(sensors),
-        q_interval=wide[0],
-        r_interval=wide,
-        offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
-        gain_interval=np.ones((sensors, 2)),
-        loglik=0.0,
-        outliers=np.zeros(asked.z.shape, bool),
-        verdict=verdict,
-        message=message,
-        params=None,
-    )
-
-
-def conclude(
-    asked: Question, away: Mask, searched: FitOptions, found: SensorFit, moving: Estimate | None
-) -> Estimate:
-    """The estimate of the best place.
-
-    Args:
-        asked: the record with all of its readings.
-        away: the readings that were set aside, shape (n, sensors).
-        searched: what was searched.
-        found: the best fit.
-        moving: what the fused value as one signal says of momentum; None where it was not asked.
-    """
-    data, place = found.coordinates.data, found.place
-    unit = data.scale * data.scale
-    gain, gain_interval, stretch = _gains(asked, found)
-    offset, offset_interval = _offsets(asked, found)
-    with np.errstate(over="ignore", under="ignore"):
-        q, r = place.q * unit * stretch * stretch, place.r * unit
-        q_interval = np.array(movement_interval(found, searched)) * unit * stretch * stretch
-        r_interval = np.array([noise_interval(found, searched, i) for i in range(data.sensors)]) * unit
-    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
-        return refused(asked, "bad_unit", BAD_UNIT)
-    used_q = q if q > 0.0 else float(q_interval[1])
-    used_r = np.where(r > 0.0, r, r_interval[:, 1])
-    if not (math.isfinite(used_q) and np.isfinite(used_r).all()):
-        return refused(asked, "flat", FLAT)
-    params = FilterParams(q=used_q, r=used_r, offset=offset, gain=gain, momentum=place.tau)
-    params = with_gate(params, asked.z, asked.steps, away)
-    shared = shared_noise(asked.without(away).z, asked.steps, found)
-    verdict, message = _verdict(asked, params, place.q, r, shared)
-    sensors = _sensor_notes(asked, away, params, r, searched.floor * unit)
-    unsure = _unsure(asked, q, q_interval, r, r_interval)
-    return Estimate(
-        names=asked.names,
-        q=q,
-        momentum=place.tau,
-        r=r,
-        offset=offset,
-        gain=gain,
-        q_interval=q_interval,
-        r_interval=r_interval,
-        offset_interval=offset_interval,
-        gain_interval=gain_interval,
-        loglik=place.loglik,
-        outliers=away,
-        momentum_interval=(0.0, 0.0) if place.tau == 0.0 else momentum_interval(found),
-        prediction_gain=0.0 if moving is None else moving.prediction_gain,
-        verdict=verdict,
-        message=message,
-        notes=(*_model_notes(asked, away, found, moving), *unsure, *sensors),
-        params=params,
-        shared=shared,
-    )
-
-
-def _gains(asked: Question, found: SensorFit) -> tuple[Array, Array, float]:
-    """Gains, their intervals, and the factor that x is stretched by, so that without a reference they average 1."""
-    gain, searched = found.place.c, found.coordinates.gained
-    if not len(searched):
-        return gain, np.stack([gain, gain], axis=1), 1.0
-    sensors = len(gain)
-    free = asked.reference is None
-    stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
-    turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
-    turned = turned[:, searched] / gain[searched]
-    error = _errors(turned, covariance(found)[-len(searched) :, -len(searched) :])
-    shown = gain / stretch
-    with np.errstate(over="ignore"):
-        return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
-
-
-def _offsets(asked: Question, found: SensorFit) -> tuple[Array, Array]:
-    """Offsets and their intervals; where the gains are not sure, what they would be with others counts too."""
-    searched = found.coordinates.gained
-    offset, turned = _without_common(asked, found, found.place)
-    error = _errors(turned, found.place.spread * found.coordinates.data.scale**2)
-    if len(searched):
-        slopes = np.empty((len(offset), len(searched)))
-        for j in range(len(searched)):
-            at = found.top.at.copy()
-            at[j - len(searched)] += BESIDE
-            slopes[:, j] = (_without_common(asked, found, found.coordinates.place(at))[0] - offset) / BESIDE
-        error = np.hypot(error, _errors(slopes, covariance(found)[-len(searched) :, -len(searched) :]))
-    return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
-
-
-def _without_common(asked: Question, found: SensorFit, place: Place) -> tuple[Array, Array]:
-    """The offsets of a place less what all sensors share, unit, and the matrix that takes it away."""
-    data, gain = found.coordinates.data, place.c
-    rule = np.sign(gain) if asked.reference is None else np.eye(data.sensors)[asked.reference]
-    turned = np.eye(data.sensors) - np.outer(gain, rule) / (rule @ gain)
-    return turned @ (place.offset * data.scale + data.centre), turned
-
-
-def _errors(turned: Array, spread: Array) -> Array:
-    """Half the 95 % intervals of `turned` times values of covariance `spread`; inf where one is not known."""
-    lost = ~np.isfinite(np.diag(spread))
-    known = np.where(lost | lost[:, None], 0.0, spread)
-    variance = np.diag(turned @ known @ turned.T)
-    unknown = (np.abs(turned[:, lost]) > 1e-12).any(axis=1)
-    return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _verdict(asked: Question, params: FilterParams, q: float, r: Array, shared: Shared | None) -> tuple[str, str]:
-    settled = steady_state(params.as_single)
-    said = found(asked.names, params.shares.tolist(), settled.gain, settled.lag_samples)
-    if shared is not None:
-        who, known = [asked.names[i] for i in shared.sensors], not bool(np.isnan(asked.known).all())
-        passes = len(who) == len(asked.names)
-        return "shared_noise", f"{fusion_shared_noise(who, shared.correlation, passes, known)} {said}"
-    if q == 0.0:
-        return "no_movement", f"{no_movement(params.q)} {said}"
-    if r.min() == 0.0:
-        i = int(r.argmin())
-        return "no_noise", f"{no_noise(asked.names[i], float(params.sensor_r[i]), len(r) == 1)} {said}"
-    return "ok", said
-
-
-def _model_notes(asked: Question, away: Mask, found: SensorFit, moving: Estimate | None) -> list[str]:
-    """What is said of all sensors together."""
-    notes: list[str] = []
-    if found.place.tau > 0.0 and not found.keeps and (moving is None or moving.prediction_gain == 0.0):
-        notes.append(given_momentum(found.place.tau))
-    elif found.place.tau > 0.0 and moving is not None:
-        span = momentum_interval(found)
-        notes.append(momentum(found.place.tau, span, float(moving.prediction_gain)))
-    if len(asked.names) == 1:
-        return notes
-    if asked.reference is None:
-        notes.append(common(len(found.coordinates.gained) > 0, bool(found.place.c.min() < 0.0)))
-    z = asked.without(away).z
-    slow = slow_sensors(z, found)
-    if slow:
-        notes.append(slow_note([asked.names[i] for i in slow], len(asked.names)))
-    return notes
-
-
-def _unsure(asked: Question, q: float, q_interval: Array, r: Array, r_interval: Array) -> list[str]:
-    """What is said of variances above 0 of which the record does not exclude that they are 0."""
-    names = ["q"] if q > 0.0 and q_interval[0] == 0.0 else []
-    lowest = zip(asked.names, r, r_interval[:, 0], strict=True)
-    names += [f"the r of {name}" for name, size, low in lowest if size > 0.0 and low == 0.0]
-    return [not_excluded(names)] if names else []
-
-
-def _sensor_notes(asked: Question, away: Mask, params: FilterParams, r: Array, floor: Array) -> list[str]:
-    """What is said of single sensors; `floor` is the variance of rounding of each, unit²."""
-    notes: list[str] = []
-    for i, (name, share) in enumerate(zip(asked.names, params.shares.tolist(), strict=True)):
-        spikes, rows = int(away[:, i].sum()), held_for(asked.z[np.isfinite(asked.z[:, i]), i])
-        if spikes:
-            notes.append(set_aside(name, spikes, int(np.isfinite(asked.z[:, i]).sum())))
-        if rows > 1 and len(asked.names) > 1:
-            notes.append(held(name, rows))
-        if share < LITTLE:
-            notes.append(adds_nothing(name, share))
-        if 0.0 < r[i] <= 1.0001 * floor[i]:
-            notes.append(at_rounding(name, float(r[i])))
-    if params.gate is not None:
-        notes.append(gate(params.gate))
-    return notes
 
 
 # `estimate_fusion`: q, momentum, and the noise and offset of each of several sensors of one quantity.
@@ -851,51 +717,48 @@ def estimate_fusion(
 
     Source: Durbin & Koopman (2012), sections 6.4 and 7.3; the model choice as in `estimation.momentum`.
     """
-    asked = question(z, dt, names, reference, known_r)
+    record = checked_record(z, dt, names, reference, known_r)
     tau, always = checked_momentum(momentum, "ml"), checked_robust(robust)
     task = Progress(progress, cancelled)
-    wrong = asked.unusable(gains)
+    wrong = record.unusable(gains)
     if wrong is not None:
-        return refused(asked, *wrong)
-    away = np.zeros(asked.z.shape, dtype=bool)
-    if always is not False:
-        singles = _singles(asked, momentum, robust, task.part(0.0, 0.3))
-        many = [name for name, one in zip(asked.names, singles, strict=True) if one.verdict == "too_many_outliers"]
-        if many:
-            return refused(asked, "too_many_outliers", too_many(many[0]))
-        away = spikes_of(singles, asked.z)
-    found = conclude(asked, away, *_fitted(asked.without(away), gains, tau, task.part(0.3, 0.9)))
+        return refused(record, *wrong)
+    outliers = np.zeros(record.z.shape, dtype=bool)
+    for i, column in enumerate(record.z.T if always is not False else ()):
+        part = task.part(0.3 * i / len(record.names), 0.3 * (i + 1) / len(record.names))
+        one = estimate(column, "ml", record.dt, part, part.cancelled, momentum, robust)
+        if one.verdict == "too_many_outliers":
+            return refused(
+                record,
+                one.verdict,
+                f"Over 20 % of the readings of {record.names[i]} are predicted neither by those before nor by "
+                "those after them: too many for spikes. Check its wiring and its supply, leave it out, or switch "
+                "the spike-proof fit off.",
+            )
+        if one.outliers is not None:
+            outliers[:, i] = one.outliers
+    if len(record.names) > 1:  # what most of the sensors see at once belongs to the quantity
+        outliers &= 2 * outliers.sum(axis=1, keepdims=True) <= np.isfinite(record.z).sum(axis=1, keepdims=True)
+    fitted = _fitted(record.without(outliers), gains, tau, task.part(0.3, 0.9))
     task(1.0, "done")
-    return found
-
-
-def _singles(
-    asked: Question, momentum: float | Literal["auto"], robust: bool | Literal["auto"], progress: Progress
-) -> list[Estimate]:
-    """The estimate of each sensor for itself."""
-    dt, count = asked.steps if len(asked.steps) else None, len(asked.names)
-    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
-    return [
-        estimate(column, dt=dt, progress=part, cancelled=part.cancelled, momentum=momentum, robust=robust)
-        for column, part in zip(asked.z.T, parts, strict=True)
-    ]
+    return conclude(record, outliers, *fitted)
 
 
 def _fitted(
-    asked: Question, gains: bool, tau: float | None, progress: Progress
+    record: SensorRecord, gains: bool, tau: float | None, progress: Progress
 ) -> tuple[FitOptions, SensorFit, Estimate | None]:
-    """What was searched, the best fit, and what the fused value as one signal says of momentum."""
-    data = Readings.of(asked.z, asked.steps)
-    gained = np.flatnonzero(np.arange(data.sensors) != asked.gauge) if gains else np.empty(0, np.intp)
+    """What was searched, the best fit, and the estimate of the fused value as one signal."""
+    data = Readings.of(record.z, record.steps)
+    gained = np.flatnonzero(np.arange(data.sensors) != record.gauge) if gains else np.empty(0, np.intp)
     unit = data.scale * data.scale
-    floor = np.array([rounding_variance(column) / unit for column in asked.z.T])
-    searched = FitOptions(asked.known / unit, np.where(np.isnan(asked.known), floor, 0.0), False, gained)
+    floor = np.array([rounding_variance(column) / unit for column in record.z.T])
+    options = FitOptions(record.known / unit, np.where(np.isnan(record.known), floor, 0.0), False, gained)
     tried = [np.ones(data.sensors)]
     if gains:
-        tried.append(starting_gains(data, asked.z, gained, asked.gauge))
-    starts = [place for c in tried for place in starting_places(data, asked.z, searched, c)]
-    plain = best_fit(data, searched, starts, progress.part(0.0, 0.5))
+        tried.append(starting_gains(data, record.z, gained, record.gauge))
+    starts = [place for c in tried for place in starting_places(data, record.z, options, c)]
+    plain = best_fit(data, options, starts, progress.part(0.0, 0.5))
     if tau == 0.0 or (tau is None and plain.place.q == 0.0):
-        return searched, plain, None
-    found, one = with_momentum(asked, data, searched, plain, tau, progress.part(0.5, 1.0))
-    return searched, found, one
+        return options, plain, None
+    fit, one = with_momentum(record, data, options, plain, tau, progress.part(0.5, 1.0))
+    return options, fit, one
