@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
-from kalscope.common.text import decibels, number, percent
+from kalscope.common.text import number, percent
 from kalscope.estimation import kernels, methods
 from kalscope.estimation import verdict as verdict_words
 from kalscope.estimation.likelihood import (
@@ -29,7 +29,7 @@ from kalscope.estimation.likelihood import (
     profile_of,
     walk_profile,
 )
-from kalscope.estimation.result import USABLE, Estimate, MomentumFit
+from kalscope.estimation.result import Estimate, MomentumFit
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.kernels import transition
@@ -173,9 +173,7 @@ _WIDE = 0.9
 """Half the length that is searched first: one step of the table."""
 
 _NODES_1D = chebyshev.chebpts1(_NODES)
-_WEIGHTS = np.full((_NODES, 1), 2.0 / _NODES)
-_WEIGHTS[0] /= 2.0
-_FROM_VALUES = np.multiply(_WEIGHTS, chebyshev.chebvander(_NODES_1D, _NODES - 1).T, dtype=np.float64)
+_FROM_VALUES = chebyshev.chebvander(_NODES_1D, _NODES - 1).T * np.array([[1.0], [2.0], [2.0], [2.0]]) / _NODES
 """The matrix that makes the coefficients of one variable from its values at the Chebyshev points."""
 _RAYS = np.linspace(-1.0, 1.0, 41)
 _ON_RAYS = chebyshev.chebvander(_RAYS, _NODES - 1)
@@ -278,24 +276,24 @@ def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tu
 def _climb(data: Differences, starts: list[tuple[float, float]], progress: Progress) -> Top:
     """The highest place near several starts: that of the highest large patch, refined step by step."""
     count = len(starts) + len(_SIZES) - 1
-    parts = [progress.part(i / count, (i + 1) / count) for i in range(count)]
-    tops = [_move(data, *start, _SIZES[0], part) for start, part in zip(starts, parts, strict=False)]
-    top = max(tops, key=lambda one: one.loglik)
-    for size, part in zip(_SIZES[1:], parts[len(starts) :], strict=True):
-        top = _move(data, top.log_tau, top.log_moves, size, part)
+    parts = iter([progress.part(i / count, (i + 1) / count) for i in range(count)])
+    top = max((_move(data, *start, _SIZES[0], next(parts)) for start in starts), key=lambda one: one.loglik)
+    for size in _SIZES[1:]:
+        top = _move(data, top.log_tau, top.log_moves, size, next(parts))
     return top
 
 
 def _move(data: Differences, log_tau: float, log_moves: float, size: float, progress: Progress) -> Top:
     """The highest place that patches of one size come to."""
-    for moves in range(_MAX_MOVES - 1):
+    top, inside = _patch_top(data, log_tau, log_moves, size)
+    for moves in range(1, _MAX_MOVES):
         progress.step(moves, "likelihood around the best momentum")
-        top, inside = _patch_top(data, log_tau, log_moves, size)
         moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
         if inside or moved < 1e-9:
-            return top
+            break
         log_tau, log_moves = top.log_tau, top.log_moves
-    return _patch_top(data, log_tau, log_moves, size)[0]
+        top, inside = _patch_top(data, log_tau, log_moves, size)
+    return top
 
 
 def _patch_top(data: Differences, log_tau: float, log_moves: float, size: float) -> tuple[Top, bool]:
@@ -332,35 +330,31 @@ def _newton(here: Array) -> tuple[float, float] | None:
 def _highest(shape: Array) -> tuple[float, float]:
     """The top of the polynomial on the patch: the best of a fine grid, and Newton's steps from there."""
     i, j = divmod(int(np.argmax(_ON_RAYS @ shape @ _ON_RAYS.T)), len(_RAYS))
-    x, y = float(_RAYS[i]), float(_RAYS[j])
-    here = _derivatives(shape, (x, y))
+    at = float(_RAYS[i]), float(_RAYS[j])
+    here = _derivatives(shape, at)
     for _ in range(6):
         step = _newton(here)
-        if step is None:
+        beside = at if step is None else (at[0] + step[0], at[1] + step[1])
+        there = _derivatives(shape, beside)
+        if step is None or max(map(abs, beside)) > 1.0 or there[0, 0] < here[0, 0]:
             break
-        x_next, y_next = x + step[0], y + step[1]
-        if max(abs(x_next), abs(y_next)) > 1.0:
-            break
-        there = _derivatives(shape, (x_next, y_next))
-        if there[0, 0] < here[0, 0]:
-            break
-        x, y, here = x_next, y_next, there
-    return x, y
+        at, here = beside, there
+    return at
 
 
 def _derivatives(shape: Array, at: tuple[float, float]) -> Array:
     """The derivatives of the polynomial at a place, shape (3, 3): how often by ln τ, and by the other."""
-    return _basis(at[0]) @ shape @ _basis(at[1]).T
-
-
-def _basis(x: float) -> Array:
-    """The first Chebyshev polynomials and their first two derivatives at x, shape (3, _NODES)."""
-    rows = [[1.0, x], [0.0, 1.0], [0.0, 0.0]]
-    for k in range(2, _NODES):
-        for order, row in enumerate(rows):
-            lower = 2.0 * order * rows[order - 1][k - 1] if order else 0.0
-            row.append(2.0 * x * row[k - 1] + lower - row[k - 2])
-    return np.array(rows)
+    one, other = (
+        np.array(
+            [
+                [1.0, x, 2.0 * x * x - 1.0, (4.0 * x * x - 3.0) * x],
+                [0.0, 1.0, 4.0 * x, 12.0 * x * x - 3.0],
+                [0.0, 0.0, 4.0, 24.0 * x],
+            ]
+        )
+        for x in at
+    )
+    return one @ shape @ other.T
 
 
 def _without_noise(data: Differences, log_tau: float, first: float, inner: Top, progress: Progress) -> Top:
@@ -664,8 +658,8 @@ MIN_GAIN = 12.0
 """Twice the log-likelihood that momentum must add: 2 for its parameter by Akaike's criterion, 10 for safety."""
 SHORT_RECORD = 5000.0
 """This over the number of samples is added to it: a short record has few changes of direction, if any."""
-MAX_ERROR = 0.995
-"""One-step error with momentum over that without, on unseen samples: at least 0.5 % less."""
+MIN_LESS = 0.005
+"""By which fraction the one-step error on unseen samples must be smaller with momentum than without."""
 FOLDS = 5
 """Parts of the record, each of which is predicted by fits to all the others."""
 MIN_SAMPLES = 60
@@ -682,13 +676,13 @@ class Choice:
     """Twice the log-likelihood that it adds."""
     needed: float
     """What it must add; inf for a record that is too short to tell."""
-    error: float
-    """One-step error with momentum over that without, on unseen samples; NaN where that was not tried."""
+    less: float | None
+    """By which fraction the one-step error on unseen samples is smaller with momentum; None where not tried."""
 
     @property
     def chosen(self) -> bool:
         """Whether both tests favour it."""
-        return self.gain > self.needed and self.error <= MAX_ERROR
+        return self.less is not None and self.less >= MIN_LESS
 
 
 def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> Choice:
@@ -704,7 +698,7 @@ def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> 
     count = data.m + 1
     needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
     if not gain > needed:
-        return Choice(gain, needed, math.nan)
+        return Choice(gain, needed, None)
     z = np.concatenate([[0.0], np.cumsum(data.d)])
     ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
     ratios: list[Array] = []
@@ -720,7 +714,7 @@ def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> 
             still = (walk == 0.0) | (moving == 0.0)
             ratios.append(np.sqrt(moving[~still] / walk[~still]))
     logs = np.log(np.concatenate([np.empty(0), *ratios]))
-    return Choice(gain, needed, float(np.exp(logs.mean())) if len(logs) else math.nan)
+    return Choice(gain, needed, 1.0 - float(np.exp(logs.mean())) if len(logs) else None)
 
 
 def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
@@ -745,13 +739,13 @@ def with_momentum(data: Differences, plain: Estimate, progress: Progress) -> Est
         return plain
     top = search(data, progress.part(0.0, 0.4))
     choice = choose(data, plain, top, progress.part(0.4, 0.8))
-    if not choice.chosen:
-        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=_prediction_gain(choice))
+    if choice.less is None or not choice.chosen:
+        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=choice.less or 0.0)
         if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
             return kept
         return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
-    found = fit_around(data, top, progress.part(0.8, 1.0))
-    return replace(conclude(found, _reason(found, choice)), prediction_gain=_prediction_gain(choice))
+    fit = fit_around(data, top, progress.part(0.8, 1.0))
+    return replace(conclude(fit, _reason(fit, choice.less)), prediction_gain=choice.less)
 
 
 def with_given_momentum(data: Differences, tau: float, progress: Progress) -> Estimate:
@@ -775,89 +769,70 @@ def _either(plain: Estimate, moving: Estimate) -> Estimate:
     return replace(plain, message=f"{plain.message} {also}", **spans)
 
 
-def _prediction_gain(choice: Choice) -> float:
-    return 0.0 if math.isnan(choice.error) else 1.0 - choice.error
-
-
 def _kept(choice: Choice) -> str:
     """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
     if choice.needed == math.inf:
         return "The record is too short to tell whether the signal has momentum."
     if choice.gain <= 2.0 * DROP:
         return "No momentum: it would not fit better."
-    if math.isnan(choice.error):
+    if choice.less is None:
         return "No momentum: it raises the likelihood, but not by enough to be sure."
-    less = 1.0 - choice.error
-    said = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
-    return f"No momentum: with it the error on unseen samples would be {said}, so it is not used."
+    less = f"only {percent(choice.less)} less" if choice.less > 0.0 else f"{percent(-choice.less)} more"
+    return f"No momentum: with it the error on unseen samples would be {less}, so it is not used."
 
 
-def _reason(found: MomentumFit, choice: Choice) -> str:
-    """Why momentum is taken, and what it costs."""
-    low, high = found.tau_interval
-    less = 1.0 - choice.error
-    share = percent(less) if less < 0.99 else "over 99 %"
+def _reason(fit: MomentumFit, less: float) -> str:
+    """Why momentum is taken, and what it costs; the error on unseen samples is smaller by `less`."""
+    low, high = fit.tau_interval
     span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
-    return (
-        f"The signal keeps its direction for about {number(found.tau)} samples ({span}). With this momentum the "
-        f"error of predicting unseen samples is {share} smaller than with the five lines."
-        f"{_cost(found)}"
+    text = (
+        f"The signal keeps its direction for about {number(fit.tau)} samples ({span}). With this momentum the "
+        f"error of predicting unseen samples is {percent(less) if less < 0.99 else 'over 99 %'} smaller than with "
+        "the five lines."
     )
-
-
-def _cost(found: MomentumFit) -> str:
-    """What the filter costs, where there is one."""
-    if found.q == 0.0 or found.r == 0.0:
-        return ""
-    overshoot = float(_settled(found.q / found.r, found.tau).overshoot)
+    if fit.q == 0.0 or fit.r == 0.0:
+        return text
+    overshoot = _settled(fit.q / fit.r, fit.tau).overshoot
     step = f" and an overshoot of {percent(overshoot)} on a step" if overshoot > 0.0 else ""
-    return f" It costs a second state on the board{step}."
+    return f"{text} It costs a second state on the board{step}."
 
 
-def conclude(found: MomentumFit, reason: str) -> Estimate:
+def conclude(fit: MomentumFit, reason: str) -> Estimate:
     """The Estimate of a fit; `reason` is the sentence on where the momentum comes from."""
-    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (found.q, found.r) if size > 0.0):
+    if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (fit.q, fit.r) if size > 0.0):
         verdict, message = "bad_unit", verdict_words.BAD_UNIT
+    elif fit.r == 0.0:
+        verdict = "no_noise"
+        message = (
+            "No noise can be identified at this sample rate, also with momentum: every change looks like real "
+            "movement, and the most likely filter (r = 0) would pass the signal unchanged. "
+            f"{verdict_words.INSTEAD} {reason}"
+        )
+    elif fit.q == 0.0:
+        verdict, message = "no_movement", f"{verdict_words.no_movement(0.0)} {reason}"
     else:
-        verdict = "no_noise" if found.r == 0.0 else "no_movement" if found.q == 0.0 else "ok"
-        message = f"{_words(verdict, found)} {reason}"
-    ratios = [ratio for ratio, _ in found.region]
-    settled = [_settled(ratio, tau) for ratio, tau in found.region]
-    gains, lags = [float(one.gain) for one in settled], [float(one.lag_samples) for one in settled]
-    usable = verdict in USABLE
+        verdict = "ok"
+        message = (
+            "Noise and movement can be separated. "
+            f"{verdict_words.settles('The filter', _settled(fit.q / fit.r, fit.tau))} {reason}"
+        )
+    ratios = [ratio for ratio, _ in fit.region]
+    settled = [_settled(ratio, tau) for ratio, tau in fit.region]
+    gains, lags = [one.gain for one in settled], [one.lag_samples for one in settled]
     return Estimate(
-        method="ml",
-        q=found.q,
-        r=found.r,
-        loglik=found.loglik,
+        q=fit.q,
+        r=fit.r,
+        loglik=fit.loglik,
         ratio_interval=(min(ratios), max(ratios)),
         gain_interval=(min(gains), max(gains)),
         lag_interval=(min(lags), max(lags)),
-        q_se=found.q_se,
-        r_se=found.r_se,
+        q_se=fit.q_se,
+        r_se=fit.r_se,
         verdict=verdict,
         message=message,
-        params=FilterParams(q=found.q, r=found.r, momentum=found.tau) if usable else None,
-        momentum=found.tau,
-        momentum_interval=found.tau_interval,
-    )
-
-
-def _words(verdict: str, found: MomentumFit) -> str:
-    if verdict == "no_noise":
-        return (
-            "No noise can be identified at this sample rate, also with momentum: every change looks like real "
-            f"movement, and the most likely filter (r = 0) would pass the signal unchanged. {verdict_words.INSTEAD}"
-        )
-    if verdict == "no_movement":
-        return verdict_words.no_movement(0.0)
-    steady = _settled(found.q / found.r, found.tau)
-    overshoot = steady.overshoot
-    beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
-    return (
-        f"Noise and movement can be separated. The filter settles at gain {number(steady.gain)}: it lags a "
-        f"ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
-        f"{decibels(steady.noise_reduction_db)}."
+        params=FilterParams(q=fit.q, r=fit.r, momentum=fit.tau) if verdict == "ok" else None,
+        momentum=fit.tau,
+        momentum_interval=fit.tau_interval,
     )
 
 

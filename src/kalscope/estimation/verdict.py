@@ -15,7 +15,7 @@ from kalscope.common.text import decibels, number, percent, plural, trimmed
 from kalscope.estimation.likelihood import Differences, Peak, differences
 from kalscope.estimation.result import USABLE, Estimate, Pair
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
-from kalscope.filtering.steady import steady_state
+from kalscope.filtering.steady import SteadyState, steady_state
 
 # The verdicts in words: what was found in a record, what it means, and what to do instead.
 
@@ -120,14 +120,19 @@ def below_step(step: float, unit: str = "") -> str:
 
 def below_resolution(step: float, params: FilterParams) -> str:
     """The fit found less noise than rounding adds; `params` have that of rounding."""
-    steady = steady_state(params)
-    overshoot = steady.overshoot
-    beyond = f", goes {percent(overshoot)} beyond a step and" if overshoot > 0.0 else " and"
     return (
         f"{below_step(step)} r = {number(float(params.r))} is the variance of rounding, Δ²/12: the readings carry "
-        f"that much at least. With it the most likely filter settles at gain {number(steady.gain)}: it lags "
-        f"a ramp by {number(steady.lag_samples)} samples{beyond} reduces white noise by "
-        f"{decibels(steady.noise_reduction_db)}. A finer range of the sensor, or one digit more, shows more."
+        f"that much at least. {settles('With it the most likely filter', steady_state(params))} A finer range of "
+        "the sensor, or one digit more, shows more."
+    )
+
+
+def settles(which: str, steady: SteadyState) -> str:
+    """How a filter follows, and what it does to noise."""
+    beyond = f", goes {percent(steady.overshoot)} beyond a step and" if steady.overshoot > 0.0 else " and"
+    return (
+        f"{which} settles at gain {number(steady.gain)}: it lags a ramp by {number(steady.lag_samples)} samples"
+        f"{beyond} reduces white noise by {decibels(steady.noise_reduction_db)}."
     )
 
 
