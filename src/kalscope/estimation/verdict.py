@@ -36,36 +36,8 @@ FLAT = (
 )
 """Every λ from 0 to ∞ explains the record almost equally well."""
 
-NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
-"""EM reached its limit of passes."""
-
 MIN_SAMPLES = 8
 """Finite samples that an estimate needs."""
-
-
-def too_few(n: int) -> str:
-    """Fewer than MIN_SAMPLES finite samples."""
-    return (
-        f"Too few readings ({n}): at least {MIN_SAMPLES} are needed to separate noise from movement. Record longer."
-    )
-
-
-def constant(n: int) -> str:
-    """All finite samples are equal."""
-    return (
-        f"All {n} readings are equal: they show neither noise nor movement. The sensor's resolution may be "
-        "coarser than its noise, or it is stuck. Record while it moves, or take the noise from the data sheet."
-    )
-
-
-def no_noise(gains: tuple[float, float]) -> str:
-    """For r → 0: the likelihood is highest for a filter that passes everything."""
-    return (
-        "No noise can be identified at this sample rate: every change looks like real movement, and the most "
-        "likely filter (r = 0) would pass the signal unchanged. Usual reasons: the sensor smooths or rounds its "
-        "output, or the signal changes more from sample to sample than the noise does. "
-        f"The record allows gains from {number(gains[0], 2)} to {number(gains[1], 2)}. {INSTEAD}"
-    )
 
 
 def no_movement(lag_low: float) -> str:
@@ -77,30 +49,6 @@ def no_movement(lag_low: float) -> str:
         f"The record allows {allowed}. Instead: record longer or while the signal moves, or keep this r and "
         "choose the lag or the cut-off that you can accept."
     )
-
-
-def blind(kind: str, low: float, high: float) -> str:
-    """This method found no `kind` ("noise" or "movement"), but the likelihood excludes that there is none."""
-    return (
-        f"This method finds no {kind} here, but that says more about the method than about the record: by the "
-        f"likelihood the record allows only q/r from {number(low)} to {number(high)}. "
-        "Use the maximum-likelihood pair."
-    )
-
-
-def ok(gain: float, lag: tuple[float, float], interval: tuple[float, float]) -> str:
-    """Both variances are found; `lag` and `interval` are the ends of the 95 % intervals of lag and ratio."""
-    reduction = 10.0 * math.log10((2.0 - gain) / gain)
-    text = (
-        f"Noise and movement can be separated. The filter settles at gain {number(gain)}: it lags a ramp by "
-        f"{number((1.0 - gain) / gain)} samples and reduces white noise by {decibels(reduction)}. "
-        f"The record allows lags from {number(lag[0])} to {number(lag[1])} samples."
-    )
-    if math.isinf(interval[1]):
-        text += " The record does not exclude r = 0: check r against a still stretch or the data sheet."
-    elif interval[0] == 0.0:
-        text += " The record does not exclude q = 0: record longer to be sure of q."
-    return text
 
 
 def chosen_ratio(low: float, high: float, ratio: float) -> str:
@@ -236,13 +184,33 @@ def channel_fit(
     method: str,
     fit: Callable[[Differences, Progress], Estimate],
 ) -> Callable[[Array, Array, Progress], Estimate]:
-    """The fit of one channel, for `fit_record`: `fit` it if it passes the precheck."""
+    """The fit of one channel, for `fit_record`: `fit` it if there is enough to fit."""
 
     def whole(column: Array, steps: Array, progress: Progress) -> Estimate:
-        data = _informative(differences(column, steps))
-        verdict, message = _precheck(data, min(data.m + 1, int(np.isfinite(column).sum())))
-        if verdict:
-            return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), verdict, message)
+        data = differences(column, steps)
+        if len(data.gap):  # repeated lines of the same time and value add nothing, yet would prove r = 0
+            new = (data.gap > 0.0) | (data.d != 0.0)
+            data = data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
+        n = min(data.m + 1, int(np.isfinite(column).sum()))
+        if n < MIN_SAMPLES:
+            return _estimate(
+                method,
+                "too_few",
+                (
+                    f"Too few readings ({n}): at least {MIN_SAMPLES} are needed to separate noise from movement. "
+                    "Record longer."
+                ),
+            )
+        if not data.d.any():
+            return _estimate(
+                method,
+                "constant",
+                (
+                    f"All {n} readings are equal: they show neither noise nor movement. The sensor's resolution "
+                    "may be coarser than its noise, or it is stuck. Record while it moves, or take the noise from "
+                    "the data sheet."
+                ),
+            )
         return fit(data, progress)
 
     return whole
@@ -252,15 +220,12 @@ def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate
     """The Estimate of one channel from a method's pair and the peak of the likelihood."""
     with np.errstate(over="ignore", under="ignore"):
         numbers = np.array([pair.q, pair.r, pair.q_se, pair.r_se]) * data.scale * data.scale
-    q, r, q_se, r_se = numbers.tolist()
-    verdict = pair.verdict or _judge(pair, peak)
-    sizes = [size for size, found in ((q, pair.q), (r, pair.r)) if found > 0.0]
+    sizes = [size for size, scaled in zip(numbers.tolist(), (pair.q, pair.r), strict=False) if scaled > 0.0]
     if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in sizes):
-        return _estimate(method, NOWHERE, 0.0, (0.0, 0.0), (math.inf, math.inf), "bad_unit", BAD_UNIT)
-    message = pair.text or _message(verdict, pair, peak)
-    if pair.note:
-        message = f"{message} {pair.note}"
-    return _estimate(method, peak, _loglik(data, pair), (q, r), (q_se, r_se), verdict, message)
+        return _estimate(method, "bad_unit", BAD_UNIT)
+    verdict, message = _judge(pair, peak)
+    message = f"{pair.text or message} {pair.note}".rstrip()
+    return _estimate(method, verdict, message, peak, _loglik(data, pair), *numbers.tolist())
 
 
 def gain_of(ratio: float) -> float:
@@ -276,42 +241,46 @@ def lag_of(ratio: float) -> float:
     return 0.5 * half * (half / (math.hypot(1.0, half) + 1.0))
 
 
-def _informative(data: Differences) -> Differences:
-    """Without repeated lines of the same time and value: they add nothing, yet would prove r = 0."""
-    if len(data.gap) == 0:
-        return data
-    new = (data.gap > 0.0) | (data.d != 0.0)
-    return data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
-
-
-def _precheck(data: Differences, n: int) -> tuple[str, str]:
-    if n < MIN_SAMPLES:
-        return "too_few", too_few(n)
-    if not data.d.any():
-        return "constant", constant(n)
-    return "", ""
-
-
-def _judge(pair: Pair, peak: Peak) -> str:
-    if pair.r == 0.0:
-        return "no_noise"
-    if pair.q == 0.0:
-        return "no_movement"
-    return "flat" if peak.interval == (-math.inf, math.inf) else "ok"
-
-
-def _message(verdict: str, pair: Pair, peak: Peak) -> str:
+def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
+    """The verdict, that of the method or by the numbers, and the words for it."""
     low, high = (exp(end) for end in peak.interval)
-    if verdict == "no_noise":
-        seen = high < math.inf
-        return blind("noise", low, high) if seen else no_noise((gain_of(low), gain_of(high)))
-    if verdict == "no_movement":
-        return blind("movement", low, high) if low > 0.0 else no_movement(lag_of(high))
-    if verdict == "flat":
-        return FLAT
-    if verdict == "not_converged":
-        return NOT_CONVERGED
-    return ok(gain_of(pair.q / pair.r), (lag_of(high), lag_of(low)), (low, high))
+    none, message = "", FLAT
+    if pair.verdict == "not_converged":
+        return pair.verdict, (
+            "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
+        )
+    if pair.r == 0.0:
+        verdict, none = "no_noise", "noise" if high < math.inf else ""
+        message = (
+            "No noise can be identified at this sample rate: every change looks like real movement, and the most "
+            "likely filter (r = 0) would pass the signal unchanged. Usual reasons: the sensor smooths or rounds "
+            "its output, or the signal changes more from sample to sample than the noise does. "
+            f"The record allows gains from {number(gain_of(low), 2)} to {number(gain_of(high), 2)}. {INSTEAD}"
+        )
+    elif pair.q == 0.0:
+        verdict, none, message = "no_movement", "movement" if low > 0.0 else "", no_movement(lag_of(high))
+    elif peak.interval == (-math.inf, math.inf):
+        verdict = "flat"
+    else:
+        steady = steady_state(FilterParams(q=pair.q / pair.r, r=1.0))
+        verdict, message = (
+            "ok",
+            (
+                f"Noise and movement can be separated. {settles('The filter', steady)} "
+                f"The record allows lags from {number(lag_of(high))} to {number(lag_of(low))} samples."
+            ),
+        )
+        if math.isinf(high):
+            message += " The record does not exclude r = 0: check r against a still stretch or the data sheet."
+        elif low == 0.0:
+            message += " The record does not exclude q = 0: record longer to be sure of q."
+    if none:
+        message = (
+            f"This method finds no {none} here, but that says more about the method than about the record: by the "
+            f"likelihood the record allows only q/r from {number(low)} to {number(high)}. "
+            "Use the maximum-likelihood pair."
+        )
+    return pair.verdict or verdict, message
 
 
 def _loglik(data: Differences, pair: Pair) -> float:
@@ -332,14 +301,16 @@ def _loglik(data: Differences, pair: Pair) -> float:
 
 def _estimate(
     method: str,
-    peak: Peak,
-    loglik: float,
-    pair: tuple[float, float],
-    errors: tuple[float, float],
     verdict: str,
     message: str,
+    peak: Peak = NOWHERE,
+    loglik: float = 0.0,
+    q: float = 0.0,
+    r: float = 0.0,
+    q_se: float = math.inf,
+    r_se: float = math.inf,
 ) -> Estimate:
-    (q, r), (low, high) = pair, (exp(end) for end in peak.interval)
+    low, high = (exp(end) for end in peak.interval)
     return Estimate(
         method=method,
         q=q,
@@ -348,8 +319,8 @@ def _estimate(
         ratio_interval=(low, high),
         gain_interval=(gain_of(low), gain_of(high)),
         lag_interval=(lag_of(high), lag_of(low)),
-        q_se=errors[0],
-        r_se=errors[1],
+        q_se=q_se,
+        r_se=r_se,
         verdict=verdict,
         message=message,
         params=FilterParams(q=q, r=r) if verdict in USABLE else None,
