@@ -72,7 +72,13 @@ class Noise:
         if self.bandwidth_hz is not None and self.density is None:
             raise BadSetting(f"bandwidth_hz needs density (got {' and '.join(['bandwidth_hz', *given])})")
         if self.still is not None:
-            first, last = self._still_stretch(z, dt)
+            stretch = find_still_stretch(z, dt) if isinstance(self.still, str) else self.still
+            if stretch is None:
+                raise BadSetting(
+                    f"the record must show a still stretch, {MIN_SAMPLES} samples or more of noise alone "
+                    "(got none): give its limits, or r from the data sheet"
+                )
+            first, last = stretch
             noise = noise_from_still(z[first:last])
             where = f", samples {count(first)} to {count(last - 1)}" if self.still == "auto" else ""
             return noise.r, f"r is the variance of the still stretch{where}. {noise.message}"
@@ -82,15 +88,6 @@ class Noise:
             r = noise_from_datasheet(sigma=self.sigma, density=self.density, bandwidth_hz=self.bandwidth_hz)
             return r, f"r = {number(r, 4)} from the data sheet."
         return None
-
-    def _still_stretch(self, z: Array, dt: Array | None) -> tuple[int, int]:
-        found = find_still_stretch(z, dt) if isinstance(self.still, str) else self.still
-        if found is None:
-            raise BadSetting(
-                f"the record must show a still stretch, {MIN_SAMPLES} samples or more of noise alone "
-                "(got none): give its limits, or r from the data sheet"
-            )
-        return found
 
     @property
     def origin(self) -> str:
@@ -171,7 +168,7 @@ class Found:
     estimate: Estimate | None = None
     """The estimate behind it, if any."""
     request: Request | None = None
-    """What was asked for; None where that is not known."""
+    """The goal that it was chosen for; None where that is not known."""
 
 
 def find_parameters(
@@ -197,41 +194,39 @@ def find_parameters(
         BadSetting: the request contradicts itself, or is out of range or reach.
         Cancelled: `cancelled()` was true.
     """
-    asked = request or Request()
-    tau, known = asked.checked_momentum(), asked.noise.resolve(z, dt)
-    if asked.target:
-        r, said = known or _noise_for_target(z, dt, asked, Progress(progress, cancelled))
-        return _with_useful_lag(_at_target(asked, r, said, tau or 0.0, sample_period), len(z), sample_period)
-    if known and asked.ratio is not None:
-        params = _two_variances(FilterParams(q=asked.ratio * known[0], r=known[0]))
-        how, message = f"q/r = {asked.ratio:g}, r {asked.noise.origin}", f"q = {asked.ratio:g} · r. {known[1]}"
-        return _with_useful_lag(Found(params, how, message, request=asked), len(z), sample_period)
-    if known:
-        return _fit_q(z, dt, *known, asked)
-    if asked.ratio is not None:
-        how = f"q/r = {asked.ratio:g}, r by maximum likelihood"
-        answer = _from(estimate_fixed_ratio(z, asked.ratio, dt, asked.robust), how, asked)
-        return _with_useful_lag(answer, len(z), sample_period)
-    answer = estimate(z, asked.method, dt, progress, cancelled, asked.momentum, asked.robust)
-    return _from(answer, METHOD_NAMES[asked.method], asked)
-
-
-def _at_target(asked: Request, r: float, said: str, momentum: float, sample_period: float | None) -> Found:
-    """The filter that meets the target, with the noise r."""
-    params = _two_variances(
-        params_for_specification(
-            r, **asked.target, sample_period=sample_period, momentum=momentum, overshoot=asked.overshoot
+    request = request or Request()
+    tau, known = request.checked_momentum(), request.noise.resolve(z, dt)
+    if not request.goal and known is None:
+        answer = estimate(z, request.method, dt, progress, cancelled, request.momentum, request.robust)
+        return Found(answer.params, METHOD_NAMES[request.method], answer.message, answer, request)
+    if not request.goal and known is not None:
+        return _fit_q(z, dt, *known, request)
+    origin = f", r {request.noise.origin}" if known else ""
+    if request.target:
+        r, text = known or _noise_for_target(z, dt, request, Progress(progress, cancelled))
+        params = params_for_specification(
+            r, **request.target, sample_period=sample_period, momentum=tau or 0.0, overshoot=request.overshoot
         )
-    )
-    how = asked.goal if asked.noise == Noise() else f"{asked.goal}, r {asked.noise.origin}"
-    return Found(params, how, f"{_ratio_text(params)} has {asked.goal}. {said}", request=asked)
+        text = f"{_ratio_text(params)} has {request.goal}. {text}"
+        result = Found(params, f"{request.goal}{origin}", text, request=request)
+    elif known and request.ratio is not None:
+        params = FilterParams(q=request.ratio * known[0], r=known[0])
+        text = f"q = {request.ratio:g} · r. {known[1]}"
+        result = Found(params, f"q/r = {request.ratio:g}{origin}", text, request=request)
+    else:
+        answer = estimate_fixed_ratio(z, request.ratio or 0.0, dt, request.robust)
+        how = f"q/r = {request.ratio:g}, r by maximum likelihood"
+        result = Found(answer.params, how, answer.message, answer, request)
+    return _with_useful_lag(result, len(z), sample_period)
 
 
-def _with_useful_lag(found: Found, samples: int, sample_period: float | None) -> Found:
+def _with_useful_lag(result: Found, samples: int, sample_period: float | None) -> Found:
     """The same; BadSetting where the filter is slower than the record, or too fast to change a sample."""
-    if found.params is None:
-        return found
-    lag, slowest = steady_state(found.params).lag_samples, max(samples, MIN_SLOWEST)
+    if result.params is None:
+        return result
+    if result.params.q == 0.0:
+        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
+    lag, slowest = steady_state(result.params).lag_samples, max(samples, MIN_SLOWEST)
     if lag > slowest:
         raise BadSetting(
             f"the goal must be a filter that is not slower than the record, with a lag up to "
@@ -242,60 +237,38 @@ def _with_useful_lag(found: Found, samples: int, sample_period: float | None) ->
             f"the goal must be a filter with a lag from {lag_in_full(MIN_LAG, sample_period)} on: a faster one "
             "changes nothing (got less)"
         )
-    return found
+    return result
 
 
-def _two_variances(params: FilterParams) -> FilterParams:
-    """The pair itself; BadSetting where q rounds to 0, because such a filter would stop following."""
-    if params.q == 0.0:
-        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
-    return params
-
-
-def _fit_q(z: Array, dt: Array | None, r: float, said: str, asked: Request) -> Found:
+def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) -> Found:
     """The pair where r is known; with a special message where that r explains all changes."""
-    answer = estimate_fixed_r(z, r, dt, asked.robust)
-    message = str(answer.message)
+    answer = estimate_fixed_r(z, r, dt, request.robust)
+    message = answer.message
     if answer.verdict == "no_movement":
         message = (
             f"Noise of variance {number(r, 4)} explains all changes in this record, so q would be 0, and such a "
             "filter stops following after a while. Instead: check that r is not too large, record while the signal "
             "moves, or choose the lag or the cut-off that you can accept."
         )
-    how = f"r {asked.noise.origin}, q by maximum likelihood"
-    return Found(answer.params, how, f"{said} {message}", answer, asked)
+    how = f"r {request.noise.origin}, q by maximum likelihood"
+    return Found(answer.params, how, f"{origin} {message}", answer, request)
 
 
-def _from(answer: Estimate, how: str, asked: Request) -> Found:
-    return Found(answer.params, how, str(answer.message), answer, asked)
-
-
-def _noise_for_target(
-    z: Array,
-    dt: Array | None,
-    asked: Request,
-    progress: Progress,
-) -> tuple[float, str]:
+def _noise_for_target(z: Array, dt: Array | None, request: Request, progress: Progress) -> tuple[float, str]:
     """A value for r and its origin where only λ is given: that of the likelihood, or var(Δz)/2."""
     band = "it sets the width of the band, not the curve."
-    answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=asked.robust)
-    if float(answer.r) > 0.0:  # valid at the edge q = 0 too
-        return float(answer.r), f"r by maximum likelihood; {band}{_spikes_text(answer)}"
+    answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=request.robust)
+    if answer.r > 0.0:  # valid at the edge q = 0 too
+        spikes = 0 if answer.outliers is None else int(np.count_nonzero(answer.outliers))
+        gate = (
+            f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen "
+            "filter it could refuse movement."
+        )
+        return answer.r, f"r by maximum likelihood; {band}{gate if spikes else ''}"
     r = float(starting_params(z).r)
     if not shows_no_noise(z):
         return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
     return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
-
-
-def _spikes_text(answer: Estimate) -> str:
-    """That the spikes of the record raise no r, and that the chosen filter has no gate of its own against them."""
-    spikes = 0 if answer.outliers is None else int(np.count_nonzero(answer.outliers))
-    if not spikes:
-        return ""
-    return (
-        f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen filter "
-        "it could refuse movement."
-    )
 
 
 def shows_no_noise(z: Array) -> bool:
