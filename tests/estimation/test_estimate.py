@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams
-from kalscope.analysis.estimators import compare_methods, is_within
+from kalscope.analysis.estimators import compare_methods
 from kalscope.errors import Cancelled
 from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.likelihood import differences
@@ -155,26 +155,6 @@ def test_any_record_gets_numbers_and_words(record):
 # --- side by side ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_methods_agree_where_the_model_holds(nile):
-    for z in (nile, walk(20_000, 0.1, seed=2), walk(5_000, 3.0, seed=3)):
-        table = compare_methods(z)
-        assert tuple(one.method for one in table) == METHODS
-        assert all(is_within(one, table[0]) for one in table if one.method in ("ml", "em"))
-
-
-def test_a_smoothed_signal_is_named_by_its_differences():
-    g = np.random.default_rng(0)
-    z = np.convolve(np.cumsum(g.normal(0, 1, 3000)), np.ones(5) / 5, mode="valid")
-    assert "have the same sign" in estimate(z, momentum=0).message
-
-
-def test_a_row_of_the_table_is_the_estimate_of_that_method(nile):
-    for one in compare_methods(nile):
-        alone = estimate(nile, one.method)
-        assert (one.q, one.r, one.q_se, one.verdict) == (alone.q, alone.r, alone.q_se, alone.verdict)
-
-
 # --- manners --------------------------------------------------------------------------------------------
 
 
@@ -229,11 +209,6 @@ def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
     assert blind.verdict == "no_movement"
     assert blind.ratio_interval[0] > 0.0
     assert "more about the method than about the record" in blind.message
-
-
-@each(("z", "n"), [([], 0), ([math.nan] * 10, 0), ([1.0, math.nan], 1), ([1.0, 2.0, 3.0], 3)])
-def test_too_few_readings_are_counted(z, n):
-    assert f"({n})" in estimate(z).message
 
 
 # --- hostile records ------------------------------------------------------------------------------------

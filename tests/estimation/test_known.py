@@ -37,12 +37,6 @@ def test_the_settled_filter_has_what_was_asked(wish, field, value):
     assert getattr(steady_state(params, 0.01), field) == pytest.approx(value, rel=1e-12)
 
 
-@each("r", [0.0, -1.0, math.nan, math.inf])
-def test_a_wish_needs_a_noise_variance(r):
-    with pytest.raises(BadSetting):
-        params_for_specification(r, gain=0.5)
-
-
 # --- one of the two is fixed ----------------------------------------------------------------------------
 
 
@@ -54,17 +48,6 @@ def test_fixed_r_finds_the_best_q_for_it(nile):
     assert found.q == pytest.approx(best, rel=1.1e-3)
     assert found.loglik == pytest.approx(log_likelihood(nile, FilterParams(found.q, 10_000.0)), rel=1e-12)
     assert found.loglik < estimate(nile).loglik
-
-
-def test_fixing_r_at_the_ml_value_finds_the_ml_pair(nile):
-    ml = estimate(nile)
-    assert estimate_fixed_r(nile, ml.r).q == pytest.approx(ml.q, rel=1e-8)
-
-
-@pytest.mark.parametrize("s", [1e-9, 1e9])
-def test_fixed_r_in_another_unit(nile, s):
-    one, other = estimate_fixed_r(nile, 1e4), estimate_fixed_r(nile * s, 1e4 * s * s)
-    assert other.q == pytest.approx(one.q * s * s, rel=1e-6)
 
 
 def test_far_too_large_an_r_leaves_no_movement_and_far_too_small_an_r_takes_all_for_movement(nile):

@@ -64,14 +64,6 @@ def test_the_order_of_the_sensors_does_not_matter():
     assert other.offset_interval == pytest.approx(one.offset_interval[order], abs=1e-7)
 
 
-def test_a_constant_added_to_a_column_moves_its_offset_only():
-    z, shift = record(missing=0.2), np.array([0.0, 7.0, 0.0])
-    one, other = (estimate_fusion(part, reference=0, **PLAIN) for part in (z, z + shift))
-    assert other.offset == pytest.approx(one.offset + shift, abs=1e-8)
-    assert other.r == pytest.approx(one.r, rel=1e-8)
-    assert other.q == pytest.approx(one.q, rel=1e-8)
-
-
 def test_a_reference_is_right_and_without_one_the_offsets_add_up_to_nothing():
     z = record()
     free, named = estimate_fusion(z, **PLAIN), estimate_fusion(z, names=["a", "b", "c"], reference="b", **PLAIN)
@@ -106,16 +98,6 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
         held[1] += (low <= [1.0, -3.0, 2.0]) & (high >= [1.0, -3.0, 2.0])
     assert np.all(held.sum(axis=1) / 120.0 > 0.90)
     assert np.all(held.sum(axis=1) / 120.0 < 0.99)
-
-
-def test_a_known_noise_stays_and_the_others_follow():
-    z = record()
-    free, fixed = estimate_fusion(z, **PLAIN), estimate_fusion(z, known_r=[np.nan, 4.0, np.nan], **PLAIN)
-    assert fixed.r[1] == pytest.approx(4.0)
-    assert fixed.r_interval[1] == pytest.approx([4.0, 4.0])
-    assert fixed.params is not None
-    assert fixed.params.r[1] == pytest.approx(4.0)
-    assert fixed.loglik < free.loglik
 
 
 @pytest.mark.slow

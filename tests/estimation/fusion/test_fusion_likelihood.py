@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, fuse
-from kalscope.estimation.climb import Coordinates, Readings, climb, place_at
+from kalscope.estimation.climb import Coordinates, Readings, place_at
 
 GAINS = np.array([1.0, 1.3, -0.7])
 
@@ -66,18 +66,3 @@ def test_no_other_offsets_are_more_likely():
         assert one.loglik - other.loglik == pytest.approx(
             0.5 * float(np.array(side)[1:] @ np.linalg.solve(one.spread[1:, 1:], np.array(side)[1:])), rel=1e-6
         )
-
-
-def test_the_climb_finds_the_top_of_a_ridge():
-    middle, bent = np.array([1.0, -2.0]), np.array([[1.0, 0.99], [0.99, 1.0]])
-
-    def function(at):
-        away = at - middle
-        inside = 0.5 * float(away @ bent @ away)
-        return -np.log1p(inside), -bent @ away / (1.0 + inside)
-
-    top = climb(function, np.array([8.0, 9.0]), np.full(2, -50.0), np.full(2, 50.0))
-    assert top.at == pytest.approx(middle, abs=1e-8)
-    bounded = climb(function, np.array([8.0, 9.0]), np.array([3.0, -50.0]), np.full(2, 50.0))
-    assert bounded.at[0] == 3.0
-    assert bounded.at[1] == pytest.approx(-2.0 - 0.99 * 2.0, abs=1e-7)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import FilterParams, denoise, estimate, estimate_fusion, fuse
+from kalscope import estimate, estimate_fusion, fuse
 from kalscope.estimation.fusion import held_for
 from kalscope.filtering.kernels import transition
 
@@ -39,17 +39,6 @@ def said(found, words):
 
 
 @pytest.mark.slow
-def test_a_still_signal_shows_the_noise_but_no_movement():
-    found = estimate_fusion(noise(1.0, 3.0, n=200, seed=3))
-    assert found.verdict == "no_movement"
-    assert found.q == 0.0
-    assert found.r == pytest.approx([1.0, 9.0], rel=0.25)
-    assert found.params is not None
-    assert found.params.q == found.q_interval[1] > 0.0
-    assert "No movement can be identified" in found.message
-
-
-@pytest.mark.slow
 def test_a_momentum_that_is_given_stays_where_nothing_moves():
     found = estimate_fusion(5.0 + noise(1.0, 2.0, n=300, seed=3), momentum=20.0, robust=False)
     assert found.verdict == "no_movement"
@@ -57,13 +46,6 @@ def test_a_momentum_that_is_given_stays_where_nothing_moves():
     assert found.params is not None
     assert found.params.momentum == 20.0
     assert said(found, "The momentum of 20 samples was given.")
-
-
-def test_a_sensor_that_adds_nothing_is_named():
-    z = walk()[:, None] + noise(0.3, 5.0)
-    found = estimate_fusion(z, names=["good", "bad"], **PLAIN)
-    assert said(found, "bad adds almost nothing")
-    assert not said(found, "good adds almost nothing")
 
 
 def test_r_at_nought_gives_a_filter_with_the_largest_that_the_record_allows():
@@ -104,16 +86,6 @@ def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
     assert words in found.message
     assert found.params is None
     assert np.isfinite(found.r).all()
-
-
-@pytest.mark.slow
-def test_noise_that_all_share_is_noticed():
-    z = walk()[:, None] + noise(1.0, 1.0, 0.5)
-    assert estimate_fusion(z, **PLAIN).verdict == "ok"
-    shared = estimate_fusion(z + noise(1.0, seed=9), **PLAIN)
-    assert shared.verdict == "shared_noise"
-    assert shared.message.startswith("sensor 1, sensor 2 and sensor 3 share noise (correlation up to 0.")
-    assert shared.r == pytest.approx([1.0, 1.0, 0.25], rel=0.8)
 
 
 def test_readings_that_a_logger_repeats_are_noticed_but_not_those_of_a_coarse_sensor():
@@ -180,18 +152,6 @@ def test_of_a_momentum_as_long_as_the_record_no_end_is_said():
     found = estimate_fusion(ramp, robust=False)
     assert found.momentum == 299.0
     assert said(found, "for about 299 samples (299 or more)")
-
-
-@pytest.mark.slow
-def test_the_fused_filter_is_nearer_than_the_best_sensor():
-    x = walk()
-    z = x[:, None] + noise(1.0, 1.2, 2.0)
-    found = estimate_fusion(z)
-    assert found.params is not None
-    fused = float(np.std((fuse(z, found.params).x - x)[20:]))
-    own = [denoise(z[:, i], FilterParams(0.1, sigma**2)) for i, sigma in enumerate((1.0, 1.2, 2.0))]
-    best = min(float(np.std((one - x)[20:])) for one in own)
-    assert fused < best
 
 
 @pytest.mark.slow

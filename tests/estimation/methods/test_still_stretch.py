@@ -69,12 +69,6 @@ def test_a_record_of_noise_alone_is_still_all_over():
     assert (first, last) == (0, 500 - 500 % 13)
 
 
-def test_readings_in_steps_may_be_still():
-    first, last = find_still_stretch(2.0 * np.rint(record("walk") / 2.0))
-    assert first > STILL.start - 80
-    assert last < STILL.stop + 80
-
-
 def test_the_stretch_does_not_depend_on_unit_and_level():
     z = record("sine")
     found = find_still_stretch(z)
@@ -88,13 +82,6 @@ def test_a_burst_of_white_movement_is_not_still():
     z[600:900] += np.random.default_rng(2).normal(0, 20, 300)
     found = find_still_stretch(z)
     assert found is None or found[1] <= 610 or found[0] >= 890
-
-
-def test_time_steps_are_taken_along():
-    dt = np.random.default_rng(5).uniform(0.5, 1.5, 2000)
-    first, last = find_still_stretch(record("walk"), dt)
-    assert abs(first - STILL.start) < 80
-    assert abs(last - STILL.stop) < 80
 
 
 # --- none -----------------------------------------------------------------------------------------------

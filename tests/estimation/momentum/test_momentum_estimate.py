@@ -52,18 +52,6 @@ def dense_loglik(z, times, q, r, tau):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tau", "seed"), [(3.0, 1), (30.0, 2), (100.0, 5)])
-def test_the_truth_is_recovered(tau, seed):
-    found = estimate(moving(8000, tau, seed=seed))
-    low, high = found.momentum_interval
-    assert found.verdict == "ok"
-    assert low < tau < high < 3.0 * low
-    assert abs(math.log(found.q / 10.0)) < 3.0 * found.q_se / found.q < 1.5
-    assert abs(found.r - 1.0) < 3.0 * found.r_se < 0.3
-    assert found.params == FilterParams(found.q, found.r, momentum=found.momentum)
-
-
-@pytest.mark.slow
 def test_it_is_the_maximum_of_the_dense_likelihood():
     """With missing samples and uneven steps, on which no recursion relies."""
     g = np.random.default_rng(4)
@@ -145,19 +133,7 @@ def test_a_walk_keeps_the_answer_without_momentum():
     assert chosen.message == f"{plain.message} No momentum: it would not fit better."
 
 
-def test_the_five_lines_are_not_said_to_describe_what_gives_them_no_pair():
-    found = estimate(np.random.default_rng(1).normal(0.0, 1.0, 400))
-    assert found.params is None
-    assert found.message.endswith("No momentum: it would not fit better.")
-
-
 # --- the choice ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_walks_get_no_momentum():
-    found = [estimate(walk(int(n), ratio, seed)) for seed, (n, ratio) in enumerate([(200, 1.0), (600, 0.03)] * 20)]
-    assert sum(one.momentum > 0.0 for one in found) <= 1
 
 
 @pytest.mark.slow
@@ -167,12 +143,6 @@ def test_the_promised_gain_is_kept_on_samples_to_come():
     after, before = (np.nanstd(kalman_filter(z[3000:], one.params).innovation) for one in (found, plain))
     assert found.prediction_gain > 0.05
     assert 1.0 - after / before == pytest.approx(found.prediction_gain, abs=0.02)
-
-
-def test_the_answer_says_what_momentum_gains_and_costs(record):
-    message = estimate(record).message
-    for word in ("keeps its direction for about", "unseen samples", "% smaller", "second state", "overshoot"):
-        assert word in message
 
 
 @each(
@@ -263,17 +233,9 @@ def test_a_likelihood_that_asks_for_momentum_is_not_contradicted_by_the_words():
 def test_no_cost_is_named_where_there_is_no_filter():
     message = estimate(0.3 * np.arange(400.0)).message
     assert "keeps its direction" in message
+    assert "is over 99 % smaller" in message
     assert "second state" not in message
 
 
 def test_a_momentum_that_the_filter_takes_for_none_is_none(record):
     assert estimate(record, momentum=1e-13) == estimate(record, momentum=0.0)
-
-
-def test_no_overshoot_is_not_spoken_of(record):
-    assert "0 % beyond" not in estimate(record, momentum=1e-3).message
-
-
-def test_a_prediction_is_not_said_to_be_perfect():
-    message = estimate(0.3 * np.arange(400.0)).message
-    assert "is over 99 % smaller" in message

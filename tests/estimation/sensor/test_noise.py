@@ -37,11 +37,6 @@ def test_still_noise_is_at_least_that_of_the_steps():
     assert "steps" in found.message
 
 
-def test_the_step_found_is_not_the_rounding_of_decimal_numbers():
-    z = np.array([0.1 * k for k in (1, 2, 3, 2, 1, 3, 2, 1)] + [0.30000000000000004, 0.1 + 0.2])
-    assert noise_from_still(z).quantum == pytest.approx(0.1)
-
-
 def test_a_given_quantum_speaks_for_readings_that_never_change():
     assert noise_from_still([5.0] * 20, quantum=0.5).r == pytest.approx(0.25 / 12)
 
