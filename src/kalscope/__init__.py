@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
     from kalscope.analysis.estimators import compare_methods
-    from kalscope.analysis.fused import FusionJudgement, judge_fusion
+    from kalscope.analysis.fused import judge_fusion
+    from kalscope.analysis.judge import Judgement
     from kalscope.catalogue import open_source
     from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
     from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio, params_for_specification
@@ -65,7 +66,7 @@ __all__ = [
     "Exponential",
     "FilterParams",
     "FilterResult",
-    "FusionJudgement",
+    "Judgement",
     "KalmanFilter",
     "KalscopeError",
     "LineIssue",
@@ -116,10 +117,8 @@ _NAMES = {
         "diagnose_held_out",
     ),
     "analysis.estimators": ("compare_methods",),
-    "analysis.fused": (
-        "FusionJudgement",
-        "judge_fusion",
-    ),
+    "analysis.fused": ("judge_fusion",),
+    "analysis.judge": ("Judgement",),
     "catalogue": ("open_source",),
     "errors": (
         "BadDevice",

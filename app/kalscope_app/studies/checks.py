@@ -9,7 +9,7 @@ import numpy as np
 
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
-from kalscope.analysis.fused import FusionJudgement, judge_fusion
+from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
@@ -72,7 +72,7 @@ def compare_with_board(state: State) -> BoardCheck | None:
 class Judged:
     """The judgement of the fused sensors on screen; plain text, with names from outside."""
 
-    judgement: FusionJudgement
+    judgement: Judgement
     """What fusing brings, and the faults of the sensors."""
     notes: tuple[str, ...]
     """What was found on a held-out stretch, and what cannot be known."""
@@ -82,7 +82,7 @@ class FusionJudge:
     """Judges the fused sensors on screen, and keeps the answer while only the view changes."""
 
     def __init__(self) -> None:
-        self._verdicts = Cache[FusionJudgement]()
+        self._verdicts = Cache[Judgement]()
 
     def of(self, state: State) -> Judged | None:
         """The verdict on the fused sensors on screen, in words; None where one channel is on screen."""
@@ -95,7 +95,7 @@ class FusionJudge:
         return Judged(judgement, (*half, *_about_estimate(fusion)))
 
 
-def _verdict(state: State, fusion: Fusion) -> FusionJudgement:
+def _verdict(state: State, fusion: Fusion) -> Judgement:
     found = None if fusion.dropped else fusion.estimate
     return judge_fusion(
         state.recording.values[:, fusion.columns(state.recording)],

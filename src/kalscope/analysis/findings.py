@@ -57,8 +57,15 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "gate": ("gate too narrow", "bad", "The outlier gate rejects more than single outliers."),
     "shape": ("unusual noise", "note", "The errors of the filter are far from normally distributed."),
     "no_pair": ("no result", "bad", ""),
+    "fused": ("fused", "good", ""),
+    "shared_noise": ("sensors share noise", "bad", ""),
+    "silent": ("was silent", "note", ""),
+    "stuck": ("is stuck", "bad", ""),
+    "drift": ("disagrees", "bad", ""),
+    "noise": ("disagrees", "bad", ""),
 }
-"""Each status of a channel: one or two plain words, its tone, and the headline; "" where that holds a number."""
+"""Each status: a few plain words, its tone, and the headline; "" where that holds a number. The first are of a
+channel, those from "fused" on of fused sensors and of one of them."""
 
 NO_FAULT = "no misfit worth correcting"
 

@@ -10,15 +10,15 @@ aside before the others are compared, because it is in their mean.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.analysis.findings import Finding, Tone
-from kalscope.analysis.judge import Judgement
+from kalscope.analysis.findings import STATUSES, Finding
+from kalscope.analysis.judge import BLOCKS, CLOSE, Judgement, Prediction, Stretch
 from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
 from kalscope.errors import BadSetting
@@ -30,23 +30,11 @@ from kalscope.filtering.steady import steady_state
 
 FusionFit = Callable[[Array, Array | None], FilterParams]
 
-Stretch = tuple[int, int]
-"""First row, and one past the last; (0, 0) for none."""
-
-FAULTS: dict[str, tuple[str, Tone]] = {
-    "silent": ("was silent", "note"),
-    "stuck": ("is stuck", "bad"),
-    "drift": ("disagrees", "bad"),
-    "noise": ("disagrees", "bad"),
-    "spikes": ("has spikes", "note"),
-}
-"""What can be wrong with a sensor, the word for it and its tone."""
+WORDS = STATUSES | {"spikes": ("has spikes", "note", "")}
+"""The word, and its tone, of each status of fused sensors; the fused value can be right beside one with spikes."""
 
 MAX_NAME = 20
 """Characters of a sensor's name in the word of a judgement."""
-
-CLOSE = 0.005
-"""Relative differences below this count as none: both errors read the same."""
 
 MIN_SHARE = 1e-9
 """A smaller share counts as none, as that beside a sensor without noise."""
@@ -68,8 +56,8 @@ ones."""
 USUALLY_NEW = 2.0
 """Readings per value up to which a sensor usually gives new values."""
 
-BLOCKS, CERTAIN = 16, 2.0
-"""Blocks from whose scatter the standard error of a mean comes, and the errors beyond which it is not chance."""
+CERTAIN = 2.0
+"""Standard errors of a mean beyond which it is not chance."""
 
 FAR, TRIED = 100.0, 1000
 """A stuck sensor is simulated this many standard deviations away, for this many rows."""
@@ -103,89 +91,6 @@ SMALLER, MEAN_OF_SMALLER = 0.9, 0.6573
 """Share of the steps whose size is averaged, and that average for a standard normal distribution."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SensorJudgement(Judgement):
-    """One of the fused sensors: its findings are its faults, one sentence each. No number is ever NaN."""
-
-    name: str
-    """Its name."""
-    share: float
-    """Its share of the fused value while all sensors answer, 0 … 1."""
-    answered: float
-    """Share of the rows in which it has a reading."""
-    error: float
-    """Error of the quantity with this sensor alone, one standard deviation, unit, predicted by the model."""
-    error_without: float
-    """Error where this sensor drops out and the others continue, unit; inf where it is the only one."""
-    shares_without: Array
-    """Shares of all sensors then, shape (sensors,): that of this one is 0."""
-    pull: float
-    """How far the fused value in the end goes towards this sensor where it sticks at one value, 0 … 1: its share,
-    or as tried out with an outlier gate."""
-    drift: float
-    """By how much its difference from the others moves within the record, unit; 0 where not more than by chance."""
-    noise_ratio: float
-    """Largest over smallest variance of its noise within the record; 1 where not more than by chance."""
-    spikes: int
-    """Readings far off that no other sensor confirms."""
-    stuck: Stretch
-    """First row and one past the last of its longest stretch of equal readings; (0, 0) where none is odd."""
-    silent: Stretch
-    """The same of its longest stretch without a reading."""
-    if_it_fails: tuple[str, str]
-    """What happens when it drops out, and when it sticks."""
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """What is wrong with it, keys of FAULTS, worst first; () where nothing is."""
-        return tuple(one.status for one in self.findings)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """How the readings of the second half are predicted one row ahead. There is no truth to compare with."""
-
-    fused: float
-    """Root mean square error of the prediction, the noise of the predicted readings included, unit."""
-    single: Array
-    """The same of predictions by each sensor alone, shape (sensors,)."""
-    best: int
-    """The sensor that predicts best."""
-    is_certain: bool
-    """Whether fused and best single sensor differ by more than chance."""
-
-    @property
-    def saved(self) -> float:
-        """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
-        best = float(self.single[self.best])
-        less = 1.0 - self.fused / best if best > 0.0 else 0.0
-        return less if self.is_certain and abs(less) >= CLOSE else 0.0
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FusionJudgement(Judgement):
-    """What fusing brings, and what each sensor does in it; its findings are the faults of all sensors."""
-
-    error: float
-    """Error of the fused value, 1 σ, unit, predicted by the model for the rows in which every sensor has begun."""
-    best: int
-    """The sensor with the smallest error alone."""
-    prediction: Prediction | None
-    """How well the second half is predicted; None where there are too few rows."""
-    shares: str
-    """What each sensor contributes, one sentence; "" of one sensor."""
-    sensors: tuple[SensorJudgement, ...]
-    """One a sensor, in the order of the columns."""
-    shared: Shared | None
-    """The sensors whose noises are correlated; None where none shows."""
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """The headline, the second half, shares, and faults; what follows if a sensor fails is with the sensors."""
-        first = (one for one in (self.headline, self.second_half, self.shares) if one)
-        return *first, *(one.text for one in self.findings)
-
-
 def judge_fusion(
     z: ArrayLike,
     estimate: Estimate | FilterParams,
@@ -195,7 +100,7 @@ def judge_fusion(
     unit: str = "",
     sample_period: float | None = None,
     fit: FusionFit | None = None,
-) -> FusionJudgement:
+) -> Judgement:
     """Judge a fused filter by the record that it is for.
 
     Args:
@@ -211,8 +116,8 @@ def judge_fusion(
     Raises:
         BadSetting: z does not fit the parameters, or the estimate has none.
     """
-    found = estimate if isinstance(estimate, Estimate) else None
-    params = estimate.params if isinstance(estimate, Estimate) else estimate
+    found = None if isinstance(estimate, FilterParams) else estimate
+    params = estimate if isinstance(estimate, FilterParams) else estimate.params
     if params is None:
         raise BadSetting("estimate must hold a filter (got one without params: its message says why)")
     if names is None:
@@ -221,30 +126,34 @@ def judge_fusion(
         raise BadSetting(f"names must be {params.sensors}, one per sensor (got {', '.join(names)})")
     readings = checked_readings(samples_of(z), params)
     steps = None if dt is None else steps_of(dt, len(readings))
-    whole = _Record(readings, steps, params, tuple(names), unit, sample_period)
-    error = whole.predicted_error(range(params.sensors))
+    record = _Record(readings, steps, params, tuple(names), unit, sample_period)
+    half = len(readings) // 2
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
-        stuck = [_stuck_stretch(whole, i) for i in range(params.sensors)]
-        alive = whole.without(stuck)
-        sensors = _sensors(whole, alive, stuck, error)
-        half = len(readings) // 2
-        params = params if fit is None else fit(readings[:half], None if steps is None else steps[:half])
-        seen = _predict_second_half(whole, params, np.isfinite(alive.z))
+        stuck = [_stuck_stretch(record, i) for i in range(params.sensors)]
+        alive = record.without(stuck)
+        sensors = _sensors(record, alive, stuck)
+        tested = params if fit is None else fit(readings[:half], None if steps is None else steps[:half])
+        seen = _predict_second_half(replace(record, params=tested), np.isfinite(alive.z))
         shared = _shared_noise(alive) if found is None else found.shared
-    word, tone = _word(sensors, shared)
-    return FusionJudgement(
-        status=next((one.status for one in sensors if one.findings), "fits" if shared is None else "shared_noise"),
-        headline=_headline(whole, error, sensors, seen, shared),
+    error = record.predicted_error(range(params.sensors))
+    odd = [one for one in sensors if one.findings]
+    status = odd[0].status if odd else "shared_noise" if shared else "fused"
+    word, tone, _ = WORDS[status]
+    if odd:
+        word = f"check {len(odd)} sensors" if len(odd) > 1 else f"{odd[0].name[:MAX_NAME]} {word}"
+        tone = "bad" if "bad" in (WORDS[fault][1] for one in odd for fault in one.faults) else "note"
+    several = len(sensors) > 1
+    return Judgement(
+        status=status if odd or shared else "fits",
+        headline=_headline(record, error, sensors, seen, shared),
         word=word,
         tone=tone,
         findings=tuple(dict.fromkeys(fault for one in sensors for fault in one.findings)),
-        second_half=_second_half(whole, seen, unseen=fit is not None) if seen and len(sensors) > 1 else "",
+        second_half=_second_half(record, seen, unseen=fit is not None) if seen and several else "",
         error=error,
         best=int(np.argmin([one.error for one in sensors])),
         prediction=seen,
-        shares=f"While all answer, the fused value is {whole.parts(whole.params.shares)}."
-        if len(sensors) > 1
-        else "",
+        shares=f"While all answer, the fused value is {record.parts(params.shares)}." if several else "",
         sensors=sensors,
         shared=shared,
     )
@@ -267,9 +176,13 @@ class _Record:
     period: float | None
     """Sample period, s; None where unknown."""
 
-    def run(self, sensors: Sequence[int], params: FilterParams | None = None) -> FilterResult:
+    def run(self, sensors: Sequence[int]) -> FilterResult:
         """The fusion of these sensors only, with the parameters of all of them."""
-        return fuse(self.z[:, list(sensors)], (params or self.params).only(sensors), self.dt)
+        return fuse(self.z[:, list(sensors)], self.params.only(sensors), self.dt)
+
+    def smoothed(self, sensors: Sequence[int]) -> FilterResult:
+        """The same from both sides."""
+        return smooth(self.z[:, list(sensors)], self.params.only(sensors), self.dt)
 
     def others(self, sensor: int) -> list[int]:
         """All sensors but one."""
@@ -280,7 +193,7 @@ class _Record:
         z = self.z.copy()
         for column, stretch in zip(z.T, stretches, strict=True):
             column[slice(*stretch)] = np.nan
-        return _Record(z, self.dt, self.params, self.names, self.unit, self.period)
+        return replace(self, z=z)
 
     def predicted_error(self, sensors: Sequence[int]) -> float:
         """√ of the mean variance that the model gives to x by these sensors; inf without a reading.
@@ -300,36 +213,18 @@ class _Record:
 
     def parts(self, shares: Array) -> str:
         """Shares as a list: 60 % a, 30 % b and 10 % c."""
-        written = [
-            f"{percent(share, 3 if share > 0.985 else 2)} {name}"
-            for name, share in zip(self.names, shares.tolist(), strict=True)
-            if share > MIN_SHARE
-        ]
-        return listed(written)
+        pairs = zip(self.names, shares.tolist(), strict=True)
+        return listed([f"{percent(one, 3 if one > 0.985 else 2)} {name}" for name, one in pairs if one > MIN_SHARE])
 
     def when(self, stretch: Stretch) -> str:
         """How long a stretch is, and which rows."""
         first, last = stretch
-        rows = last - first
-        long = lag_text(rows, self.period) if self.period else f"{count(rows)} rows"
+        long = lag_text(last - first, self.period) if self.period else f"{count(last - first)} rows"
         return f" for {long} (rows {count(first)} to {count(last - 1)})"
 
 
-def _word(sensors: Sequence[SensorJudgement], shared: Shared | None) -> tuple[str, Tone]:
-    """The judgement in a few words, and its tone."""
-    odd = [one for one in sensors if one.findings]
-    if not odd:
-        return ("fused", "good") if shared is None else ("sensors share noise", "bad")
-    tone = "bad" if any(FAULTS[fault][1] == "bad" for one in odd for fault in one.faults) else "note"
-    return f"check {len(odd)} sensors" if len(odd) > 1 else f"{odd[0].name[:MAX_NAME]} {odd[0].word}", tone
-
-
 def _headline(
-    record: _Record,
-    error: float,
-    sensors: Sequence[SensorJudgement],
-    seen: Prediction | None,
-    shared: Shared | None,
+    record: _Record, error: float, sensors: Sequence[Judgement], seen: Prediction | None, shared: Shared | None
 ) -> str:
     """What fusing brings; no comparison by predicted errors where the record contradicts them."""
     stuck = next((f" {one.name} is stuck" for one in sensors if "stuck" in one.faults), "")
@@ -373,18 +268,17 @@ def _second_half(record: _Record, seen: Prediction, *, unseen: bool) -> str:
     return f"{half}: {percent(abs(less))} {'better' if less > 0.0 else 'worse'} than by {best}."
 
 
-def _predict_second_half(record: _Record, params: FilterParams, counted: Mask) -> Prediction | None:
+def _predict_second_half(record: _Record, counted: Mask) -> Prediction | None:
     """Predict every reading of the second half from the rows before it, by all sensors and by each alone.
 
     Args:
-        record: the readings.
-        params: the filter.
+        record: the readings and the filter.
         counted: the readings that count, which those of a stuck sensor do not, shape (n, sensors).
     """
-    first = max(len(record.z) // 2, 1)
+    first, params = max(len(record.z) // 2, 1), record.params
 
     def squared_errors(sensors: Sequence[int]) -> Array:
-        run = record.run(sensors, params)
+        run = record.run(sensors)
         ahead = run.x[first - 1 : -1]
         if run.velocity is not None:
             steps = 1.0 if record.dt is None else record.dt[first:]
@@ -420,124 +314,87 @@ def _shared_noise(alive: _Record) -> Shared | None:
 # --- each sensor ----------------------------------------------------------------------------------------------
 
 
-def _sensors(
-    record: _Record, alive: _Record, stuck: Sequence[Stretch], error: float
-) -> tuple[SensorJudgement, ...]:
+def _sensors(record: _Record, alive: _Record, stuck: Sequence[Stretch]) -> tuple[Judgement, ...]:
     """Each sensor: its part in the fusion, its faults, and what follows if it fails."""
     params, z = record.params, record.z
-
-    @lru_cache
-    def apart(sensor: int, others: tuple[int, ...]) -> _Difference:
-        return _difference(alive, sensor, others)
-
-    drifts = _odd_ones(lambda i, others: _drift(apart(i, others)), MIN_DRIFT * np.sqrt(params.scaled_r))
+    difference = lru_cache(lambda i, others: _difference(alive, i, others))
+    drifts = _odd_ones(lambda *pair: _drift(difference(*pair)), MIN_DRIFT * np.sqrt(params.scaled_r))
     least = np.full(params.sensors, MIN_NOISE_RATIO)
-    changes = _odd_ones(lambda i, others: _noise_change(apart(i, others)), least)
-    spikes, silent = _spikes(alive), [_silent_stretch(np.isfinite(column)) for column in z.T]
+    changes = _odd_ones(lambda *pair: _noise_change(difference(*pair)), least)
+    spikes, error = _spikes(alive), record.predicted_error(range(params.sensors))
 
-    def judged(i: int) -> SensorJudgement:
-        found = (
-            _silent(record, i, silent[i]),
-            _stuck(record, i, stuck[i]),
-            _drifts(record, i, *drifts.get(i, (0.0, ()))),
-            _noise_changes(record, i, *changes.get(i, (1.0, ()))),
-            _has_spikes(record, i, spikes[i]),
-        )
-        findings = tuple(one for one in found if one is not None)
-        word, tone = FAULTS[findings[0].status] if findings else ("fits", "good")
-        others = record.others(i)
-        without, pull, shares = record.predicted_error(others), _pull(params, i), np.zeros(params.sensors)
+    def judged(i: int) -> Judgement:
+        others, shares = record.others(i), np.zeros(params.sensors)
         if others:
             shares[others] = params.only(others).shares
-        return SensorJudgement(
-            status=findings[0].status if findings else "fits",
-            headline=findings[0].text if findings else f"No fault of {record.names[i]} shows.",
-            word=word,
-            tone=tone,
-            findings=findings,
+        one = Judgement(
+            status="fits",
+            headline=f"No fault of {record.names[i]} shows.",
+            word="fits",
+            tone="good",
             name=record.names[i],
             share=float(params.shares[i]),
             answered=float(np.isfinite(z[:, i]).mean()) if len(z) else 0.0,
             error=record.predicted_error([i]),
-            error_without=without,
+            error_without=record.predicted_error(others),
             shares_without=shares,
-            pull=pull,
+            pull=_pull(params, i),
             drift=drifts.get(i, (0.0, ()))[0],
             noise_ratio=changes.get(i, (1.0, ()))[0],
             spikes=spikes[i],
             stuck=stuck[i],
-            silent=silent[i],
-            if_it_fails=(_drops_out(record, i, without, error, shares), _sticks(record, i, without, pull)),
+            silent=_silent_stretch(np.isfinite(z[:, i])),
         )
+        pairs = [" and ".join(record.names[j] for j in odd.get(i, (0.0, ()))[1]) for odd in (drifts, changes)]
+        found = tuple(_faults(record, i, one, *pairs))
+        one = replace(one, findings=found, if_it_fails=_failing(record, i, one, error))
+        if not found:
+            return one
+        status, text = found[0].status, found[0].text
+        return replace(one, status=status, headline=text, word=WORDS[status][0], tone=WORDS[status][1])
 
     return tuple(map(judged, range(params.sensors)))
 
 
-def _silent(record: _Record, sensor: int, stretch: Stretch) -> Finding | None:
-    if stretch == (0, 0):
-        return None
-    return Finding("silent", f"{record.names[sensor]} has no reading{record.when(stretch)}.")
+def _faults(record: _Record, sensor: int, one: Judgement, drifting: str, changing: str) -> Iterator[Finding]:
+    """What is wrong with a sensor, worst first; `drifting`, `changing`: two that no third tells apart, or ""."""
+    name, params = one.name, record.params
+    if one.silent != (0, 0):
+        yield Finding("silent", f"{name} has no reading{record.when(one.silent)}.")
+    if one.stuck != (0, 0):
+        reading = float(record.z[one.stuck[0], sensor])
+        at = record.size(reading) if params.gain[sensor] == 1.0 else number(reading)  # its unit may be another
+        yield Finding("stuck", f"{name} is stuck at {at}{record.when(one.stuck)}: leave it out there.")
+    by = f"{record.size(one.drift)} within the record"
+    if drifting:
+        yield Finding("drift", f"{drifting} drift apart by {by}; two sensors cannot show which of them drifts.")
+    elif one.drift:
+        noise = record.size(math.sqrt(params.scaled_r[sensor]))
+        yield Finding("drift", f"{name} drifts against the others by {by} (σ of its noise: {noise}).")
+    if one.noise_ratio > 1.0:
+        why = "; two sensors cannot show which of them it is" if changing else ": one r cannot fit all of it"
+        times = f"{number(one.noise_ratio, 2)} × within the record"
+        yield Finding("noise", f"The noise variance of {changing or name} changes {times}{why}.")
+    if one.spikes >= max(MIN_SPIKES, MIN_SPIKE_SHARE * np.isfinite(record.z[:, sensor]).sum()):
+        seen = f"{name} has {plural(one.spikes, 'spike')} that no other sensor confirms"
+        yield Finding("spikes", f"{seen}: set an outlier gate.")
 
 
-def _stuck(record: _Record, sensor: int, stretch: Stretch) -> Finding | None:
-    if stretch == (0, 0):
-        return None
-    reading = float(record.z[stretch[0], sensor])
-    at = record.size(reading) if record.params.gain[sensor] == 1.0 else number(reading)  # its unit may be another
-    return Finding("stuck", f"{record.names[sensor]} is stuck at {at}{record.when(stretch)}: leave it out there.")
-
-
-def _drifts(record: _Record, sensor: int, drift: float, pair: tuple[int, ...]) -> Finding | None:
-    """A difference from the others that moves; `pair`: two sensors of which no third one tells which drifts."""
-    if not drift:
-        return None
-    by = f"{record.size(drift)} within the record"
-    if pair:
-        two = listed([record.names[i] for i in pair])
-        return Finding("drift", f"{two} drift apart by {by}; two sensors cannot show which of them drifts.")
-    noise = record.size(math.sqrt(record.params.scaled_r[sensor]))
-    return Finding("drift", f"{record.names[sensor]} drifts against the others by {by} (σ of its noise: {noise}).")
-
-
-def _noise_changes(record: _Record, sensor: int, ratio: float, pair: tuple[int, ...]) -> Finding | None:
-    """A noise that changes; `pair` as for `_drifts`."""
-    if ratio <= 1.0:
-        return None
-    name = listed([record.names[i] for i in pair or (sensor,)])
-    why = "two sensors cannot show which of them it is" if pair else "one r cannot fit all of it"
-    times = f"{number(ratio, 2)} × within the record"
-    return Finding("noise", f"The noise variance of {name} changes {times}{';' if pair else ':'} {why}.")
-
-
-def _has_spikes(record: _Record, sensor: int, spikes: int) -> Finding | None:
-    if spikes < max(MIN_SPIKES, MIN_SPIKE_SHARE * np.isfinite(record.z[:, sensor]).sum()):
-        return None
-    seen = f"{record.names[sensor]} has {plural(spikes, 'spike')} that no other sensor confirms"
-    return Finding("spikes", f"{seen}: set an outlier gate.")
-
-
-def _drops_out(record: _Record, sensor: int, without: float, error: float, shares: Array) -> str:
-    """What happens when a sensor drops out."""
-    name = record.names[sensor]
+def _failing(record: _Record, sensor: int, one: Judgement, error: float) -> tuple[str, str]:
+    """What happens when a sensor drops out, and when it sticks, which no filter can see in a single reading."""
+    name, gate, without = record.names[sensor], record.params.gate, one.error_without
     if math.isinf(without):
-        return f"Without {name} no reading is left."
+        return f"Without {name} no reading is left.", f"If {name} sticks at one value, the filter follows it."
     more = without / error - 1.0 if error > 0.0 else 0.0
     change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"
     change = "with it 0" if error == 0.0 < without else change
+    held = "" if gate is None else f", with the gate of {gate_text(gate)}"
+    end = percent(one.pull if one.pull > MIN_SHARE else 0.0)
     return (
         f"If {name} drops out, the error is {record.size(without)}, {change}; "
-        f"the fused value is then {record.parts(shares)}."
+        f"the fused value is then {record.parts(one.shares_without)}.",
+        f"If {name} sticks at one value, the fused value ends {end} of the way to it{held}; leave it out then.",
     )
-
-
-def _sticks(record: _Record, sensor: int, without: float, pull: float) -> str:
-    """What happens when a sensor sticks at one value, which no filter can see in a single reading."""
-    name, gate = record.names[sensor], record.params.gate
-    if math.isinf(without):
-        return f"If {name} sticks at one value, the filter follows it."
-    held = "" if gate is None else f", with the gate of {gate_text(gate)}"
-    end = percent(pull if pull > MIN_SHARE else 0.0)
-    return f"If {name} sticks at one value, the fused value ends {end} of the way to it{held}; leave it out then."
 
 
 def _pull(params: FilterParams, sensor: int) -> float:
@@ -560,20 +417,18 @@ def _pull(params: FilterParams, sensor: int) -> float:
 
 def _spikes(record: _Record) -> list[int]:
     """Readings of each sensor that are far off by its single filter, and that no other sensor confirms."""
-    sizes = np.stack([_sizes(record.run([i])) for i in range(record.params.sensors)], axis=1)
+    sizes = np.zeros(record.z.shape)
+    for i in range(record.params.sensors):
+        run = record.run([i])
+        with np.errstate(invalid="ignore"):
+            size = np.abs(run.innovation[:, 0]) / np.sqrt(run.s[:, 0])
+        scored = np.isfinite(size)
+        usual = MAD * float(np.median(size[scored])) if scored.any() else 0.0
+        sizes[:, i] = np.where(scored, size, 0.0) / max(usual, 1.0)
     far, confirming = sizes > FAR_OFF, sizes > CONFIRMED
     alone = far & (confirming.sum(axis=1, keepdims=True) == 1)
     alone[1:] &= ~far[:-1]  # the reading after a spike is far from where the filter went
     return alone.sum(axis=0).tolist()
-
-
-def _sizes(run: FilterResult) -> Array:
-    """|v|/√s of one sensor, over their usual size; 0 where none is scored."""
-    with np.errstate(invalid="ignore"):
-        size = np.abs(run.innovation[:, 0]) / np.sqrt(run.s[:, 0])
-    scored = np.isfinite(size)
-    usual = MAD * float(np.median(size[scored])) if scored.any() else 0.0
-    return np.where(scored, size, 0.0) / max(usual, 1.0)
 
 
 def _stuck_stretch(record: _Record, sensor: int) -> Stretch:
@@ -599,7 +454,7 @@ def _others_moved(record: _Record, sensor: int, stretch: Stretch) -> bool:
     others = record.others(sensor)
     if not others:
         return False
-    smoothed = smooth(record.z[:, others], record.params.only(others), record.dt).x[slice(*stretch)]
+    smoothed = record.smoothed(others).x[slice(*stretch)]
     spread = np.nanmax(smoothed) - np.nanmin(smoothed) if np.isfinite(smoothed).any() else 0.0
     return bool(spread > FAR_OFF * np.sqrt(record.params.scaled_r[sensor]))
 
@@ -657,12 +512,11 @@ def _difference(record: _Record, sensor: int, others: Sequence[int]) -> _Differe
     if 2 * both.sum() >= answered.sum():
         mean = (information * np.where(np.isfinite(rest), rest, 0.0)).sum(axis=1)[both] / total[both]
         return _Difference(one[both] - mean, r + 1.0 / total[both], 0.0, 1.0)
-    remaining = params.only(others)
-    smoothed = smooth(record.z[:, list(others)], remaining, record.dt)
+    smoothed = record.smoothed(others)
     error = np.where(answered & np.isfinite(smoothed.p), smoothed.p, math.inf)
     known = np.isfinite(error) & (error <= MAX_FAINTER * error.min(initial=math.inf))
     per_row = known.sum() / max(len(y), 1)
-    lasting = 1.0 + 2.0 * steady_state(remaining.as_single).lag_samples * per_row
+    lasting = 1.0 + 2.0 * steady_state(params.only(others).as_single).lag_samples * per_row
     others_p = float(smoothed.p[known].mean()) if known.any() else 0.0
     return _Difference((one - smoothed.x)[known], np.full(int(known.sum()), r), others_p, lasting)
 

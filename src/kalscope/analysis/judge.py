@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,9 +24,10 @@ from kalscope.analysis.findings import (
     findings_of,
 )
 from kalscope.analysis.residuals import ALARM, dot
+from kalscope.common.numbers import Array
 from kalscope.common.text import correlation, count, decibels, number
 from kalscope.estimation.request import Request
-from kalscope.estimation.result import Estimate
+from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.verdict import below_step
 from kalscope.filtering.steady import steady_state
 
@@ -49,16 +50,47 @@ BEYOND_CHANCE = 3.29
 """Standard errors that chance exceeds once in a thousand, as `ALARM`."""
 
 
+CLOSE = 0.005
+"""Relative differences below this count as none: both errors read the same."""
+
+Stretch = tuple[int, int]
+"""First row, and one past the last; (0, 0) for none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """How the readings of the second half are predicted one row ahead. There is no truth to compare with."""
+
+    fused: float
+    """Root mean square error of the prediction, the noise of the predicted readings included, unit."""
+    single: Array
+    """The same of predictions by each sensor alone, shape (sensors,)."""
+    best: int
+    """The sensor that predicts best."""
+    is_certain: bool
+    """Whether fused and best single sensor differ by more than chance."""
+
+    @property
+    def saved(self) -> float:
+        """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
+        best = float(self.single[self.best])
+        less = 1.0 - self.fused / best if best > 0.0 else 0.0
+        return less if self.is_certain and abs(less) >= CLOSE else 0.0
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Judgement:
-    """Whether a filter fits a record, and what to do where it does not."""
+    """Whether a filter fits a record, and what to do where it does not. No number is ever NaN.
+
+    It is of a channel, of fused sensors, or of one of these, whose findings are its faults.
+    """
 
     status: str
     """The most urgent finding: one of STATUSES."""
     headline: str
     """One sentence with capital and full stop; it is true of the record whatever else is found."""
     word: str
-    """The judgement in one to three words, such as "fits", "too slow", "as chosen"."""
+    """The judgement in a few words, such as "fits", "too slow", "check 2 sensors"."""
     tone: Tone
     """"good", nothing to correct; "note", something to know; "bad", something that should be corrected."""
     findings: tuple[Finding, ...] = ()
@@ -69,6 +101,57 @@ class Judgement:
     """Of a channel: the filter on the whole record."""
     held_out: Diagnostics | None = None
     """Of a channel: a pair that has not seen the second half, on that half."""
+
+    sensors: tuple[Judgement, ...] = ()
+    """Of fused sensors: one a sensor, in the order of the columns."""
+    error: float = math.inf
+    """Error of the fused value, or of the quantity by this sensor alone, 1 σ, unit, predicted by the model for the
+    rows in which every sensor has begun; inf where it is not known."""
+    best: int = 0
+    """The sensor with the smallest error alone."""
+    prediction: Prediction | None = None
+    """How well all sensors and each predict the second half; None where there are too few rows."""
+    shares: str = ""
+    """What each sensor contributes, one sentence; "" of one sensor."""
+    shared: Shared | None = None
+    """The sensors whose noises are correlated; None where none shows."""
+
+    name: str = ""
+    """Of one of the sensors: its name."""
+    share: float = 1.0
+    """Its share of the fused value while all sensors answer, 0 … 1."""
+    answered: float = 1.0
+    """Share of the rows in which it has a reading."""
+    error_without: float = math.inf
+    """Error where it drops out and the others continue, unit; inf where it is the only one."""
+    shares_without: Array = field(default_factory=lambda: np.zeros(1))
+    """Shares of all sensors then, shape (sensors,): that of this one is 0."""
+    pull: float = 1.0
+    """How far the fused value in the end goes towards it where it sticks at one value, 0 … 1: its share, or as
+    tried out with an outlier gate."""
+    drift: float = 0.0
+    """By how much its difference from the others moves within the record, unit; 0 where not more than by chance."""
+    noise_ratio: float = 1.0
+    """Largest over smallest variance of its noise within the record; 1 where not more than by chance."""
+    spikes: int = 0
+    """Readings far off that no other sensor confirms."""
+    stuck: Stretch = (0, 0)
+    """Its longest stretch of equal readings; (0, 0) where none is odd."""
+    silent: Stretch = (0, 0)
+    """The same of its longest stretch without a reading."""
+    if_it_fails: tuple[str, ...] = ()
+    """What happens when it drops out, and when it sticks."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The statuses of the findings; () where nothing was found."""
+        return tuple(one.status for one in self.findings)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Of fused sensors: headline, second half, shares, and faults."""
+        first = (one for one in (self.headline, self.second_half, self.shares) if one)
+        return *first, *(one.text for one in self.findings)
 
 
 def judge(

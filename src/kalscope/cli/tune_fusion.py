@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.analysis.fused import FusionJudgement, SensorJudgement, judge_fusion
+from kalscope.analysis.fused import judge_fusion
+from kalscope.analysis.judge import Judgement
 from kalscope.cli.tune_answer import between, momentum_and_gate, wrapped
 from kalscope.cli.tune_options import FusionOptions, save
 from kalscope.common.numbers import Array
@@ -74,7 +75,7 @@ class FusionAnswer:
     """How it was found, for the tuning file."""
     steady: SteadyState | None
     """The settled filter while all sensors answer; None without a filter."""
-    verdict: FusionJudgement | None
+    verdict: Judgement | None
     """What the fusion is worth, and which sensor to look at; None without a filter."""
 
 
@@ -270,7 +271,7 @@ def _nothing(answer: FusionAnswer) -> str:
     return f"{' + '.join(answer.sensors)}: no filter to recommend ({answer.estimate.verdict.replace('_', ' ')})"
 
 
-def _next(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> str:
+def _next(answer: FusionAnswer, params: FilterParams, verdict: Judgement) -> str:
     """What to do: look at a sensor that disagrees, set a gate, or keep the filter."""
     odd = [one for one in verdict.sensors if {"drift", "noise", "stuck"} & set(one.faults)]
     if odd:
@@ -305,7 +306,7 @@ def _filter(answer: FusionAnswer, params: FilterParams) -> str:
     return f"{text}; while all answer: lag {lag}, noise {noise} of their mean{over}"
 
 
-def _table(answer: FusionAnswer, params: FilterParams, verdict: FusionJudgement) -> Iterator[str]:
+def _table(answer: FusionAnswer, params: FilterParams, verdict: Judgement) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     gains = _has_gains(answer)
     head = ("sensor", "noise σ", "r", "offset", *(("gain",) if gains else ()), "share", "error alone", "without it")
@@ -407,7 +408,7 @@ def _shared(found: Estimate) -> dict[str, Any] | None:
     return one and {"sensors": [found.names[i] for i in one.sensors], "correlation": one.correlation}
 
 
-def _sensor(one: SensorJudgement) -> dict[str, Any]:
+def _sensor(one: Judgement) -> dict[str, Any]:
     names = (
         *("name", "share", "answered", "error", "error_without", "shares_without", "pull"),
         *("drift", "noise_ratio", "spikes", "stuck", "silent", "faults"),
