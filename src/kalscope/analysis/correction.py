@@ -18,22 +18,20 @@ import numpy as np
 
 from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share, normality
 from kalscope.common.numbers import Array, Indices
+from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood import Differences, differences
-from kalscope.estimation.momentum import concentrated, moving_sums, step_variance
+from kalscope.estimation.momentum import concentrated, moving_sums, search, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 
-MAX_SEARCHED = 40_000
-"""Samples searched for momentum; a longer record is searched in stretches, and the result tested on all of it."""
+PARTS, PART = 4, 10_000
+"""Stretches of a long record in which momentum is searched, and samples in each; the result is tested on all."""
 
 MAX_SCALE = 1e150
 """Changes larger than this many √r count as this large: their squares must fit a double."""
 
 LAG = 5.0
 """Samples of lag in the example of a filter that is chosen by its lag."""
-
-STRETCHES = 4
-"""Number of those stretches; they are spread evenly and leave the start of the record out."""
 
 
 @dataclass(frozen=True)
@@ -83,17 +81,6 @@ class Record:
     def data(self) -> Differences:
         """The record as the likelihood takes it."""
         return differences(self.z, np.empty(0) if self.dt is None else self.dt)
-
-    def searched(self) -> tuple[Differences, ...]:
-        """The record, or of a long one the stretches in which momentum is searched."""
-        n = len(self.z)
-        if n <= MAX_SEARCHED:
-            return (self.data,)
-        length = MAX_SEARCHED // STRETCHES
-        firsts = np.linspace(0, n - length, STRETCHES + 1)[1:].astype(int).tolist()
-        steps = np.empty(0) if self.dt is None else self.dt
-        stretches = (differences(self.z[i : i + length], steps[i : i + length]) for i in firsts)
-        return tuple(one for one in stretches if one.m) or (self.data,)
 
     def sums(self, log_ratios: Array) -> tuple[Array, Array]:
         """Σ v²/s and Σ ln s of the whole record at each ln(step variance / r), r = 1, shapes of `log_ratios`."""
@@ -191,8 +178,8 @@ or to the λ at which a filter is clearly at that end."""
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""
 
-FINE = np.linspace(-1.0, 1.0, 401)
-"""Points between three steps at which a likelihood is interpolated."""
+BETWEEN = np.linspace(-0.5, 0.5, 200, endpoint=False)
+"""Where a likelihood is read between two steps, in steps."""
 
 
 @dataclass(frozen=True)
@@ -218,85 +205,80 @@ class Correction:
 
 @dataclass(frozen=True)
 class Profile:
-    """The record filtered with r = 1 at steps of ln λ, the filter's λ among them."""
+    """The record filtered with r = 1 at steps of ln λ, the filter's λ among them, and read between the steps."""
 
-    log_ratios: Array
-    """ln λ, ascending, shape (steps,)."""
-    present: int
-    """Index of the filter's λ."""
-    chi2: Array
-    """Σ v²/s, shape (steps,)."""
+    present: float
+    """ln λ of the filter."""
+    moves: Array
+    """ln λ less that, ascending, shape (places,)."""
+    log_chi2: Array
+    """ln Σ v²/s, shape (places,); −inf where the record does not move."""
     logdet: Array
-    """Σ ln s, shape (steps,)."""
+    """Σ ln s, shape (places,)."""
     m: float
     """Scored innovations."""
 
     @staticmethod
-    def of(record: Record, log_ratios: Array, present: int = 0) -> Profile:
-        """Filter the record at each ln λ."""
-        return Profile(log_ratios, present, *record.sums(log_ratios), float(record.data.m))
+    def of(record: Record, present: float, steps: Array) -> Profile:
+        """Filter the record at each of these steps from ln λ of the filter."""
+        chi2, logdet = record.sums(present + GRID_STEP * steps)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_chi2 = _between(np.log(chi2))
+        return Profile(present, GRID_STEP * _between(steps), log_chi2, _between(logdet), float(record.data.m))
 
     @property
     def is_constant(self) -> bool:
         """Whether the record does not move, or too little beside q and r for a double."""
-        return bool(self.chi2.min() <= 0.0)
+        return not np.isfinite(self.log_chi2).all()
 
     @property
-    def at(self) -> float:
-        """Where the likelihood with the best r of each λ is highest, in steps."""
-        return _peak(-0.5 * (self.logdet + self.m * np.log(self.chi2)))[1]
+    def at(self) -> int:
+        """The place of the highest likelihood with the best r of each λ."""
+        return int(np.argmax(-self.logdet - self.m * self.log_chi2))
 
     @property
     def is_open(self) -> bool:
-        """Whether that is the first or the last step, so that the best λ may lie beyond."""
-        return self.at in (0.0, len(self.chi2) - 1.0)
+        """Whether that is the first or the last place, so that the best λ may lie beyond."""
+        return self.at in (0, len(self.moves) - 1)
 
-    def loglik(self) -> float:
-        """Log-likelihood of the filter as it is, without its constant."""
-        return -0.5 * float(self.logdet[self.present] + self.chi2[self.present])
+    def as_it_is(self) -> tuple[float, float]:
+        """Log-likelihood of the filter without its constant, and its mean v²/s."""
+        here = int(np.argmin(np.abs(self.moves)))
+        chi2 = math.exp(self.log_chi2[here])
+        return -0.5 * (float(self.logdet[here]) + chi2), chi2 / self.m
 
     def one_factor(self) -> tuple[float, float, float]:
         """Log-likelihood and the factors for q and r of the best correction with one free parameter.
 
         That of both wins where it is about as good as the others: it does not call the filter too slow or too fast.
         """
-        both = float(self.chi2[self.present]) / self.m
-        scaled = -0.5 * (float(self.logdet[self.present]) + self.m * math.log(both) + self.m)
-        only_q, q_at = self._peak_with(r_moves=False)
-        only_r, r_at = self._peak_with(r_moves=True)
-        best = max((only_q, math.exp(q_at), 1.0), (only_r, 1.0, math.exp(-r_at)))
+        loglik, both = self.as_it_is()
+        scaled = loglik + 0.5 * self.m * (both - 1.0 - math.log(both))
+        only_q = -0.5 * (self.logdet + np.exp(self.log_chi2))
+        # r alone moves λ the other way; exp is limited where r is far too small for any likelihood
+        only_r = -0.5 * (self.logdet - self.m * self.moves + np.exp(np.minimum(self.log_chi2 + self.moves, 700.0)))
+        i, j = int(only_q.argmax()), int(only_r.argmax())
+        factor_q, factor_r = math.exp(self.moves[i]), math.exp(-self.moves[j])
+        best = max((float(only_q[i]), factor_q, 1.0), (float(only_r[j]), 1.0, factor_r))
         return best if best[0] > scaled + TIE else (scaled, both, both)
-
-    def _peak_with(self, *, r_moves: bool) -> tuple[float, float]:
-        """The highest log-likelihood where r alone or q alone changes λ, and the change of ln λ there."""
-        moves = self.log_ratios - self.log_ratios[self.present]
-        i = int(np.argmax(self._with_moves(moves, np.log(self.chi2), self.logdet, r_moves=r_moves)))
-        i = min(max(i, 1), len(moves) - 2)
-        near = slice(i - 1, i + 2)
-        fine = moves[i] + GRID_STEP * FINE
-        curve = self._with_moves(
-            fine, _between(np.log(self.chi2[near])), _between(self.logdet[near]), r_moves=r_moves
-        )
-        at = int(np.argmax(curve))
-        return float(curve[at]), float(fine[at])
-
-    def _with_moves(self, moves: Array, log_chi2: Array, logdet: Array, *, r_moves: bool) -> Array:
-        """Log-likelihood at changes of ln λ; exp is limited where r is far too small for any likelihood."""
-        if not r_moves:
-            return -0.5 * (logdet + np.exp(log_chi2))
-        return -0.5 * (logdet - self.m * moves + np.exp(np.minimum(log_chi2 + moves, 700.0)))
 
     def cut(self, q_factor: float, r_factor: float) -> tuple[float, float]:
         """Factors that go no farther than needed towards an end of the grid."""
-        present = float(self.log_ratios[self.present])
-        moved = present + math.log(q_factor / r_factor)
-        least = min(present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
-        most = max(present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
-        if self.at == 0.0 and moved < least:
+        moved = self.present + math.log(q_factor / r_factor)
+        least = min(self.present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
+        most = max(self.present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
+        if self.at == 0 and moved < least:
             return q_factor * math.exp(least - moved), r_factor
         if self.is_open and moved > most:
             return q_factor, r_factor * math.exp(moved - most)
         return q_factor, r_factor
+
+
+def _between(steps: Array) -> Array:
+    """A smooth curve read at `BETWEEN` around each step by the parabola through it and its neighbours."""
+    before, middle, after = (part[:, None] for part in (steps[:-2], steps[1:-1], steps[2:]))
+    curve = middle + 0.5 * (after - before) * BETWEEN + 0.5 * (after - 2.0 * middle + before) * BETWEEN * BETWEEN
+    return np.concatenate([steps[:1], curve.ravel(), steps[-1:]])
 
 
 def _find_scale(e: Array, spikes: Indices) -> Correction:
@@ -326,7 +308,7 @@ def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, scale = _best(record, profile)
     rest = record.residuals(log_best, record.momentum)
-    if free <= profile.loglik() + LR_LIMIT[1]:
+    if free <= profile.as_it_is()[0] + LR_LIMIT[1]:
         return Correction(e=rest)
     likelihood, q_factor, r_factor = profile.one_factor()
     if free > likelihood + LR_LIMIT[0]:
@@ -337,13 +319,13 @@ def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
 def _profile(record: Record) -> Profile:
     """The steps near the filter's λ, or all where the best one is not among them."""
     present = math.log(record.ratio)
-    near = Profile.of(record, present + GRID_STEP * np.arange(-NEAR, NEAR + 1.0), NEAR)
+    near = Profile.of(record, present, np.arange(-NEAR, NEAR + 1.0))
     inside = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
     if near.is_constant or (inside and not near.is_open):
         return near
     below = max(NEAR, math.ceil((present - _lowest(record)) / GRID_STEP))
     above = max(NEAR, math.ceil((HIGHEST - present) / GRID_STEP))
-    return Profile.of(record, present + GRID_STEP * np.arange(-below, above + 1.0), below)
+    return Profile.of(record, present, np.arange(-below, above + 1.0))
 
 
 def _lowest(record: Record) -> float:
@@ -357,7 +339,7 @@ def _lowest(record: Record) -> float:
 
 def _best(record: Record, profile: Profile) -> tuple[float, float, float]:
     """The best ln λ, its log-likelihood without the constant, and its best r over that of the filter."""
-    log_best = float(profile.log_ratios[0]) + profile.at * GRID_STEP
+    log_best = profile.present + float(profile.moves[profile.at])
     chi2, logdet = (float(part[0]) for part in record.sums(np.array([log_best])))
     scale = chi2 / profile.m
     return log_best, -0.5 * (logdet + profile.m * math.log(scale) + profile.m), scale
@@ -366,7 +348,7 @@ def _best(record: Record, profile: Profile) -> tuple[float, float, float]:
 def _from_edge(record: Record, scale: Correction) -> Correction:
     """What to do about q = 0 or r = 0: another λ where that fits better, else at most one factor."""
     lowest = _lowest(record)
-    profile = Profile.of(record, np.arange(lowest, HIGHEST + GRID_STEP, GRID_STEP))
+    profile = Profile.of(record, lowest, np.arange(1.0 + math.ceil((HIGHEST - lowest) / GRID_STEP)))
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     log_best, free, size = _best(record, profile)
@@ -391,36 +373,11 @@ def _bounded(*factors: float) -> tuple[float, ...]:
     return tuple(min(max(factor, 1.0 / MAX_CHANGE), MAX_CHANGE) for factor in factors)
 
 
-def _peak(curve: Array) -> tuple[float, float]:
-    """Largest value of a curve of equal steps and where it lies, by the parabola through three points."""
-    i = int(np.argmax(curve))
-    if i in (0, len(curve) - 1):
-        return float(curve[i]), float(i)
-    before, top, after = (float(curve[j]) for j in (i - 1, i, i + 1))
-    bend = before - 2.0 * top + after
-    shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return top - 0.25 * (before - after) * shift, i + shift
-
-
-def _between(three: Array) -> Array:
-    """A smooth curve through three steps, read at `FINE`; shape of `FINE`."""
-    before, middle, after = (float(value) for value in three)
-    return middle + 0.5 * (after - before) * FINE + 0.5 * (after - 2.0 * middle + before) * FINE * FINE
-
-
 MIN_SHARE = 0.04
 """Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
 
-MOMENTA = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
-"""Momenta that are tried, in sample periods."""
-
-NEARER = (0.6, 1.0, 1.7)
-"""Factors of the best of them that are tried next: advice needs no precision, the estimate gives it."""
-
-LOG_MOVES = np.linspace(-16.0, 16.0, 17)
-"""ln(step variance / r) at which each is tried; next in steps of a quarter."""
-
-QUARTERS = np.linspace(-2.0, 2.0, 9)
+LOG_RATIOS = np.linspace(-16.0, 16.0, 65)
+"""ln(q/r) at which the fit without momentum is searched: advice needs no precision."""
 
 MIN_LOGLIK_GAIN = 6.0
 """Least gain in log-likelihood: the information criterion then wins by 10."""
@@ -487,12 +444,18 @@ def find_structure(e: Array, lags: int) -> Structure | None:
 
 def find_free(record: Record) -> Free:
     """The best fits to a record, whatever the momentum of its filter."""
-    searched = list(record.searched())
-    tau, moves = _best_momentum(searched, MOMENTA, LOG_MOVES)
-    tau, moves = _best_momentum(searched, [tau * factor for factor in NEARER], moves + QUARTERS)
-    best, _ = concentrated(record.data, np.array([moves]), np.array([tau]))
-    walk, log_ratio = _best_walk(record.data)
-    return Free(moves, tau, log_ratio, float(best[0]) - walk)
+    searched = record.data
+    if searched.m > PARTS * PART:
+        firsts = np.linspace(0, searched.m + 1 - PART, PARTS).astype(int).tolist()
+        searched = searched.parts((first, first + PART) for first in firsts)
+    best = search(searched, Progress(None))
+    heights = np.append(record.data.concentrated(LOG_RATIOS), record.data.random_walk()[0])
+    at = int(np.argmax(heights))
+    log_ratio = float(LOG_RATIOS[min(at, len(LOG_RATIOS) - 1)])
+    log_moves = min(best.log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
+    height, _ = concentrated(record.data, np.array([log_moves]), np.array([best.tau]))
+    momentum = min(best.tau, float(record.data.m))  # the record cannot show how much longer it is
+    return Free(log_moves, momentum, log_ratio, float(height[0]) - float(heights[at]))
 
 
 def find_change(e: Array) -> float:
@@ -537,22 +500,3 @@ def calmed(e: Array) -> Array:
     if scale <= 0.01 * size:  # most of it is constant, or nearly
         return e
     return np.clip(e, -SPIKE * scale, SPIKE * scale)
-
-
-def _best_momentum(
-    searched: list[Differences], momenta: tuple[float, ...] | list[float], moves: Array
-) -> tuple[float, float]:
-    """The momentum and ln(step variance / r) of the highest likelihood over all stretches."""
-    tau = np.repeat(np.array(momenta), len(moves))
-    grid = np.tile(moves, len(momenta))
-    total = np.sum([concentrated(one, grid, tau)[0] for one in searched], axis=0)
-    at = int(np.argmax(total))
-    return float(tau[at]), float(grid[at])
-
-
-def _best_walk(data: Differences) -> tuple[float, float]:
-    """The highest log-likelihood without momentum, and its ln(q/r)."""
-    near = float(LOG_MOVES[int(np.argmax(data.concentrated(LOG_MOVES)))]) + QUARTERS
-    heights = data.concentrated(near)
-    at = int(np.argmax(heights))
-    return max((float(heights[at]), float(near[at])), (data.random_walk()[0], float(LOG_MOVES[-1])))

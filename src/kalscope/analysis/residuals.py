@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.analysis.residual_kernels import LONE, STAYS, find_spikes
+from kalscope.common.compiled import compiled
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import PIECE, FilterResult, filter_pieces
@@ -270,6 +270,33 @@ MAX_EXCURSION = 8
 """A signal that comes back within this many samples has not stepped: it was a longer spike."""
 
 
+LONE, STAYS = 1, 2
+"""What a spike was: the signal came back at once; or it stayed where it had gone."""
+
+
+@compiled()
+def _find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size: Array) -> None:
+    """Mark in `kind` the innovations v beyond `limit` with LONE or STAYS, the rest with 0; steps go to `size`.
+
+    A lone spike of size d leaves −k d in the next innovation, a jump that stays (1 − k) d; halfway between
+    lies (½ − k) d. That tail dies away by 1 − k a sample and is taken off first, so it makes no new spikes.
+    """
+    n, tail = len(v), 0.0
+    for i in range(n):
+        d = v[i] - tail
+        tail *= 1.0 - k[i]
+        kind[i], size[i] = 0, d
+        if abs(d) <= limit[i] + 0.25 * abs(tail):  # the tail is known only as well as k
+            continue
+        after = (v[i + 1] - tail) * np.sign(d) if i + 1 < n else -np.inf
+        if after > (0.5 - k[i]) * abs(d):
+            kind[i] = STAYS
+            tail += (1.0 - k[i]) * d
+        else:
+            kind[i] = LONE
+            tail -= k[i] * d
+
+
 @dataclass(frozen=True)
 class Spikes:
     """Spikes among the N scored residuals."""
@@ -287,13 +314,13 @@ class Spikes:
 
     @staticmethod
     def among(e: Array, k: Array, v: Array, s: Array, prior: bool) -> Spikes:
-        """Spikes by `find_spikes`; all arrays of shape (N,), scored samples only."""
+        """Spikes by `_find_spikes`; all arrays of shape (N,), scored samples only."""
         kind = np.empty(len(e), dtype=np.int8)
         limit = spike_limits(e)
         step = np.empty(len(e))
         reach = np.sqrt(s)
         reach *= limit
-        find_spikes(v, k, reach, kind, step)
+        _find_spikes(v, k, reach, kind, step)
         del reach
         start = SPIKE * abs(float(e[0])) / float(limit[0]) if prior and kind[0] else 0.0
         if start:
