@@ -186,7 +186,7 @@ def show(number: int, one: Record, *, details: bool) -> None:
     print(f"{number}. {one.name}: {one.truth}")
     channel = default_channel(one.recording)
     answer = answer_for(one.recording, channel, Request(), Progress(None))
-    lines = summary_of(answer, one.recording, 5)
+    lines = summary_of(answer, 5)
     print("\n".join(f"    {line}" for line in lines))
     if details:
         print("\n".join(f"    | {line}" for line in details_of(answer).splitlines()))

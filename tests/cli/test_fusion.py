@@ -196,9 +196,8 @@ def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot
     assert run(["tune", WALK, "--fuse", "a,b,c"]) == 0
     lines = capsys.readouterr().out.splitlines()
     page = " ".join(lines[1:])
-    assert re.match(
-        r"The fused value has an error of .* less than the best single sensor, a .* In the second half", page
-    )
+    assert page.startswith("a + b + c: q = ")
+    assert re.search(r"The fused value has an error of .* than the best single sensor, a .* In the second half", page)
     assert "An offset that all sensors share cannot be known" in page
     assert max(map(len, lines)) <= 96
     assert run(["tune", WALK, "--fuse", "a,b,c", "--details"]) == 0
@@ -235,9 +234,13 @@ def test_a_target_is_met_while_all_sensors_answer(
 @pytest.mark.parametrize(
     ("source", "lag", "said"),
     [
-        (WALK, "20", "The best statistical fit would follow more slowly (q"),
-        (WALK, "500", "The best statistical fit would follow faster (q"),
-        ("synthetic:constant?n=300&sigmas=1,2", "100", "no movement can be identified at all"),
+        (WALK, "20", "The best statistical fit would smooth more (q about"),
+        (WALK, "500", "The best statistical fit would follow faster (q about"),
+        (
+            "synthetic:constant?n=300&sigmas=1,2",
+            "100",
+            "The best statistical fit would smooth more (q more than 1000 × smaller)",
+        ),
     ],
 )
 def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Captured) -> None:
@@ -254,7 +257,7 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
     [
         ("x,-x", "look at a and b; sensors of different scales seem to drift too: --sensor-gains"),
         ("x,x", "-o tuning.toml saves it"),
-        ("x,x spiky", "with --gate 16: reject readings beyond 4 σ"),
+        ("x,x spiky", "Next, with --gate 16: b has 10 spikes that no other sensor confirms"),
     ],
 )
 def test_the_next_step_suits_what_is_wrong(path: str, said: str, tmp_path: Path, capsys: Captured) -> None:
@@ -321,10 +324,15 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
     path.write_text("t,a,b\n" + "".join(f"{i},{math.sin(i) + i % 3},5\n" for i in range(80)))
     assert run(["tune", str(path), "--fuse", "a,b"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "no filter to recommend (constant)" in out
+    assert "a + b: no q and r to recommend (all readings equal)" in out
     assert "All readings of b are equal" in out
     assert run(["tune", str(path), "--fuse", "a,b", "-o", str(tmp_path / "t.toml")]) == 2
-    assert "-o needs a usable q and r of each sensor" in capsys.readouterr().err
+    assert (
+        "-o needs a usable q and r, and the record gives none (a + b: all readings equal)"
+        in capsys.readouterr().err
+    )
+    assert run(["filter", str(path), "--fuse", "a,b"]) == 2
+    assert "All readings of b are equal" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

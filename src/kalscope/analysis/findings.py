@@ -593,6 +593,15 @@ def _ends(scale: actions.Scale, known: Known) -> bool:
     return any(map(_matters, moved))
 
 
+def cost_of_goal(request: Request, q_factor: float) -> str:
+    """What a goal costs, as sentences, where the best fit has a q this many times as large; "" where it is near."""
+    known = Known().with_request(request)
+    if not known.goal or (q_factor > 0.0 and not _matters(q_factor)):
+        return ""
+    one = _cost(known, actions.Scale(max(q_factor, 1e-12), 1.0), "the best statistical fit")
+    return as_sentences(one.text)
+
+
 def _cost(known: Known, best: actions.Scale, fit: str) -> Finding:
     """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor

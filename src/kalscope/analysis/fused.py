@@ -17,20 +17,22 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.analysis.findings import STATUSES, Finding
+from kalscope.analysis.actions import SetGate
+from kalscope.analysis.findings import STATUSES, Finding, Tone
 from kalscope.analysis.judge import BLOCKS, CLOSE, Judgement, Prediction, Stretch
+from kalscope.analysis.residuals import SPIKE
 from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import common_part, listed, shared_by_params
 from kalscope.estimation.result import Estimate, Shared
-from kalscope.filtering.filter import FilterResult, fuse, smooth
+from kalscope.filtering.filter import FilterResult, SmootherResult, fuse, smooth
 from kalscope.filtering.params import FilterParams, checked_readings, samples_of, steps_of
 from kalscope.filtering.steady import steady_state
 
 FusionFit = Callable[[Array, Array | None], FilterParams]
 
-WORDS = STATUSES | {"spikes": ("has spikes", "note", "")}
+WORDS: dict[str, tuple[str, Tone, str]] = {**STATUSES, "spikes": ("has spikes", "note", "")}
 """The word, and its tone, of each status of fused sensors; the fused value can be right beside one with spikes."""
 
 MAX_NAME = 20
@@ -180,7 +182,7 @@ class _Record:
         """The fusion of these sensors only, with the parameters of all of them."""
         return fuse(self.z[:, list(sensors)], self.params.only(sensors), self.dt)
 
-    def smoothed(self, sensors: Sequence[int]) -> FilterResult:
+    def smoothed(self, sensors: Sequence[int]) -> SmootherResult:
         """The same from both sides."""
         return smooth(self.z[:, list(sensors)], self.params.only(sensors), self.dt)
 
@@ -317,10 +319,14 @@ def _shared_noise(alive: _Record) -> Shared | None:
 def _sensors(record: _Record, alive: _Record, stuck: Sequence[Stretch]) -> tuple[Judgement, ...]:
     """Each sensor: its part in the fusion, its faults, and what follows if it fails."""
     params, z = record.params, record.z
-    difference = lru_cache(lambda i, others: _difference(alive, i, others))
-    drifts = _odd_ones(lambda *pair: _drift(difference(*pair)), MIN_DRIFT * np.sqrt(params.scaled_r))
+
+    @lru_cache
+    def apart(sensor: int, others: tuple[int, ...]) -> _Difference:
+        return _difference(alive, sensor, others)
+
+    drifts = _odd_ones(lambda i, others: _drift(apart(i, others)), MIN_DRIFT * np.sqrt(params.scaled_r))
     least = np.full(params.sensors, MIN_NOISE_RATIO)
-    changes = _odd_ones(lambda *pair: _noise_change(difference(*pair)), least)
+    changes = _odd_ones(lambda i, others: _noise_change(apart(i, others)), least)
     spikes, error = _spikes(alive), record.predicted_error(range(params.sensors))
 
     def judged(i: int) -> Judgement:
@@ -377,7 +383,8 @@ def _faults(record: _Record, sensor: int, one: Judgement, drifting: str, changin
         yield Finding("noise", f"The noise variance of {changing or name} changes {times}{why}.")
     if one.spikes >= max(MIN_SPIKES, MIN_SPIKE_SHARE * np.isfinite(record.z[:, sensor]).sum()):
         seen = f"{name} has {plural(one.spikes, 'spike')} that no other sensor confirms"
-        yield Finding("spikes", f"{seen}: set an outlier gate.")
+        gate = SetGate(SPIKE) if params.gate is None else None
+        yield Finding("spikes", f"{seen}: set an outlier gate.", gate)
 
 
 def _failing(record: _Record, sensor: int, one: Judgement, error: float) -> tuple[str, str]:

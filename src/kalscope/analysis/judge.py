@@ -223,6 +223,8 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
     }
     if estimate is None:
         headline, advice = "There is no q and r to judge.", ()
+    elif estimate.names:  # the message names the sensor, and says what to do
+        headline, advice = estimate.message, by_verdict["no_noise"] if estimate.verdict == "no_noise" else ()
     else:
         headline = headlines.get(estimate.verdict) or f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
         advice = by_verdict.get(estimate.verdict, ((accept, ChooseFilter()),))

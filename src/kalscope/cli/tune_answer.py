@@ -1,26 +1,29 @@
-"""The answer of `kalscope tune` for one channel: in a few lines, in detail, or as JSON."""
+"""The answer of `kalscope tune`, for a channel or for fused sensors: in a few lines, in detail, or as JSON."""
 
 from __future__ import annotations
 
+import json
 import math
 import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from kalscope.analysis import actions
-from kalscope.analysis.actions import Action, ChooseFilter
+from kalscope.analysis.channel_kinds import default_channel, with_kinds
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, expected_nis
 from kalscope.analysis.estimators import WITHOUT_NUMBERS, compare_methods, comparison, is_within
-from kalscope.analysis.findings import as_sentences
+from kalscope.analysis.findings import as_sentences, cost_of_goal
+from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import Judgement, advice_words, judge, needs_noise
 from kalscope.analysis.residuals import Run
-from kalscope.cli.tune_options import SPECIFICATIONS
+from kalscope.cli.tune_options import SPECIFICATIONS, FusionOptions, save
 from kalscope.common.numbers import Array
-from kalscope.common.progress import Progress
+from kalscope.common.progress import OnProgress, Progress
 from kalscope.common.text import (
     correlation,
     count,
@@ -35,7 +38,9 @@ from kalscope.common.text import (
     squared,
     trimmed,
 )
-from kalscope.estimation.fit import estimate
+from kalscope.errors import BadSetting
+from kalscope.estimation.fit import estimate, params_for_specification
+from kalscope.estimation.fusion import estimate_fusion, listed
 from kalscope.estimation.request import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import find_still_stretch
@@ -44,283 +49,85 @@ from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
 from kalscope.sources.reading import account
+from kalscope.tuning.choose import channels_to_fuse, for_each_sensor, name_of_fused, sensor_named, units_of
+from kalscope.tuning.tuning import ChannelTuning
 
-# Advice as options: what to add to the same `kalscope tune`, or leave out, to do what a piece of advice says.
+WIDTH, MAX_LINES = 96, 6
+"""Columns of the page, and lines of the summary of one tuned channel; those on its reading may be wider."""
 
-
-TARGET_OPTIONS = {name: option for option, (name, _) in SPECIFICATIONS.items()}
-"""The option of each target of `find_parameters`."""
-
-
-def option_for(action: actions.Action | None, answer: Answer, recording: Recording) -> str:
-    """The option that does it for this channel; "" where no option does, as for a new recording."""
-    without = _without(answer)
-    match action:
-        case actions.AllowMomentum():
-            words = ["--momentum auto", *without]
-        case actions.SetSpikesAside():
-            words = ["--robust", *without]
-        case actions.EstimateAgain():
-            words = without
-        case actions.SetGate(sigma):
-            words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
-        case actions.UseStillStretch(first, last):
-            words = [f"--still {still_text(recording, first, last)}"]
-        case actions.SetRatio(ratio):
-            words = [f"--ratio {ratio:.3g}"]
-        case actions.Scale(q_factor, r_factor):
-            words = _scaled(answer, q_factor, r_factor)
-        case actions.GiveNoise():
-            words = ["--still FROM:TO or --sigma STD"]
-        case actions.ChooseFilter():
-            words = [example(answer)]
-        case actions.UnsetStart() | actions.RecordLonger() | None:
-            words = []
-    return " ".join(words)
-
-
-def _without(answer: Answer) -> list[str]:
-    """The options that keep q, r or momentum from being estimated: they must be left out."""
-    asked = answer.request
-    noise = asked.noise
-    given = [
-        *(TARGET_OPTIONS[name] for name in asked.target),
-        *(["--ratio"] if asked.ratio is not None else []),
-        *(["--overshoot"] if asked.overshoot is not None else []),
-        *(f"--{name}" for name in ("still", "sigma", "density", "r") if getattr(noise, name) is not None),
-        *(["--method"] if asked.method != "ml" else []),
-    ]
-    return [f"without {', '.join(given)}"] if given else []
-
-
-def _scaled(answer: Answer, q_factor: float, r_factor: float) -> list[str]:
-    """Both variances times their factor, as options of `kalscope open` and `filter`, which take them."""
-    params = answer.found.params
-    if params is None:
-        return []
-    q, r = params.q * q_factor, float(params.r) * r_factor
-    return [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
-
-
-def still_text(recording: Recording, first: int, last: int) -> str:
-    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
-    time = recording.time
-    for digits in range(3, 18):
-        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
-        inside = ((time >= float(start)) & (time <= float(end))).nonzero()[0]
-        if len(inside) and (inside[0], inside[-1]) == (first, last - 1):
-            return f"{start}:{end}"
-    return f"{float(time[first])!r}:{float(time[last - 1])!r}"
-
-
-def example(answer: Answer) -> str:
-    """An option that chooses a filter for any record: a lag of five samples where ms suit it, or a gain."""
-    lag = math.nan if answer.sample_period is None else 5e3 * answer.sample_period
-    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else "--gain 0.2"
-
-
-# The answer of `kalscope tune --json`: everything, in values that JSON can hold.
-
-
-def as_plain(answer: Answer, recording: Recording) -> dict[str, Any]:
-    """The answer in values that JSON can hold: None for what is missing, "inf" for infinity, never NaN."""
-    params, limits, judged = answer.found.params, answer.range, answer.judgement
-    return finite(
-        {
-            "channel": answer.channel,
-            "unit": answer.unit,
-            "samples": answer.samples,
-            "missing": answer.missing,
-            "sample_period": answer.sample_period,
-            **_pair(params),
-            "verdict": answer.verdict,
-            "message": answer.found.message,
-            "how": answer.found.how,
-            "ratio_interval": limits.ratio_interval,
-            "gain_interval": limits.gain_interval,
-            "lag_interval": limits.lag_interval,
-            "momentum_interval": limits.momentum_interval,
-            "prediction_gain": limits.prediction_gain,
-            "set_aside": _set_aside(answer.found.estimate),
-            "steady": None if answer.steady is None else asdict(answer.steady),
-            "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
-            "advice": None if judged.residuals is None else advice_words(judged),
-            "judgement": _judgement(answer, recording),
-            "residuals": _tested(judged.residuals),
-            "held_out": _tested(judged.held_out),
-        }
-    )
-
-
-def _pair(params: FilterParams | None) -> dict[str, Any]:
-    names = ("q", "r", "ratio", "momentum", "gate")
-    return {name: None if params is None else getattr(params, name) for name in names}
-
-
-def _set_aside(fit: Estimate | None) -> dict[str, Any] | None:
-    """The samples that the spike-proof fit set aside, and the fit to all of them; None where it was not used."""
-    if fit is None or fit.outliers is None:
-        return None
-    plain = {"q": fit.plain_q, "r": fit.plain_r, "momentum": fit.plain_momentum}
-    return {"samples": fit.outliers.nonzero()[0].tolist(), "share": fit.outlier_share, "plain": plain}
-
-
-def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
-    names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
-    values = {name: getattr(one, name) for name in names}
-    ratio = float(one.ratio)
-    values |= {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
-    return {**values, "within_interval": is_within(one, best)}
-
-
-def _judgement(answer: Answer, recording: Recording) -> dict[str, Any]:
-    judged = answer.judgement
-    advice = [
-        {"text": one.text, "action": _action(one.action), "option": option_for(one.action, answer, recording)}
-        for one in judged.findings
-    ]
-    return {"status": judged.status, "headline": judged.headline, "advice": advice}
-
-
-def _action(action: Action | None) -> dict[str, Any] | None:
-    return None if action is None else {"name": type(action).__name__, **asdict(action)}
-
-
-def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
-    if judged is None:
-        return None
-    names = (
-        *("n", "advice", "nis", "nis_low", "nis_high", "r1", "r1_bound", "ljung_box", "ljung_box_p"),
-        *("spikes", "spikes_expected", "jumps", "variance_ratio", "variance_ratio_p", "q_factor", "r_factor"),
-    )
-    return {name: getattr(judged, name) for name in names}
-
-
-def finite(value: Any) -> Any:
-    """The value without numbers that JSON cannot hold; numpy types become Python's."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in cast("dict[str, Any]", value).items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in cast("list[Any]", value)]
-    if isinstance(value, float):
-        number = float(value)
-        return None if math.isnan(number) else number if math.isfinite(number) else str(number)
-    return finite(value.tolist()) if hasattr(value, "tolist") else value
-
-
-# The answer of `kalscope tune` in at most six lines: the reading, the filter, how sure it is, what to do next.
-
-
-MAX_LINES = 6
-"""Lines of the summary of a recording with one tuned channel; those on its reading may be wider than a page."""
-
-
-def reading_lines(recording: Recording) -> list[str]:
-    """How the recording was read: one line that a program can parse, and one more for large losses."""
-    lines = [f"{recording.title or recording.source}: {account.summary(recording)}"]
-    warnings = account.warnings(recording)
-    return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
-
-
-def summary_of(answer: Answer, recording: Recording, lines: int) -> list[str]:
-    """The channel in at most `lines` lines of the page, 4 or more; the last advice is cut where it is too long."""
-    said = [_filter(answer), *_effect(answer), answer.judgement.headline]
-    page = [line for one in said for line in wrapped(one)]
-    for text in _next(answer, recording):
-        if (room := lines - len(page)) > 0:
-            page += textwrap.wrap(text, WIDTH, max_lines=room, placeholder=" … (--details)", break_on_hyphens=False)
-    return page
-
-
-def _filter(answer: Answer) -> str:
-    params, name = answer.found.params, answer.channel
-    if params is None:
-        return f"{name}: no q and r to recommend ({VERDICT_WORDS[answer.verdict]})"
-    q, r, unit = trimmed(params.q, 4), trimmed(float(params.r), 4), squared(answer.unit)
-    aside = _aside(answer)
-    spikes = f", {plural(aside, 'spike')} set aside" if aside else ""
-    return f"{name}: q = {q}, r = {r} {unit}, {momentum_and_gate(params, answer.sample_period)}{spikes}"
-
-
-def _aside(answer: Answer) -> int:
-    """How many samples the fit set aside as spikes."""
-    fit = answer.found.estimate
-    return 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
-
-
-def _effect(answer: Answer) -> Iterator[str]:
-    steady, period = answer.steady, answer.sample_period
-    if steady is None:
-        return
-    samples, over = steady.lag_samples, steady.overshoot
-    lag = lag_in_full(samples, period).removesuffix(")")
-    bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
-    noise = decibels(-steady.noise_reduction_db)
-    yield f"lag {lag}{bracket}, noise {noise}, {f'overshoot {percent(over)}' if over else 'no overshoot'}"
-
-
-def _allowed(answer: Answer) -> str:
-    """The lags that the record allows, or favours where the lag was chosen."""
-    if answer.range.ratio_interval == (0.0, math.inf):
-        return "the record allows any"
-    short, long = answer.range.lag_interval
-    period = answer.sample_period
-    words = between(short, long) if period is None else between(short * period, long * period, words=duration)
-    return f"the record favours {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
-
-
-def _next(answer: Answer, recording: Recording) -> Iterator[str]:
-    """What to do, most urgent first: with a pair at least how to save it, without one how to choose a filter."""
-    if answer.found.params is None and account.warnings(recording):
-        yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
-    advice = answer.judgement.findings
-    for one in advice:
-        option = option_for(one.action, answer, recording)
-        how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""
-        said = as_sentences(one.text) if ". " in one.text else one.text
-        yield f"{'Note' if one.action is None else 'Next'}{how}: {said}"
-    if answer.found.params is None and not any(isinstance(one.action, ChooseFilter) for one in advice):
-        yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
-    elif not advice and _aside(answer):
-        yield (
-            "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
-            "--no-robust keeps them"
-        )
-    elif not advice:
-        yield "Next: nothing to correct; -o tuning.toml saves it, --details shows more"
-
-
-# The whole answer of `kalscope tune` for one channel: the pair, what it means, and how far to trust it.
-
+MAX_OTHERS, MAX_NAME = 24, 24
+"""Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
 
 CHOSEN = "chosen"
 """The verdict without an estimate: the pair follows from the options."""
 
+VERDICT_WORDS = {
+    CHOSEN: "chosen",
+    "ok": "ok",
+    "no_noise": "r → 0: no noise seen",
+    "no_movement": "q → 0: no movement seen",
+    "flat": "vague: any ratio fits",
+    "too_few": "too few samples",
+    "constant": "all readings equal",
+    "bad_unit": "numbers out of range",
+    "irregular": "needs regular sampling",
+    "not_converged": "not converged",
+    "too_many_outliers": "too many spikes",
+    "below_resolution": "noise below the rounding step",
+    "only_spikes": "r → 0 except for spikes",
+    "shared_noise": "sensors share noise",
+    "copies": "two sensors move exactly alike",
+}
+"""Verdicts as they are shown in a table."""
+
+
+# The answer: the filter, what it means, and how far to trust it.
+
 
 @dataclass(frozen=True)
 class Answer:
-    """What `kalscope tune` says about one channel."""
+    """What `kalscope tune` says about one channel, or about sensors that are fused."""
 
-    channel: str
-    """Name of the channel."""
+    recording: Recording
+    """Where the channels are."""
+    sensors: tuple[str, ...]
+    """The channel, or the channels that are fused."""
     unit: str
-    """Its unit, "" where unknown."""
-    samples: int
-    """Samples, missing ones included."""
-    missing: int
-    """Missing ones among them."""
-    sample_period: float | None
-    """Nominal sample period, s; None where unknown."""
+    """The unit of the filtered value, "" where unknown."""
     request: Request
-    """What the user asked for."""
+    """What the user wants and knows."""
     found: Found
-    """The pair or why there is none."""
+    """The filter or why there is none."""
     opinions: tuple[Estimate, ...]
-    """All methods side by side, maximum likelihood first."""
-    steady: SteadyState | None
-    """The settled filter; None without a pair."""
+    """Of a channel: all methods side by side, maximum likelihood first."""
     judgement: Judgement
-    """Whether the pair fits, and what to do next; `held_out` is of a pair found in the first half."""
+    """Whether the filter fits, and what to do next; `held_out` is of a pair found in the first half."""
+
+    @property
+    def fuses(self) -> bool:
+        """Whether it is about several sensors."""
+        return len(self.sensors) > 1
+
+    @property
+    def name(self) -> str:
+        """What is filtered."""
+        return " + ".join(self.sensors)
+
+    @property
+    def z(self) -> Array:
+        """Its readings, shape (n, sensors)."""
+        return self.recording.values[:, [self.recording.index(name) for name in self.sensors]]
+
+    @property
+    def sample_period(self) -> float | None:
+        """Nominal sample period, s; None where unknown."""
+        return self.recording.sample_period
+
+    @property
+    def steady(self) -> SteadyState | None:
+        """The settled filter, of sensors while all answer; None without a filter."""
+        params = self.found.params
+        return None if params is None else steady_state(params.as_single, self.sample_period)
 
     @property
     def verdict(self) -> str:
@@ -333,11 +140,30 @@ class Answer:
         return self.found.estimate or self.opinions[0]
 
     @property
-    def momentum(self) -> float:
-        """Momentum of the answer in sample periods, with or without a pair; 0 without."""
-        if self.found.params is not None:
-            return self.found.params.momentum
-        return 0.0 if self.found.estimate is None else self.found.estimate.momentum
+    def set_aside(self) -> int:
+        """How many samples the fit set aside as spikes."""
+        fit = self.found.estimate
+        return 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
+
+
+def answers_for(
+    recording: Recording, channels: tuple[str, ...] | str | None, options: FusionOptions, show: OnProgress
+) -> list[Answer]:
+    """The answers for these channels, None = the default one, or for the sensors that are to be fused.
+
+    Raises:
+        BadSetting: no such channels, two units, options that contradict each other, or a target out of reach.
+    """
+    if options.fuse is not None:
+        return [answer_for_fusion(recording, options, Progress(show))]
+    names = channels if isinstance(channels, tuple) else (channels or default_channel(recording),)
+    request = options.request(recording)
+
+    def progress_of(i: int) -> Progress:
+        whole = Progress(lambda fraction, text: show(fraction, f"{names[i]}: {text}"))
+        return whole.part(i / len(names), (i + 1) / len(names))
+
+    return [answer_for(recording, name, request, progress_of(i), options.gate) for i, name in enumerate(names)]
 
 
 def answer_for(
@@ -348,43 +174,30 @@ def answer_for(
     Args:
         recording: where the channel is.
         channel: its name.
-        request: what is asked for.
+        request: what the user wants and knows.
         progress: where progress is reported.
         gate: outlier gate on v²/s in place of the one that is found; NaN = off, None = as found.
 
     Raises:
         BadSetting: contradictory or out-of-range targets.
     """
-    z, period = recording.channel(channel), recording.sample_period
+    z, dt, period = recording.channel(channel), _steps(recording), recording.sample_period
     unit = recording.units[recording.index(channel)]
-    dt = recording.steps() if recording.gaps == "dt" else None
     found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
-    found = _with_gate(found, gate)
+    found = replace(found, params=_with_gate(found.params, gate))
     opinions = compare_methods(_without_spikes(z, dt, request, found), dt, progress=progress.part(0.3, 0.7))
     progress(0.7, "judging the answer")
     residuals = held_out = None
     if found.params is not None:
         residuals = diagnose_run(Run.of_samples(z, found.params, dt), fitted=found.estimate is not None)
         held_out = _held_out(z, dt, period, request, progress.part(0.8, 1.0))
-    return Answer(
-        channel=channel,
-        unit=unit,
-        samples=len(z),
-        missing=int(np.count_nonzero(np.isnan(z))),
-        sample_period=period,
-        request=request,
-        found=found,
-        opinions=opinions,
-        steady=None if found.params is None else steady_state(found.params, period),
-        judgement=judge(
-            residuals,
-            held_out,
-            found.estimate,
-            request,
-            still=find_still_stretch(z, dt) if needs_noise(found.estimate) else None,
-            unit=unit,
-        ),
-    )
+    still = find_still_stretch(z, dt) if needs_noise(found.estimate) else None
+    judgement = judge(residuals, held_out, found.estimate, request, still, unit)
+    return Answer(recording, (channel,), unit, request, found, opinions, judgement)
+
+
+def _steps(recording: Recording) -> Array | None:
+    return recording.steps() if recording.gaps == "dt" else None
 
 
 def _without_spikes(z: Array, dt: Array | None, request: Request, found: Found) -> Array:
@@ -397,10 +210,10 @@ def _without_spikes(z: Array, dt: Array | None, request: Request, found: Found) 
     return np.where(fit.outliers, np.nan, z)
 
 
-def _with_gate(found: Found, gate: float | None) -> Found:
-    if gate is None or found.params is None:
-        return found
-    return replace(found, params=replace(found.params, gate=None if math.isnan(gate) else gate))
+def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams | None:
+    if params is None or gate is None:
+        return params
+    return replace(params, gate=None if math.isnan(gate) else gate)
 
 
 def _held_out(
@@ -421,28 +234,205 @@ def _held_out(
     return judged if judged.n >= MIN_SAMPLES else None
 
 
-# Words that the summary and the details of `kalscope tune` share.
+def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Progress) -> Answer:
+    """Find and judge the filter that fuses channels of a recording; BadSetting as in `answers_for`."""
+    if options.method != "ml":
+        must = "--method must be ml with --fuse, the only one for several sensors"
+        raise BadSetting(f"{must} (got {options.method})")
+    units, given = units_of(recording), options.reference
+    mixed = options.sensor_gains and given is not None
+    sensors = channels_to_fuse(units, options.fuse or "", mixed_units=mixed)
+    reference = None if given is None else sensor_named(sensors, "--reference", given)
+    request = replace(options, r=None, sigma=None).request(recording)
+    known, request = _known_noise(options, recording, sensors), replace(request, noise=Noise())
+    request.checked_momentum()
+
+    def fitted(z: Array, dt: Array | None, progress: Progress) -> tuple[Estimate, FilterParams | None]:
+        """The estimate, and the filter that the user wants."""
+        fit = estimate_fusion(
+            z,
+            dt=dt,
+            names=sensors,
+            momentum=0.0 if request.goal else request.momentum,
+            robust=request.robust,
+            gains=options.sensor_gains,
+            reference=reference,
+            known_r=known,
+            progress=progress,
+        )
+        return fit, _with_gate(_at_goal(fit, request, recording.sample_period), options.gate)
+
+    z, dt = recording.values[:, [recording.index(name) for name in sensors]], _steps(recording)
+    fit, params = fitted(z, dt, progress.part(0.0, 0.5))
+    unit, judging, message = units[reference or sensors[0]], progress.part(0.5, 1.0), fit.message
+    if params is None:
+        judgement = judge(None, estimate=fit)
+    else:
+        judgement = judge_fusion(
+            z,
+            replace(fit, params=params),
+            dt,
+            unit=unit,
+            sample_period=recording.sample_period,
+            fit=lambda half, steps: fitted(half, steps, judging)[1] or params,
+        )
+        message = f"While all sensors answer, the filter has {request.goal}." if request.goal else message
+    noise = (options.r, options.sigma, options.density) != (None, None, None)
+    origin = "r given" if noise else "r from a still stretch" if options.still is not None else ""
+    how = ", ".join(filter(None, ("fused", request.goal, origin, "" if request.goal else "maximum likelihood")))
+    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), (), judgement)
 
 
-WIDTH = 96
-"""Columns of the page."""
+def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
+    """The r of each sensor that is known, unit²; NaN where it is to be estimated.
 
-VERDICT_WORDS = {
-    CHOSEN: "chosen",
-    "ok": "ok",
-    "no_noise": "r → 0: no noise seen",
-    "no_movement": "q → 0: no movement seen",
-    "flat": "vague: any ratio fits",
-    "too_few": "too few samples",
-    "constant": "all readings equal",
-    "bad_unit": "numbers out of range",
-    "irregular": "needs regular sampling",
-    "not_converged": "not converged",
-    "too_many_outliers": "too many spikes",
-    "below_resolution": "noise below the rounding step",
-    "only_spikes": "r → 0 except for spikes",
-}
-"""Verdicts as they are shown in a table."""
+    Raises:
+        BadSetting: an option names another sensor, or a sensor shows no still stretch.
+    """
+    if options.sensor_noise is not None:
+        option, given = options.sensor_noise
+        values = for_each_sensor(sensors, option, given)
+        return [value * value if option == "--sigma" else value for value in values]
+    noise, dt = options.request(recording).noise, _steps(recording)
+    known = [noise.resolve(recording.channel(name), dt) for name in sensors]
+    return [math.nan if one is None else one[0] for one in known]
+
+
+def _at_goal(fit: Estimate, request: Request, period: float | None) -> FilterParams | None:
+    """The filter with the q and momentum that meet the target while all sensors answer; as found without a target.
+
+    A target needs no q of the record: the noises of the sensors are enough.
+    """
+    if not request.goal:
+        return fit.params
+    params = fit.params
+    if params is None and np.all(fit.r > 0.0):
+        params = FilterParams(1.0, fit.r, offset=fit.offset, gain=fit.gain)
+    if params is None:
+        return None
+    r = float(params.as_single.r)
+    if request.ratio is not None:
+        return replace(params, q=request.ratio * r, momentum=0.0)
+    momentum = 0.0 if request.momentum == "auto" else request.momentum
+    met = params_for_specification(
+        r, **request.target, sample_period=period, momentum=momentum, overshoot=request.overshoot
+    )
+    if not met.q:
+        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
+    return replace(params, q=met.q, momentum=met.momentum)
+
+
+# The options that do what a piece of advice says: what to add to the same `kalscope tune`, or leave out.
+
+
+TARGET_OPTIONS = {name: option for option, (name, _) in SPECIFICATIONS.items()}
+"""The option of each target of `find_parameters`."""
+
+
+def option_for(action: actions.Action | None, answer: Answer) -> str:
+    """The option that does it for this channel; "" where no option does, as for a new recording."""
+    without, params = _without(answer.request), answer.found.params
+    match action:
+        case actions.AllowMomentum():
+            words = ["--momentum auto", *without]
+        case actions.SetSpikesAside():
+            words = ["--robust", *without]
+        case actions.EstimateAgain():
+            words = without
+        case actions.SetGate(sigma):
+            words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
+        case actions.UseStillStretch(first, last):
+            words = [f"--still {still_text(answer.recording, first, last)}"]
+        case actions.SetRatio(ratio):
+            words = [f"--ratio {ratio:.3g}"]
+        case actions.Scale(q_factor, r_factor) if params is not None:
+            q, r = params.q * q_factor, float(params.r) * r_factor
+            words = [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
+        case actions.GiveNoise():
+            words = ["--still FROM:TO or --sigma STD"]
+        case actions.ChooseFilter():
+            words = [example(answer)]
+        case _:
+            words = []
+    return " ".join(words)
+
+
+def _without(request: Request) -> list[str]:
+    """The options that keep q, r or momentum from being estimated: they must be left out."""
+    noises = [name for name in ("still", "sigma", "density", "r") if getattr(request.noise, name) is not None]
+    given = [
+        *(TARGET_OPTIONS[name] for name in request.target),
+        *(f"--{name}" for name in ("ratio", "overshoot") if getattr(request, name) is not None),
+        *(f"--{name}" for name in noises),
+        *(["--method"] if request.method != "ml" else []),
+    ]
+    return [f"without {', '.join(given)}"] if given else []
+
+
+def still_text(recording: Recording, first: int, last: int) -> str:
+    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
+    time = recording.time
+    for digits in range(3, 18):
+        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
+        inside = ((time >= float(start)) & (time <= float(end))).nonzero()[0]
+        if len(inside) and (inside[0], inside[-1]) == (first, last - 1):
+            return f"{start}:{end}"
+    return f"{float(time[first])!r}:{float(time[last - 1])!r}"
+
+
+def example(answer: Answer) -> str:
+    """An option that chooses a filter for any record: a lag of five samples where ms suit it, or a gain."""
+    lag = math.nan if answer.sample_period is None else 5e3 * answer.sample_period
+    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else "--gain 0.2"
+
+
+# The page: how the file was read, the filter, how sure it is, what to do next; with --details all that is known.
+
+
+def page_of(answers: list[Answer], details: bool) -> str:
+    """The summary of each answer, and its details below it; the other channels where a line is left for them."""
+    recording = answers[0].recording
+    head = reading_lines(recording)
+    pages = [summary_of(answer, MAX_LINES - len(head)) for answer in answers]
+    tuned = {name for answer in answers for name in answer.sensors}
+    others = [name for name in recording.names if name not in tuned]
+    room = len(answers) == 1 and len(head) + len(pages[0]) < MAX_LINES
+    if others and (room or details):
+        more = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
+        words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others[:MAX_OTHERS]))}{more}"
+        pages[-1].append(words if details else textwrap.shorten(words, WIDTH, placeholder=" …"))
+    if details:
+        pages = [[*page, "", *details_of(one).splitlines()] for page, one in zip(pages, answers, strict=True)]
+    between = f"\n{'-' * WIDTH}\n" if details else "\n\n"
+    return "\n".join(head) + "\n" + between.join(map("\n".join, pages)) + "\n"
+
+
+def reading_lines(recording: Recording) -> list[str]:
+    """How the recording was read: one line that a program can parse, and one more for large losses."""
+    lines = [f"{recording.title or recording.source}: {account.summary(recording)}"]
+    warnings = account.warnings(recording)
+    return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
+
+
+def summary_of(answer: Answer, lines: int) -> list[str]:
+    """The answer in lines of the page.
+
+    A channel has at most `lines` of them, 4 or more: the last advice is cut where it is too long.
+    """
+    judged = answer.judgement
+    texts = [_filter(answer), *_effect(answer), judged.headline, judged.second_half if answer.fuses else ""]
+    page = [line for text in texts for line in wrapped(text)]
+    page += _table(answer) if judged.sensors else []
+    for text in _next(answer):
+        room = 99 if answer.fuses else lines - len(page)
+        if room > 0:
+            page += textwrap.wrap(text, WIDTH, max_lines=room, placeholder=" … (--details)", break_on_hyphens=False)
+    return page
+
+
+def wrapped(text: str) -> list[str]:
+    """The text in lines of the page; options and numbers stay whole."""
+    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
 def between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:
@@ -452,73 +442,178 @@ def between(low: float, high: float, largest: float = math.inf, words: Callable[
     return f"{words(low)} or more" if high >= largest else f"{words(low)} to {words(high)}"
 
 
-def wrapped(text: str) -> list[str]:
-    """The text in lines of the page; options and numbers stay whole."""
-    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-def momentum_and_gate(params: FilterParams, period: float | None) -> str:
-    """What a filter has beside its variances."""
+def _filter(answer: Answer) -> str:
+    params, period = answer.found.params, answer.sample_period
+    if params is None:
+        return f"{answer.name}: no q and r to recommend ({VERDICT_WORDS[answer.verdict]})"
+    r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
     momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
-    return f"{momentum}, {'no gate' if params.gate is None else f'gate {gate_text(params.gate)}'}"
+    gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
+    spikes = f", {plural(answer.set_aside, 'spike')} set aside" if answer.set_aside else ""
+    return f"{answer.name}: q = {trimmed(params.q, 4)}{r} {squared(answer.unit)}, {momentum}, {gate}{spikes}"
 
 
-# What `kalscope tune --details` adds: how the pair was found, what it does, second opinions, tests.
+def _effect(answer: Answer) -> Iterator[str]:
+    steady = answer.steady
+    if steady is None:
+        return
+    lag = lag_in_full(steady.lag_samples, answer.sample_period).removesuffix(")")
+    bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
+    noise = f"{decibels(-steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
+    yield f"lag {lag}{bracket}, noise {noise}, {_overshoot(steady) or 'no overshoot'}"
+
+
+def _overshoot(steady: SteadyState) -> str:
+    return f"overshoot {percent(steady.overshoot)}" if steady.overshoot else ""
+
+
+def _allowed(answer: Answer) -> str:
+    """The lags that the record allows, or favours where the lag was chosen."""
+    if answer.fuses:
+        return "while all sensors answer"
+    if answer.range.ratio_interval == (0.0, math.inf):
+        return "the record allows any"
+    short, long = answer.range.lag_interval
+    period = answer.sample_period
+    words = between(short, long) if period is None else between(short * period, long * period, words=duration)
+    return f"the record favours {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
+
+
+def _table(answer: Answer) -> Iterator[str]:
+    """A row a sensor: noise, offset, share, and what is left without it."""
+    params = answer.found.params
+    assert params is not None
+    gains = bool(np.any(params.gain != 1.0))
+    rows = [("sensor", "noise σ", "r", "offset", "gain", "share", "error alone", "without it")]
+    for i, (one, unit) in enumerate(zip(answer.judgement.sensors, _units(answer), strict=True)):
+        r = float(params.sensor_r[i])
+        rows.append(
+            (
+                one.name if len(one.name) <= MAX_NAME else f"{one.name[: MAX_NAME - 1]}…",
+                _with_unit(math.sqrt(r), unit),
+                f"{number(r)} {squared(unit)}",
+                _with_unit(float(params.offset[i]), unit),
+                number(float(params.gain[i])),
+                percent(one.share),
+                _with_unit(one.error, answer.unit),
+                _with_unit(one.error_without, answer.unit),
+            )
+        )
+    columns = [column for column in zip(*rows, strict=True) if gains or column[0] != "gain"]
+    widths = [max(map(len, column)) for column in columns]
+    for first, *rest in zip(*columns, strict=True):
+        cells = (f"  {cell:>{width}}" for cell, width in zip(rest, widths[1:], strict=True))
+        yield f"  {first:<{widths[0]}}{''.join(cells)}"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{number(value)} {unit}".rstrip()
+
+
+def _units(answer: Answer) -> list[str]:
+    units = units_of(answer.recording)
+    return [units[name] for name in answer.sensors]
+
+
+def _next(answer: Answer) -> Iterator[str]:
+    """What to do, most urgent first: with a filter at least how to save it, without one how to choose it."""
+    params, advice = answer.found.params, answer.judgement.findings
+    if params is None and account.warnings(answer.recording):
+        yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
+    for one in advice:
+        option = option_for(one.action, answer)
+        how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""
+        text = as_sentences(one.text) if ". " in one.text else one.text
+        yield f"{'Note' if one.action is None else 'Next'}{how}: {text}"
+    about = list(_about_sensors(answer)) if answer.fuses else []
+    yield from about
+    if params is None and answer.fuses:
+        pass  # the message says what to do
+    elif params is None and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
+        yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
+    elif not advice and not any(text.startswith("Next") for text in about):
+        nothing = "nothing to correct; " if answer.verdict in ("ok", CHOSEN) else ""
+        yield (
+            "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
+            "--no-robust keeps them"
+            if answer.set_aside
+            else f"Next: {nothing}-o tuning.toml saves it, --details shows more"
+        )
+
+
+def _about_sensors(answer: Answer) -> Iterator[str]:
+    """What a goal costs, what the record leaves open, and which sensors to look at."""
+    fit, params, sensors = answer.range, answer.found.params, answer.judgement.sensors
+    if params is not None and (cost := cost_of_goal(answer.request, fit.q / params.q)):
+        yield f"Note: {cost}"
+    if params is not None and fit.verdict != "ok" and not (answer.request.goal and fit.verdict == "no_movement"):
+        yield f"Note: {fit.message}"
+    yield from (f"Note: {note}" for note in fit.notes)
+    odd = [one for one in sensors if {"drift", "noise", "stuck"} & set(one.faults)]
+    if odd:
+        scales = any("drift" in one.faults for one in odd) and bool(np.all(fit.gain == 1.0))
+        compare = "; try --fuse without one of them to see what it contributes" if len(sensors) > 2 else ""
+        more = "; sensors of different scales seem to drift too: --sensor-gains" if scales else compare
+        yield f"Next: look at {listed([one.name for one in odd])}{more}"
+
+
+# What --details adds: how the filter was found, what it does, what the record allows, second opinions, tests.
 
 
 def details_of(answer: Answer) -> str:
-    """All that the summary of one channel leaves out, as one text."""
-    parts = (_details_pair(answer), _meaning(answer), _opinions(answer), _trust(answer))
+    """All that the summary leaves out, as one text."""
+    parts = _origin(answer), _meaning(answer), _opinions(answer), _trust(answer)
     return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
 
 
-def _details_pair(answer: Answer) -> Iterator[str]:
-    params, unit = answer.found.params, squared(answer.unit)
-    missing = f", {count(answer.missing)} of them missing" if answer.missing else ""
-    yield f"samples            {count(answer.samples)}{missing}"
+def _origin(answer: Answer) -> Iterator[str]:
+    z, params = answer.z, answer.found.params
+    missing = int(np.isnan(z).all(axis=1).sum())
+    yield f"samples            {count(len(z))}{f', {count(missing)} of them missing' if missing else ''}"
     if params is not None:
-        q, r, ratio = params.q, float(params.r), params.ratio
-        yield f"process noise      q = {trimmed(q, 4)} {unit}"
-        sigma = f"σ = {number(math.sqrt(r))} {answer.unit or 'unit'}"
-        yield f"measurement noise  r = {trimmed(r, 4)} {unit}   ({sigma})"
-        yield f"ratio            q/r = {number(ratio)}"
-        if tau := params.momentum:
-            yield f"momentum           τ = {trimmed(tau, 4)} samples{_seconds(tau, answer.sample_period)}"
-        if params.gate is not None:
-            yield f"outlier gate         = {gate_text(params.gate)}"
+        if not answer.fuses:
+            sigma = f"σ = {number(math.sqrt(float(params.r)))} {answer.unit or 'unit'}"
+            yield f"noise and ratio    {sigma}, q/r = {number(params.ratio)}"
         yield f"how: {answer.found.how}"
     yield ""
     yield from wrapped(answer.found.message)
 
 
-def _seconds(tau: float, period: float | None) -> str:
-    return "" if period is None else f"   ({duration(tau * period)})"
-
-
 def _meaning(answer: Answer) -> Iterator[str]:
-    if answer.steady is not None and answer.found.params is not None:
-        yield "What this filter does"
-        yield from _steady_lines(answer.steady, answer.found.params, answer.sample_period)
+    steady, params, period = answer.steady, answer.found.params, answer.sample_period
+    if steady is not None and params is not None:
+        yield f"What this filter does{' while all sensors answer' if answer.fuses else ''}"
+        hertz = scalar(steady_state(params.as_single, period or 1.0).cutoff_hz)
+        cutoff = frequency(hertz) if period else f"{number(hertz)} × the sample rate"
+        yield f"  gain             {number(steady.gain)}"
+        yield f"  lag (delay)      {lag_in_full(steady.lag_samples, period)}"
+        if steady.overshoot:
+            yield f"  overshoot (step) {percent(steady.overshoot)}"
+        yield f"  noise reduction  {decibels(steady.noise_reduction_db)}"
+        none = "none: it attenuates no frequency by 3 dB"
+        yield f"  cut-off (−3 dB)  {none if math.isnan(hertz) else cutoff}"
+        yield f"  settling to 1 %  {lag_in_full(steady.settle_samples, period)}"
+    if answer.fuses:
+        yield from _sensor_ranges(answer)
+        return
     yield from wrapped(f"The record allows (95 %): {_interval(answer)}.")
     if answer.judgement.status == "as_chosen":
         yield from wrapped(answer.judgement.headline)
 
 
-def _steady_lines(steady: SteadyState, params: FilterParams, period: float | None) -> Iterator[str]:
-    yield f"  gain             {number(steady.gain)}"
-    yield f"  lag (delay)      {lag_in_full(steady.lag_samples, period)}"
-    if overshoot := steady.overshoot:
-        yield f"  overshoot (step) {percent(overshoot)}"
-    yield f"  noise reduction  {decibels(steady.noise_reduction_db)}"
-    yield f"  cut-off (−3 dB)  {_cutoff(params, period)}"
-    yield f"  settling to 1 %  {lag_in_full(steady.settle_samples, period)}"
-
-
-def _cutoff(params: FilterParams, period: float | None) -> str:
-    hertz = scalar(steady_state(params, period or 1.0).cutoff_hz)
-    if math.isnan(hertz):
-        return "none: it attenuates no frequency by 3 dB"
-    return frequency(hertz) if period else f"{number(hertz)} × the sample rate"
+def _sensor_ranges(answer: Answer) -> Iterator[str]:
+    """What the record allows for each sensor, and what happens where one fails."""
+    fit, readings = answer.range, np.isfinite(answer.z).sum(axis=0).tolist()
+    yield f"The record allows (95 %): q {between(*fit.q_interval)} {squared(answer.unit)}"
+    for i, (name, unit) in enumerate(zip(answer.sensors, _units(answer), strict=True)):
+        offset, gain = (" to ".join(map(number, ends[i])) for ends in (fit.offset_interval, fit.gain_interval))
+        gains = f", gain {gain}" if np.any(fit.gain != 1.0) else ""
+        noise = f"r {between(*fit.r_interval[i])} {squared(unit)}"
+        offset = f"offset {offset} {unit}".rstrip()
+        rows = f"{count(readings[i])} readings of {count(len(answer.z))}"
+        yield from wrapped(f"  {name}: {noise}, {offset}{gains}; {rows}")
+    for one in answer.judgement.sensors:
+        yield from wrapped(" ".join(one.if_it_fails))
 
 
 def _interval(answer: Answer) -> str:
@@ -535,19 +630,20 @@ def _interval(answer: Answer) -> str:
 
 
 def _opinions(answer: Answer) -> Iterator[str]:
-    without = " without momentum" if answer.momentum else ""
+    if not answer.opinions:
+        return
+    fit = answer.found.params or answer.found.estimate
+    momentum = 0.0 if fit is None else fit.momentum
+    without = " without momentum" if momentum else ""
     yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
     yield _row("method", "q", "r", "lag", "in 95 %", "verdict")
     for one in answer.opinions:
-        yield _row(METHOD_NAMES[one.method], *_cells(one, answer.opinions[0]), VERDICT_WORDS[str(one.verdict)])
-    yield from wrapped(comparison(answer.opinions, answer.momentum))
-
-
-def _cells(one: Estimate, best: Estimate) -> tuple[str, str, str, str]:
-    if one.verdict in WITHOUT_NUMBERS:
-        return "–", "–", "–", "–"
-    inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
-    return number(one.q), number(one.r), number(lag_of(one.ratio)), inside
+        cells = ("–", "–", "–", "–")
+        if one.verdict not in WITHOUT_NUMBERS:
+            inside = {True: "yes", False: "no", None: "–"}[is_within(one, answer.opinions[0])]
+            cells = number(one.q), number(one.r), number(lag_of(one.ratio)), inside
+        yield _row(METHOD_NAMES[one.method], *cells, VERDICT_WORDS[str(one.verdict)])
+    yield from wrapped(comparison(answer.opinions, momentum))
 
 
 def _row(method: str, q: str, r: str, lag: str, inside: str, verdict: str) -> str:
@@ -570,3 +666,161 @@ def _trust(answer: Answer) -> Iterator[str]:
     band = f"{number(held.nis)}, expected {expected_nis(held)}"
     test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
     yield from wrapped(f"{test}: NIS {band}: {answer.judgement.second_half}.")
+
+
+# Everything, in values that JSON can hold.
+
+
+def json_of(answers: list[Answer], every: bool) -> str:
+    """One object: the answer after what was read, with --all a list of answers."""
+    recording, plain = answers[0].recording, [as_plain(answer) for answer in answers]
+    head = {"source": recording.source, "sha256": recording.sha256, "reading": account.as_plain(recording)}
+    whole = finite(head | ({"channels": plain} if every else plain[0]))
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def as_plain(answer: Answer) -> dict[str, Any]:
+    """The answer in values that JSON can hold: None for what is missing, "inf" for infinity, never NaN."""
+    params, names = answer.found.params, ("q", "momentum", "gate", *(() if answer.fuses else ("r", "ratio")))
+    common = {
+        "unit": answer.unit,
+        "sample_period": answer.sample_period,
+        **{name: None if params is None else getattr(params, name) for name in names},
+        "verdict": answer.verdict,
+        "message": answer.found.message,
+        "how": answer.found.how,
+        "steady": None if answer.steady is None else asdict(answer.steady),
+    }
+    return finite(common | (_plain_fusion(answer) if answer.fuses else _plain_channel(answer)))
+
+
+def _plain_channel(answer: Answer) -> dict[str, Any]:
+    limits, judged, fit = answer.range, answer.judgement, answer.found.estimate
+    intervals = ("ratio_interval", "gain_interval", "lag_interval", "momentum_interval", "prediction_gain")
+    aside = None
+    if fit is not None and fit.outliers is not None:
+        plain = {"q": fit.plain_q, "r": fit.plain_r, "momentum": fit.plain_momentum}
+        aside = {"samples": fit.outliers.nonzero()[0], "share": fit.outlier_share, "plain": plain}
+    return {
+        "channel": answer.name,
+        "samples": len(answer.z),
+        "missing": int(np.isnan(answer.z).sum()),
+        **{name: getattr(limits, name) for name in intervals},
+        "set_aside": aside,
+        "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
+        "advice": None if judged.residuals is None else advice_words(judged),
+        "judgement": {
+            "status": judged.status,
+            "headline": judged.headline,
+            "advice": [
+                {
+                    "text": one.text,
+                    "action": one.action and {"name": type(one.action).__name__, **asdict(one.action)},
+                    "option": option_for(one.action, answer),
+                }
+                for one in judged.findings
+            ],
+        },
+        "residuals": _tested(judged.residuals),
+        "held_out": _tested(judged.held_out),
+    }
+
+
+def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
+    names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
+    values = {name: getattr(one, name) for name in names}
+    ratio = float(one.ratio)
+    values |= {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    return {**values, "within_interval": is_within(one, best)}
+
+
+def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
+    if judged is None:
+        return None
+    names = (
+        *("n", "advice", "nis", "nis_low", "nis_high", "r1", "r1_bound", "ljung_box", "ljung_box_p"),
+        *("spikes", "spikes_expected", "jumps", "variance_ratio", "variance_ratio_p", "q_factor", "r_factor"),
+    )
+    return {name: getattr(judged, name) for name in names}
+
+
+def _plain_fusion(answer: Answer) -> dict[str, Any]:
+    fit, params, judged, shared = answer.range, answer.found.params, answer.judgement, answer.range.shared
+    z, units, names = answer.z, _units(answer), answer.sensors
+    intervals = ("r_interval", "offset_interval", "gain_interval")
+    sensors: list[dict[str, Any]] = [
+        {
+            "name": name,
+            "unit": units[i],
+            "readings": int(np.isfinite(z[:, i]).sum()),
+            "r": params and params.sensor_r[i],
+            "offset": params and params.offset[i],
+            "gain": params and params.gain[i],
+            "share": params and params.shares[i],
+            **{one: getattr(fit, one)[i] for one in intervals},
+            "spikes": fit.spikes[i] if fit.spikes else [],
+            "judgement": _plain_sensor(judged.sensors[i]) if judged.sensors else None,
+        }
+        for i, name in enumerate(names)
+    ]
+    return {
+        "fused": names,
+        "rows": len(z),
+        "shared_noise": shared
+        and {"sensors": [names[i] for i in shared.sensors], "correlation": shared.correlation},
+        "notes": fit.notes,
+        "q_interval": fit.q_interval,
+        "loglik": fit.loglik,
+        "error": judged.error if judged.sensors else None,
+        "held_out": judged.prediction and asdict(judged.prediction),
+        "judgement": judged.sentences if judged.sensors else [],
+        "sensors": sensors,
+    }
+
+
+def _plain_sensor(one: Judgement) -> dict[str, Any]:
+    names = (
+        *("name", "share", "answered", "error", "error_without", "shares_without", "pull"),
+        *("drift", "noise_ratio", "spikes", "stuck", "silent", "faults"),
+    )
+    sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
+    return {**{name: getattr(one, name) for name in names}, "sentences": sentences}
+
+
+def finite(value: Any) -> Any:
+    """The value without numbers that JSON cannot hold; numpy types become Python's."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in cast("dict[str, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in cast("list[Any]", value)]
+    if isinstance(value, float):
+        number = float(value)
+        return None if math.isnan(number) else number if math.isfinite(number) else str(number)
+    return finite(value.tolist()) if hasattr(value, "tolist") else value
+
+
+# The tuning file.
+
+
+def save_answers(answers: list[Answer], output: Path) -> list[str]:
+    """Save the filters that were found, and those of each fused sensor by itself; returns notes for the user."""
+    recording, fusion, found = answers[0].recording, None, list[ChannelTuning]()
+    for one in answers:
+        params, how = one.found.params, one.found.how
+        if params is not None and one.fuses:
+            fusion = ChannelTuning.of_params(name_of_fused(recording), one.unit, params, how, one.sensors)
+            scales = zip(one.sensors, _units(one), fusion.r, fusion.gain, strict=True)
+            for name, unit, r, gain in scales:
+                single = replace(params, q=params.q * gain * gain, r=r, offset=0.0, gain=1.0)
+                found.append(ChannelTuning.of_params(name, unit, single, how))
+        elif params is not None:
+            found.append(ChannelTuning.of_params(one.name, one.unit, params, how))
+    without = [f"{one.name}: {VERDICT_WORDS[one.verdict]}" for one in answers if one.found.params is None]
+    if not found:
+        lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
+        first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
+        instead = f"{first.get(answers[0].verdict, 'record while it moves')} or choose a filter"
+        none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
+        raise BadSetting(f"{lost}{none}: {instead} (--lag-ms, --cutoff-hz, --gain)")
+    notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
+    return notes + save(recording, found, {name for one in answers for name in one.sensors}, output, fusion)
