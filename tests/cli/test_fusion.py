@@ -197,7 +197,9 @@ def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot
     lines = capsys.readouterr().out.splitlines()
     page = " ".join(lines[1:])
     assert page.startswith("a + b + c: q = ")
-    assert re.search(r"The fused value has an error of .* than the best single sensor, a .* In the second half", page)
+    assert re.search(
+        r"The fused value has an error of .* than the best single sensor, a .* In the second half", page
+    )
     assert "An offset that all sensors share cannot be known" in page
     assert max(map(len, lines)) <= 96
     assert run(["tune", WALK, "--fuse", "a,b,c", "--details"]) == 0

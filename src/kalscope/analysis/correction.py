@@ -39,7 +39,7 @@ class Record:
     """All samples of one channel, without the filter's prior, its rejected samples and its spikes."""
 
     z: Array
-    """Samples in units of √r (of a step's standard deviation where r is 0), shape (n,); NaN where missing."""
+    """Samples in units of √r (where r is 0, of the least that differs from it), shape (n,); NaN where missing."""
     dt: Array | None
     """Nominal sample periods before each, shape (n,); None = 1 each."""
     ratio: float
@@ -60,7 +60,7 @@ class Record:
         step = run.q * variance_of_step(run.momentum)
         ratio = step / run.r if run.r > 1e-13 * step else math.inf
         ratio = ratio if ratio > 1e-24 else 0.0
-        z /= math.sqrt(run.r if ratio < math.inf else step or 1.0)
+        z /= math.sqrt(run.r if ratio < math.inf else step * math.exp(-HIGHEST) or 1.0)
         z[np.isinf(z)] = math.nan  # undone, a sample near the end of float64 may lie beyond it
         regular = run.dt is None or bool(np.all(np.abs(run.dt[1:] - 1.0) <= 1e-3))
         return Record(z, None if regular else run.dt, ratio, run.momentum)
@@ -91,12 +91,6 @@ class Record:
         else:
             chi2, logdet = self.data.sums(ratios)
         return chi2 * min(self.data.scale, MAX_SCALE) ** 2, logdet
-
-    def without_noise(self) -> float:
-        """Log-likelihood at r = 0 with the best q; −inf where that is impossible."""
-        if not self.momentum:
-            return self.data.random_walk()[0]
-        return float(concentrated(self.data, np.array([math.inf]), np.array([self.momentum]))[0][0])
 
     def residuals(self, log_ratio: float, momentum: float) -> Array:
         """Standardised innovations at ln(step variance / r), size 1, shape (n,); NaN where none was scored."""
@@ -178,7 +172,7 @@ or to the λ at which a filter is clearly at that end."""
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""
 
-BETWEEN = np.linspace(-0.5, 0.5, 200, endpoint=False)
+BETWEEN = np.linspace(0.0, 1.0, 200, endpoint=False)
 """Where a likelihood is read between two steps, in steps."""
 
 
@@ -241,19 +235,19 @@ class Profile:
         """Whether that is the first or the last place, so that the best λ may lie beyond."""
         return self.at in (0, len(self.moves) - 1)
 
-    def as_it_is(self) -> tuple[float, float]:
-        """Log-likelihood of the filter without its constant, and its mean v²/s."""
+    def as_it_is(self) -> tuple[float, float, float]:
+        """Log-likelihood of the filter without its constant; with q and r times one factor; and this factor."""
         here = int(np.argmin(np.abs(self.moves)))
         chi2 = math.exp(self.log_chi2[here])
-        return -0.5 * (float(self.logdet[here]) + chi2), chi2 / self.m
+        loglik, both = -0.5 * (float(self.logdet[here]) + chi2), chi2 / self.m
+        return loglik, loglik + 0.5 * self.m * (both - 1.0 - math.log(both)), both
 
     def one_factor(self) -> tuple[float, float, float]:
         """Log-likelihood and the factors for q and r of the best correction with one free parameter.
 
         That of both wins where it is about as good as the others: it does not call the filter too slow or too fast.
         """
-        loglik, both = self.as_it_is()
-        scaled = loglik + 0.5 * self.m * (both - 1.0 - math.log(both))
+        _, scaled, both = self.as_it_is()
         only_q = -0.5 * (self.logdet + np.exp(self.log_chi2))
         # r alone moves λ the other way; exp is limited where r is far too small for any likelihood
         only_r = -0.5 * (self.logdet - self.m * self.moves + np.exp(np.minimum(self.log_chi2 + self.moves, 700.0)))
@@ -275,50 +269,46 @@ class Profile:
 
 
 def _between(steps: Array) -> Array:
-    """A smooth curve read at `BETWEEN` around each step by the parabola through it and its neighbours."""
-    before, middle, after = (part[:, None] for part in (steps[:-2], steps[1:-1], steps[2:]))
-    curve = middle + 0.5 * (after - before) * BETWEEN + 0.5 * (after - 2.0 * middle + before) * BETWEEN * BETWEEN
-    return np.concatenate([steps[:1], curve.ravel(), steps[-1:]])
+    """A smooth curve read at `BETWEEN` after each step: the parabolas around both neighbours, by their nearness."""
+    a, b, c, d = (part[:, None] for part in (steps[:-3], steps[1:-2], steps[2:-1], steps[3:]))
+    after, before = BETWEEN, BETWEEN - 1.0
+    first = b + 0.5 * (c - a) * after + 0.5 * (a - 2.0 * b + c) * after * after
+    second = c + 0.5 * (d - b) * before + 0.5 * (b - 2.0 * c + d) * before * before
+    return np.concatenate([steps[:1], (second * after - first * before).ravel(), steps[-2:]])
 
 
-def _find_scale(e: Array, spikes: Indices) -> Correction:
-    """The one factor for q and r, which keeps the curve, that fits the residuals e without their spikes best."""
-    calm = np.delete(e, spikes)
-    m = len(calm)
-    scale = dot(calm, calm) / max(m, 1)
-    if not 0.0 < scale < math.inf or 0.5 * m * (scale - 1.0 - math.log(scale)) <= LR_LIMIT[0]:
-        return Correction(e=e)
-    return Correction(*_bounded(scale, scale), e=e)
-
-
-def find_correction(record: Record, e: Array, spikes: Indices) -> Correction:
-    """The simplest change of q and r that the record does not reject, at the filter's momentum.
-
-    Args:
-        record: what the filter was given.
-        e: the standardised residuals of the filter, scored ones only.
-        spikes: those among them that are set aside.
-    """
+def find_correction(record: Record) -> Correction:
+    """The simplest change of q and r that the record does not reject, at the filter's momentum."""
     if record.data.m < MIN_SAMPLES:
         return Correction()
-    if record.ratio == 0.0 or math.isinf(record.ratio):
-        return _from_edge(record, _find_scale(e, spikes))
     profile = _profile(record)
     if profile.is_constant:
         return Correction(1e-3, 1e-3) if record.moves else Correction()
-    log_best, free, scale = _best(record, profile)
+    move = float(profile.moves[profile.at])
+    log_best = profile.present + move
+    chi2, logdet = (float(part[0]) for part in record.sums(np.array([log_best])))
+    scale = chi2 / profile.m
+    free = -0.5 * (logdet + profile.m * math.log(scale) + profile.m)
     rest = record.residuals(log_best, record.momentum)
-    if free <= profile.as_it_is()[0] + LR_LIMIT[1]:
+    loglik, scaled, both = profile.as_it_is()
+    if record.ratio in (0.0, math.inf):
+        if free > scaled + LR_LIMIT[0] and (move > 0.0) == (record.ratio == 0.0):
+            factor = scale if record.ratio == 0.0 else scale * math.exp(move)
+            ratio = math.exp(log_best) / variance_of_step(record.momentum)
+            return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=rest)
+        return Correction(*_bounded(both, both), e=rest) if scaled > loglik + LR_LIMIT[0] else Correction(e=rest)
+    if free <= loglik + LR_LIMIT[1]:
         return Correction(e=rest)
     likelihood, q_factor, r_factor = profile.one_factor()
     if free > likelihood + LR_LIMIT[0]:
-        q_factor, r_factor = math.exp(log_best) / record.ratio * scale, scale
+        q_factor, r_factor = math.exp(move) * scale, scale
     return Correction(*_bounded(*profile.cut(q_factor, r_factor)), e=rest)
 
 
 def _profile(record: Record) -> Profile:
     """The steps near the filter's λ, or all where the best one is not among them."""
-    present = math.log(record.ratio)
+    edges = {0.0: _lowest(record), math.inf: HIGHEST}
+    present = edges[record.ratio] if record.ratio in edges else math.log(record.ratio)
     near = Profile.of(record, present, np.arange(-NEAR, NEAR + 1.0))
     inside = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
     if near.is_constant or (inside and not near.is_open):
@@ -335,37 +325,6 @@ def _lowest(record: Record) -> float:
     """
     m = record.data.m
     return min(LOWEST, -math.log(100.0) - 2.0 * math.log(m) - math.log(min(max(record.momentum, 1.0), m)))
-
-
-def _best(record: Record, profile: Profile) -> tuple[float, float, float]:
-    """The best ln λ, its log-likelihood without the constant, and its best r over that of the filter."""
-    log_best = profile.present + float(profile.moves[profile.at])
-    chi2, logdet = (float(part[0]) for part in record.sums(np.array([log_best])))
-    scale = chi2 / profile.m
-    return log_best, -0.5 * (logdet + profile.m * math.log(scale) + profile.m), scale
-
-
-def _from_edge(record: Record, scale: Correction) -> Correction:
-    """What to do about q = 0 or r = 0: another λ where that fits better, else at most one factor."""
-    lowest = _lowest(record)
-    profile = Profile.of(record, lowest, np.arange(1.0 + math.ceil((HIGHEST - lowest) / GRID_STEP)))
-    if profile.is_constant:
-        return Correction(1e-3, 1e-3) if record.moves else Correction()
-    log_best, free, size = _best(record, profile)
-    rest = record.residuals(log_best, record.momentum)
-    if free > _at_edge(record, profile.m) + LR_LIMIT[0]:
-        factor = size if record.ratio == 0.0 else size * math.exp(log_best)  # in the unit of the record
-        ratio = math.exp(log_best) / variance_of_step(record.momentum)
-        return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=rest)
-    return Correction(scale.q_factor, scale.r_factor, e=rest)
-
-
-def _at_edge(record: Record, m: float) -> float:
-    """Log-likelihood at q = 0 or r = 0, whichever the filter has, without its constant; −inf where impossible."""
-    if record.ratio < 1.0:
-        chi2, logdet = (float(part[0]) for part in record.sums(np.array([-math.inf])))
-        return -0.5 * (logdet + m * math.log(chi2 / m) + m) if chi2 > 0.0 else -math.inf
-    return record.without_noise() + 0.5 * m * math.log(2.0 * math.pi)
 
 
 def _bounded(*factors: float) -> tuple[float, ...]:

@@ -193,7 +193,7 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
         return replace(evidence, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
         record, outliers = Record.of(run, seen[:0]), outliers[:0]
-    better = correction.find_correction(record, e, outliers)
+    better = correction.find_correction(record)
     structure, change = _remains(better, record, lags, steps=steps)
     return replace(
         evidence,
