@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FilterParams, FilterResult, kalman_filter, starting_params
+from kalscope import BadSetting, FilterParams, kalman_filter, starting_params
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.findings import NO_FAULT
-from kalscope.analysis.residuals import correlation, low_frequency_share, nis_band, variance_change
+from kalscope.analysis.residuals import correlation, low_frequency_share, nis_band
 
 NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
 NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]
@@ -113,28 +113,6 @@ def test_correlation_over_gaps_counts_only_pairs_with_both_samples():
     assert found.r[2] == pytest.approx(np.sum(d[3:] * d[:-3]) / total * (n - 3) / pairs, rel=1e-12)
 
 
-def test_correlation_does_not_depend_on_where_the_record_starts():
-    e = np.random.default_rng(4).normal(size=100)
-    padded = np.r_[np.full(7, np.nan), e, np.full(5, np.nan)]
-    assert correlation(padded, 5).q == correlation(e, 5).q
-
-
-def test_lag_without_pairs_says_nothing():
-    e = np.random.default_rng(5).normal(size=200)
-    e[1::2] = np.nan
-    found = correlation(e, 4)
-    assert found.r[0] == found.r[2] == 0.0
-    assert found.r[1] != 0.0
-
-
-def test_variance_change_is_symmetric_in_time():
-    e = np.random.default_rng(6).normal(size=90)
-    e[60:] *= 1.5
-    forward, back = variance_change(e), variance_change(e[::-1])
-    assert forward[0] == pytest.approx(1.0 / back[0])
-    assert forward[1] == pytest.approx(back[1])
-
-
 def test_low_frequency_share_tells_its_share_and_its_scale():
     t = np.arange(4096)
     e = np.random.default_rng(7).normal(size=4096) + 0.5 * np.sin(2 * math.pi * t / 200)
@@ -167,14 +145,6 @@ def test_false_alarm_rates_are_near_their_nominal_levels(n, ratio, missing):
     assert rates["advice"] <= 0.10, rates
 
 
-@pytest.mark.slow
-def test_spikes_by_chance_are_as_many_as_expected():
-    found = judge(noisy_walk(500_000), 0.01)
-    assert found.spikes_expected == pytest.approx(31.7, abs=0.1)
-    assert abs(found.spikes - found.spikes_expected) < 4 * math.sqrt(found.spikes_expected)
-    assert found.advice == NO_FAULT
-
-
 # --- detection, and the amount of the advice ------------------------------------------------------------
 
 RATIOS = [0.003, 0.01, 0.1, 1.0]
@@ -191,32 +161,6 @@ def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
         assert 0.3 < found.q_factor * wrong < 3.0
         assert found.r_factor == pytest.approx(1.0, abs=0.4)
     assert math.exp(np.mean(np.log(factors))) == pytest.approx(1.0, abs=0.25)
-
-
-@pytest.mark.parametrize("ratio", [0.01, 0.1])
-@pytest.mark.parametrize(
-    ("wrong", "word"),
-    [(4.0, "and the filter too slow: lower r about"), (0.25, "and the filter too fast: raise r about")],
-)
-def test_wrong_r_is_named_and_the_factor_is_about_right(ratio, wrong, word):
-    right_words = 0
-    for seed in range(20):
-        z = noisy_walk(2000, ratio, seed=seed)
-        found = judge(z, ratio, wrong)
-        right_words += word in found.advice
-        assert 0.7 < found.r_factor * wrong < 1.4
-        if not 0.4 < found.q_factor < 2.5:  # by chance another correction is likelier than the right one
-            advised = FilterParams(ratio * found.q_factor, wrong * found.r_factor)
-            right = FilterParams(ratio, 1.0)
-            assert float(kalman_filter(z, advised).loglik) > float(kalman_filter(z, right).loglik)
-    assert right_words >= 19
-
-
-@pytest.mark.parametrize("wrong", [0.25, 4.0])
-def test_wrong_size_of_both_leaves_the_curve_and_says_so(wrong):
-    found = judge(noisy_walk(2000, 0.05), 0.05 * wrong, wrong)
-    assert found.advice.startswith(f"q and r are both too {'small' if wrong < 1 else 'large'} by about 4 ×")
-    assert found.q_factor == found.r_factor == pytest.approx(1 / wrong, rel=0.1)
 
 
 @each(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
@@ -237,12 +181,6 @@ def test_following_the_advice_raises_the_likelihood_and_ends_in_no_fault(q_wrong
     assert 0.8 < r < 1.25
 
 
-def test_sign_of_r1_tells_too_slow_from_too_fast():
-    z = noisy_walk(5000, 0.05)
-    assert judge(z, 0.005).r1 > judge(z, 0.05).r1_bound
-    assert judge(z, 0.5).r1 < -judge(z, 0.05).r1_bound
-
-
 def test_spikes_are_counted_located_and_sent_to_the_gate():
     z = noisy_walk(2000)
     where = np.array([200, 555, 901, 1300, 1999])
@@ -254,21 +192,6 @@ def test_spikes_are_counted_located_and_sent_to_the_gate():
     assert found.advice == "spikes: 5 beyond 4 σ: switch the outlier gate on"
     assert judge(z, 0.01, gate=16.0).advice == NO_FAULT
     assert judge(z, 0.01, gate=16.0).n == found.n - 5
-
-
-def test_jump_that_stays_is_no_spike():
-    z = noisy_walk(1000, 0.01, seed=2)
-    z[500:] += 30.0
-    found = judge(z, 0.01)
-    assert found.jumps == 1
-    assert "jumps: 1 beyond 5 σ that stay" in found.advice
-    assert "gate on" not in found.advice
-
-
-def test_bursts_are_not_sent_to_the_gate():
-    z = noisy_walk(2000)
-    z[::4] += np.random.default_rng(1).normal(0, 60, len(z[::4]))
-    assert "too many for outliers" in judge(z, 0.01).advice
 
 
 def test_doubled_noise_in_the_second_half_is_a_change_of_variance():
@@ -293,35 +216,6 @@ def test_trend_leaves_a_low_frequency_share_whatever_q(wave):
     assert second.advice.startswith("low frequencies hold ")
 
 
-def test_hum_is_correlation_that_no_q_and_r_cure():
-    z = noisy_walk(2000) + 2.0 * np.sin(1.3 * np.arange(2000))
-    assert "residuals stay correlated for any q and r" in judge(z, 0.01).advice
-
-
-def test_start_far_from_the_signal_is_named():
-    z = noisy_walk(1000) + 500.0
-    found = judge(z, 0.01, p0=1.0, x0=0.0)
-    assert found.advice.startswith("the first sample lies 3")
-    assert "leave x0 and p0 unset" in found.advice
-    assert found.spikes == 0
-    assert judge(z, 0.01).advice == NO_FAULT
-
-
-@pytest.mark.parametrize(
-    ("q", "r", "word"), [(0.0, 1.0, "q = 0 cannot follow"), (0.01, 0.0, "r = 0 lets all noise")]
-)
-def test_edges_of_the_model_are_named_where_they_do_not_fit(q, r, word):
-    found = judge(noisy_walk(2000), q, r)
-    assert found.advice.startswith(word)
-    assert found.q_factor == found.r_factor == 1.0
-
-
-def test_edges_of_the_model_pass_where_they_fit():
-    g = np.random.default_rng(9)
-    assert judge(g.normal(size=1000), 0.0).advice == NO_FAULT
-    assert judge(np.cumsum(g.normal(size=1000)), 1.0, 0.0).advice == NO_FAULT
-
-
 # --- gaps, irregular time, long records ----------------------------------------------------------------
 
 
@@ -339,14 +233,6 @@ def test_irregular_time_is_taken_from_the_result(r):
     z = np.cumsum(g.normal(size=4000) * np.sqrt(0.05 * dt)) + g.normal(0, math.sqrt(r), 4000)
     assert judge(z, 0.05, r, dt).advice == NO_FAULT
     assert judge(z, 0.005, r, dt).q_factor == pytest.approx(10.0, rel=0.4)
-
-
-@pytest.mark.slow
-def test_long_record_is_judged_by_stretches_with_the_same_verdict():
-    z = noisy_walk(200_000, 0.01)
-    assert judge(z, 0.01).advice == NO_FAULT
-    assert judge(z, 0.001).advice.startswith("too slow: raise q about")
-    assert judge(z, 0.001).q_factor == pytest.approx(10.0, rel=0.4)
 
 
 def test_verdict_does_not_depend_on_the_unit():
@@ -454,22 +340,10 @@ def test_no_parameters_make_it_fail(q, r, p0):
             judge(z, q, r, p0=p0)
 
 
-@pytest.mark.parametrize("size", [1e150, 1e290])
-def test_noise_of_another_world_is_named(size):
-    found = judge(np.random.default_rng(13).normal(size=100), 0.01 * size, size)
-    assert found.advice.startswith("q and r are both too large by about 1000 × or more")
-
-
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_samples_at_the_ends_of_float64_are_judged_like_any():
     z = 1.7e308 * (-1.0) ** np.arange(160)
     assert diagnose(kalman_filter(z, starting_params(z))).advice
-
-
-def test_quantised_signal_that_mostly_stands_still_is_judged_without_failing():
-    z = np.round(noisy_walk(2000, 1e-5, 0.01))
-    z[100] = 1.0
-    judge(z, 0.01)
 
 
 def test_lags_must_be_a_whole_number_of_at_least_one(nile):
@@ -478,28 +352,6 @@ def test_lags_must_be_a_whole_number_of_at_least_one(nile):
         diagnose(result, lags=0)
     with pytest.raises(BadSetting, match="z must have shape"):
         diagnose_held_out(np.zeros((10, 2)), FilterParams(1.0, 1.0))
-
-
-def test_more_lags_than_samples_are_left_at_zero(nile):
-    found = diagnose(kalman_filter(nile[:30], FilterParams(1469.1, 15099.0)), lags=50)
-    assert isinstance(found, Diagnostics)
-    assert found.correlation.shape == (50,)
-    assert_no_nan(found)
-
-
-def test_result_is_left_as_it_was():
-    result = kalman_filter(noisy_walk(200), FilterParams(0.01, 1.0))
-    copies = {f.name: np.copy(getattr(result, f.name)) for f in dataclasses.fields(FilterResult)}
-    diagnose(result)
-    for name, copy in copies.items():
-        np.testing.assert_array_equal(getattr(result, name), copy, err_msg=name)
-
-
-def test_long_record_whose_samples_all_lie_between_the_stretches_is_not_an_error():
-    z = np.full(100_000, np.nan)
-    z[10_000:10_100] = noisy_walk(100)
-    assert judge(z, 0.01, 0.0).n == 99
-    assert judge(z, 0.01, 1.0).advice == NO_FAULT
 
 
 # ---- momentum
@@ -530,31 +382,6 @@ def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
     assert tried.advice == NO_FAULT
 
 
-def test_momentum_is_not_proposed_where_it_does_not_help():
-    rng = np.random.default_rng(8)
-    walk = np.cumsum(rng.normal(size=6000)) + 3.0 * rng.normal(size=6000)
-    hum = walk + 4.0 * np.sin(2.0 * math.pi * 0.31 * np.arange(6000))
-    for z in (walk, hum):
-        for ratio in (1e-3, 0.1, 10.0):
-            assert "momentum" not in diagnose(kalman_filter(z, FilterParams(9.0 * ratio, 9.0))).advice
-
-
-@pytest.mark.parametrize("factor", [0.1, 4.0])
-def test_with_momentum_a_wrong_scale_is_advised_by_its_factor(factor):
-    judged = diagnose(kalman_filter(moving(30.0), FilterParams(factor, factor, momentum=30.0)))
-    assert judged.q_factor == judged.r_factor == pytest.approx(1.0 / factor, rel=0.1)
-    size = "small" if factor < 1.0 else "large"
-    assert judged.advice.startswith(f"q and r are both too {size} by about")
-    assert judged.advice.endswith("this changes the band, not the curve")
-
-
-def test_with_momentum_spikes_do_not_change_the_scale():
-    z = moving(30.0)
-    z[500::500] += 60.0
-    judged = diagnose(kalman_filter(z, FilterParams(1.0, 1.0, gate=25.0, momentum=30.0)))
-    assert judged.q_factor == judged.r_factor == pytest.approx(1.0, abs=0.15)
-
-
 @each(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4), (0.0, 1.0), (1.0, 0.0)])
 def test_with_momentum_the_best_pair_is_that_at_this_momentum(q, r):
     judged = diagnose(kalman_filter(moving(30.0), FilterParams(q, r, momentum=30.0)))
@@ -563,9 +390,3 @@ def test_with_momentum_the_best_pair_is_that_at_this_momentum(q, r):
     else:
         assert judged.evidence.correction.instead_of_edge == pytest.approx(1.0, rel=0.05)
         assert judged.evidence.correction.edge_factor == pytest.approx(1.0, rel=0.05)
-
-
-def test_a_wrong_momentum_is_to_be_estimated_again_and_no_misfit_of_a_random_walk():
-    said = diagnose(kalman_filter(moving(30.0), FilterParams(1.0, 1.0, momentum=1.0))).advice
-    assert said.endswith(" for any q and r with this momentum; estimate q, r and momentum together")
-    assert "random walk" not in said

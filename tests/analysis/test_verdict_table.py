@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,15 +14,13 @@ import numpy as np
 import pytest
 from each import each
 from effort import FUZZ
-from verdict_states import SIGNALS, STATES, VerdictState, row_of, white
+from verdict_states import SIGNALS, STATES, VerdictState, row_of
 
-from kalscope import FilterParams, estimate, kalman_filter, read_recording, steady_state
+from kalscope import FilterParams, estimate, kalman_filter, steady_state
 from kalscope.analysis import actions
-from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
 from kalscope.analysis.findings import KEEP, Known, request_in, still_met
 from kalscope.analysis.judge import judge
-from kalscope.common.text import decibels, number
 from kalscope.estimation.request import Noise, Request, find_parameters
 
 pytestmark = pytest.mark.slow
@@ -101,12 +98,6 @@ def test_what_is_bad_can_be_mended_by_a_button_and_what_is_good_needs_none(state
     assert said.headline[0].isupper()
     assert said.headline.endswith(".")
     assert len(said.word) <= 16
-
-
-def test_a_number_stands_where_the_filter_nearly_fits():
-    one = row(VerdictState("white", FilterParams(0.0, 1.3)))
-    assert one.said.word == "nearly fits"
-    assert f"{number(one.whole.nis)} × what q and r predict" in one.said.headline
 
 
 # --- too slow, too fast ---------------------------------------------------------------------------------
@@ -269,33 +260,6 @@ def concentrated(z, ratio, momentum=0.0):
     return -0.5 * (len(v) * math.log(float(np.mean(v**2 / s))) + float(np.log(s).sum()))
 
 
-def test_the_words_for_a_lag_in_both_directions_and_for_what_it_costs():
-    slow = chosen("walk", 1)[2].headline
-    fast = chosen("walk", 0)[2].headline
-    assert slow.startswith("You chose a lag of 2000 ms. The best statistical fit would follow faster (q about ")
-    assert slow.endswith(" × larger), so movement faster than 2000 ms is smoothed away.")
-    assert fast.startswith("You chose a lag of 20 ms. The best statistical fit would smooth more (q about ")
-    assert fast.endswith(" × smaller), so noise that it would remove stays.")
-    above = chosen("sine", 3)[2].headline
-    assert above.endswith("so movement above 0.5 Hz is smoothed away.")
-    fits = chosen("walk", 6)[2]
-    assert fits.headline.startswith("You chose q/r = 0.01. The filter fits: ")
-    assert (fits.word, fits.tone) == ("fits", "good")
-
-
-def test_spikes_of_a_chosen_filter_come_first_and_their_gate_leaves_the_movement():
-    z, params, said = chosen("spikes", 1)  # a lag of 2 s
-    assert (said.status, said.tone) == ("spikes", "bad")
-    assert said.findings[1].text.startswith(
-        "you chose a lag of 2000 ms. the best statistical fit would follow faster"
-    )
-    gated = replace(params, gate=said.findings[0].action.sigma ** 2)
-    after = diagnose(kalman_filter(z, gated))
-    then = judge(after, request=GOALS[1])
-    assert after.evidence.refused <= 30  # ten spikes, three readings each at most, and no movement
-    assert then.status == "as_chosen"
-
-
 @pytest.mark.parametrize(("r", "words"), [(100.0, "smaller"), (0.01, "larger")])
 def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, words):
     z = SIGNALS["walk"]
@@ -378,22 +342,3 @@ def test_a_best_fit_that_may_look_worse_says_what_to_do(name):
     found, said = best_fit(SIGNALS[name])
     assert_says_what_to_do(found, said)
     assert any(advice.text.startswith(KEEP) for advice in said.findings) == (name == "sine")  # a lag would lose it
-
-
-def test_a_best_fit_that_follows_everything_says_how_little_it_removes():
-    found, said = best_fit(np.cumsum(np.random.default_rng(4).normal(size=2000)) + 0.5 * white(2000))
-    assert (said.status, said.word, said.tone) == ("weak", "hardly filters", "note")
-    removed = decibels(float(steady_state(found.params).noise_reduction_db))
-    assert said.findings[0].action == actions.ChooseFilter()
-    assert said.findings[0].text.endswith(f": the best statistical fit removes only {removed} of the noise")
-
-
-@pytest.mark.parametrize("place", ["nile", "putty_pressure", "sea_surface_temp", "ppg_arduino", "hcsr04_short"])
-def test_a_best_fit_of_a_real_record_that_may_look_worse_says_what_to_do(place):
-    paths = sorted(path for path in (SHARED / place).glob("*") if path.suffix in (".csv", ".log"))
-    if not paths:
-        pytest.skip("the recordings of real sensors are not here")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        recording = read_recording(paths[0])
-    assert_says_what_to_do(*best_fit(recording.channel(default_channel(recording))))

@@ -192,21 +192,6 @@ def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> 
 
 
 @pytest.mark.slow
-def test_the_page_begins_with_what_the_fusion_is_worth_and_ends_with_what_cannot_be_known(capsys: Captured) -> None:
-    assert run(["tune", WALK, "--fuse", "a,b,c"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    page = " ".join(lines[1:])
-    assert page.startswith("a + b + c: q = ")
-    assert re.search(
-        r"The fused value has an error of .* than the best single sensor, a .* In the second half", page
-    )
-    assert "An offset that all sensors share cannot be known" in page
-    assert max(map(len, lines)) <= 96
-    assert run(["tune", WALK, "--fuse", "a,b,c", "--details"]) == 0
-    assert "The record allows (95 %):" in capsys.readouterr().out
-
-
-@pytest.mark.slow
 def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "fusion.md").read_text(encoding="utf-8")
     example = page[page.index("    $ kalscope") : page.index("![Three level")]
@@ -251,29 +236,6 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
     assert f"You chose a lag of {lag} ms. " in page
     assert said in page
     assert "No movement can be identified" not in page
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("path", "said"),
-    [
-        ("x,-x", "look at a and b; sensors of different scales seem to drift too: --sensor-gains"),
-        ("x,x", "-o tuning.toml saves it"),
-        ("x,x spiky", "Next, with --gate 16: b has 10 spikes that no other sensor confirms"),
-    ],
-)
-def test_the_next_step_suits_what_is_wrong(path: str, said: str, tmp_path: Path, capsys: Captured) -> None:
-    rng = np.random.default_rng(1)
-    x = np.cumsum(rng.normal(size=400))
-    columns = np.column_stack([x, -x if path == "x,-x" else x]) + rng.normal(size=(400, 2))
-    if "spiky" in path:
-        columns[::40, 1] += 30.0
-    log = tmp_path / "log.csv"
-    rows = [f"{i},{a!r},{b!r}" for i, (a, b) in enumerate(columns.tolist())]
-    log.write_text("\n".join(["time (s),a,b", *rows, ""]))
-    gate = ["--gate", "off"] if "spiky" in path else []
-    assert run(["tune", str(log), "--fuse", "a,b", *gate]) == 0
-    assert said in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ import pytest
 from program import command
 from waiting import PATIENCE
 
-from kalscope.catalogue import open_source
 from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
@@ -29,7 +28,6 @@ from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning
 
-SHARED_DATA = Path(__file__).parents[3] / "shared" / "data"
 Captured = pytest.CaptureFixture[str]
 
 
@@ -84,38 +82,6 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
     assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("options", [[], ["--lag-ms", "50"]])
-def test_spikes_are_kept_out_of_the_second_opinions_and_of_the_range(
-    options: list[str], tmp_path: Path, capsys: Captured
-) -> None:
-    g = np.random.default_rng(5)
-    z = np.cumsum(g.normal(0.0, 0.1, 2000)) + g.normal(size=2000)
-    clean, spiky = tmp_path / "clean.csv", tmp_path / "spiky.csv"
-    for path in (clean, spiky):
-        path.write_text("t_s,z\n" + "".join(f"{i / 100:.2f},{x!r}\n" for i, x in enumerate(z.tolist())))
-        z[50::100] += 30.0
-    right, said = tuned(capsys, str(clean), *options), tuned(capsys, str(spiky), *options)
-    for one, other in zip(said["opinions"], right["opinions"], strict=True):
-        assert one["r"] == pytest.approx(other["r"], rel=0.15)
-    assert said["lag_interval"] == pytest.approx(right["lag_interval"], rel=0.2)
-    kept = tuned(capsys, str(spiky), *options, "--no-robust")
-    assert kept["opinions"][0]["r"] > 5.0 * said["opinions"][0]["r"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("period", "option"), [(0.01, "--lag-ms 50"), (3600.0, "--gain 0.2"), (2e-9, "--gain 0.2")]
-)
-def test_the_filter_that_is_offered_is_written_in_plain_digits(
-    period: float, option: str, tmp_path: Path, capsys: Captured
-) -> None:
-    path = tmp_path / "z.csv"
-    path.write_text("z\n" + "".join(f"{i}\n" for i in range(100)))
-    assert run(["tune", str(path), "--sample-period", str(period)]) == 0
-    assert f"with {option}: " in capsys.readouterr().out
-
-
 # ---- the page
 
 
@@ -148,48 +114,6 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
 
 
 @pytest.mark.slow
-def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None:
-    assert run(["tune", "sample:nile"]) == 0
-    _, found, does, *_ = capsys.readouterr().out.splitlines()
-    assert found == "volume: q = 1\u202f469, r = 15\u202f100 (1e8 m3)², no momentum, no gate"
-    assert does == "lag 2.74 years (2.74 samples; 95 %: 340 days to 8.06 years), noise −8.12 dB, no overshoot"
-    assert run(["tune", "demo", "--lag-ms", "50"]) == 0
-    does = capsys.readouterr().out.splitlines()[2]
-    assert does.startswith("lag 50 ms (2.5 samples; the record favours ")
-    assert does.endswith("), noise −7.78 dB, no overshoot")
-
-
-@pytest.mark.slow
-def test_a_note_of_several_sentences_begins_each_with_a_capital(tmp_path: Path, capsys: Captured) -> None:
-    g = np.random.default_rng(3)
-    z = np.cumsum(g.normal(size=2000)) + g.normal(size=2000)
-    z[100::200] += 60.0
-    log = tmp_path / "spikes.csv"
-    log.write_text("t,z\n" + "".join(f"{i / 100},{value}\n" for i, value in enumerate(z)))
-    assert run(["tune", str(log), "--lag-ms", "200"]) == 0
-    assert "Note: You chose a lag of 200 ms. The best statistical fit" in " ".join(capsys.readouterr().out.split())
-
-
-@pytest.mark.slow
-def test_all_channels_have_their_six_lines(log: Path, capsys: Captured) -> None:
-    assert run(["tune", str(log), "--all"]) == 0
-    _, rest = capsys.readouterr().out.split("\n", 1)
-    blocks = rest.rstrip("\n").split("\n\n")
-    assert [block.split(":")[0] for block in blocks] == ["noisy", "smooth", "stuck"]
-    assert all(len(block.splitlines()) <= 5 for block in blocks)
-
-
-@pytest.mark.slow
-def test_a_gate_is_taken_told_and_saved(log: Path, tmp_path: Path, capsys: Captured) -> None:
-    path = tmp_path / "t.toml"
-    said = tuned(capsys, str(log), "--gate", "12.25", "-o", str(path))
-    assert said["gate"] == load_tuning(path).channel("noisy").gate == 12.25
-    assert run(["tune", str(log), "--gate", "12.25"]) == 0
-    assert ", gate 3.5 σ\n" in capsys.readouterr().out
-    assert tuned(capsys, str(log), "--gate", "off")["gate"] is None
-
-
-@pytest.mark.slow
 def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     assert run(["tune", "sample:nile"]) == 0
     summary = capsys.readouterr().out
@@ -207,26 +131,6 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
 
 
 @pytest.mark.slow
-def test_a_method_outside_the_interval_is_named(capsys: Captured) -> None:
-    assert run(["tune", "demo", "--momentum", "0", "--details"]) == 0
-    out = capsys.readouterr().out
-    assert "Outside the 95 % interval of maximum likelihood: " in out
-    assert re.search(r"  Allan variance( +\S+){3} +no  ok\n", out)
-
-
-@pytest.mark.slow
-def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Captured) -> None:
-    assert run(["tune", str(log), "--channel", "smooth", "--details"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert "smooth: no q and r to recommend (r → 0: no noise seen)\n" in out
-    assert "Instead: take r from a still stretch" in " ".join(out.split())
-    assert "Next, with --lag-ms 50: " in out
-    assert "What this filter does" not in out
-    assert "Residuals:" not in out
-
-
-@pytest.mark.slow
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
@@ -237,17 +141,6 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
     assert [name for name in ("noisy", "smooth", "stuck") if f"\n{name}: " in out] == ["noisy", "smooth", "stuck"]
     assert out.count("samples            500\n") == 3
     assert "Other channels" not in out
-
-
-@pytest.mark.slow
-def test_without_time_the_lag_is_in_samples_only(bare: Path, capsys: Captured) -> None:
-    assert run(["tune", str(bare), "--details"]) == 0
-    out = capsys.readouterr().out
-    assert "sample period unknown (see --rate)" in out
-    assert "× the sample rate" in out
-    assert " ms" not in out
-    assert run(["tune", str(bare), "--sample-period", "0.01", "--details"]) == 0
-    assert " ms (" in capsys.readouterr().out
 
 
 @pytest.fixture
@@ -271,21 +164,6 @@ def moving(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_momentum_is_found_and_its_gain_and_cost_are_told(moving: Path, capsys: Captured) -> None:
-    assert run(["tune", str(moving), "--details"]) == 0
-    out = capsys.readouterr().out
-    assert ", momentum " in out
-    assert "  overshoot (step) " in out
-    assert "all of them look for a signal without momentum" in out
-    assert "error of predicting unseen samples is" in " ".join(out.split())
-    said = tuned(capsys, str(moving))
-    low, high = said["momentum_interval"]
-    assert low < said["momentum"] < high
-    assert low < 20.0 < high
-    assert said["prediction_gain"] > 0.02
-
-
-@pytest.mark.slow
 def test_a_given_momentum_is_kept_and_none_is_the_random_walk(moving: Path, capsys: Captured) -> None:
     z = read_recording(moving).channel("z")
     for text, momentum in (("0", 0.0), ("7.5", 7.5)):
@@ -301,19 +179,6 @@ def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options:
 
 
 # ---- JSON
-
-
-@pytest.mark.slow
-def test_estimators_without_momentum_are_named_so_also_where_momentum_finds_no_noise(
-    tmp_path: Path, capsys: Captured
-) -> None:
-    path = tmp_path / "ramp.csv"
-    path.write_text("time,a\n" + "".join(f"{i * 0.02:.2f},{i * 0.3:.1f}\n" for i in range(400)))
-    assert run(["tune", str(path), "--details"]) == 0
-    page = " ".join(capsys.readouterr().out.split())
-    assert "also with momentum" in page
-    assert "Compare estimators without momentum" in page
-    assert "They need not agree here" in page
 
 
 def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
@@ -339,21 +204,6 @@ def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsy
     assert said["verdict"] == "no_noise"
     assert said["ratio_interval"][1] == "inf"
     assert said["opinions"][0]["ratio"] == "inf"
-
-
-@pytest.mark.slow
-def test_json_of_all_channels_is_one_object(log: Path, capsys: Captured) -> None:
-    said = tuned(capsys, str(log), "--all")
-    assert [(one["channel"], one["verdict"]) for one in said["channels"]] == [
-        *(("noisy", "ok"), ("smooth", "no_noise"), ("stuck", "constant"))
-    ]
-
-
-@pytest.mark.slow
-def test_a_filter_too_quick_for_a_cutoff_has_none(log: Path, capsys: Captured) -> None:
-    assert tuned(capsys, str(log), "--gain", "0.95")["steady"]["cutoff_hz"] is None
-    assert run(["tune", str(log), "--gain", "0.95", "--details"]) == 0
-    assert "cut-off (−3 dB)  none" in capsys.readouterr().out
 
 
 # ---- what the user knows and wishes
@@ -400,31 +250,6 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     assert ", momentum " in out
     assert "overshoot (step) 8.0 %" in out
     assert "The best statistical fit would" not in out  # with momentum the record names no faster one
-
-
-@pytest.mark.slow
-def test_no_overshoot_is_the_filter_without_momentum(log: Path, capsys: Captured) -> None:
-    asked = (str(log), "--lag-ms", "150", "--channel", "noisy")
-    plain = tuned(capsys, *asked)
-    allowed = tuned(capsys, *asked, "--overshoot", "0")
-    judged, also = plain.pop("judgement"), allowed.pop("judgement")
-    assert allowed == plain
-    assert judged["headline"] == also["headline"]  # only the options to leave out differ
-    assert plain["momentum"] == 0.0
-
-
-def test_a_lag_is_met_at_a_given_momentum(log: Path, capsys: Captured) -> None:
-    said = tuned(capsys, str(log), "--lag-ms", "150", "--momentum", "12", "--channel", "noisy")
-    assert said["momentum"] == 12.0
-    assert said["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-def test_the_method_is_the_one_asked_for(method: str, log: Path, capsys: Captured) -> None:
-    said = tuned(capsys, str(log), "--method", method)
-    best = estimate(read_recording(log).channel("noisy"), method)
-    assert (said["q"], said["r"]) == (best.q, best.r)
 
 
 @pytest.mark.slow
@@ -500,17 +325,6 @@ def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path
     assert err == (
         "kalscope: note: left out of the tuning: smooth: r → 0: no noise seen; stuck: all readings equal\n"
     )
-
-
-@pytest.mark.slow
-def test_channels_are_tuned_one_after_another_into_one_file(log: Path, tmp_path: Path, capsys: Captured) -> None:
-    path = tmp_path / "tuning.toml"
-    assert run(["tune", str(log), "--channel", "smooth", "--lag-ms", "50", "-o", str(path)]) == 0
-    assert run(["tune", str(log), "--channel", "noisy", "-o", str(path)]) == 0
-    assert [one.name for one in load_tuning(path).channels] == ["noisy", "smooth"]
-    assert "kept as they were in the tuning: smooth" in capsys.readouterr().err
-    assert run(["tune", "demo", "-o", str(path)]) == 0
-    assert [one.name for one in load_tuning(path).channels] == ["flex"]
 
 
 @pytest.mark.parametrize(
@@ -637,20 +451,6 @@ def test_a_long_search_shows_one_line_that_disappears(monkeypatch: pytest.Monkey
     assert "\n" not in terminal.getvalue()
 
 
-def test_a_short_search_and_a_pipe_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal, pipe = Terminal(), io.StringIO()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    with progress_line() as report:
-        report(0.5, "quick")
-    now = 0.0
-    monkeypatch.setattr(console.time, "monotonic", lambda: now)
-    monkeypatch.setattr(sys, "stderr", pipe)
-    with progress_line() as report:
-        now = 9.0
-        report(0.5, "slow")
-    assert terminal.getvalue() == pipe.getvalue() == ""
-
-
 def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytest.MonkeyPatch) -> None:
     watching: list[Callable[[Compiling], None]] = []
     monkeypatch.setattr(compiled, "watch_compiling", watching.append)
@@ -667,21 +467,6 @@ def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytes
     shown = [line.strip() for line in terminal.getvalue().split("\r") if line.strip()]
     beginning = "compiling for this computer, only at the first start: "
     assert shown == [f"{beginning}0 done", f"{beginning}1 done"]
-    assert terminal.getvalue().endswith(" \r")
-
-
-def test_the_line_disappears_when_the_search_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(console, "PROGRESS_DELAY_S", 0.0)
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-
-    def fail() -> None:
-        with progress_line() as report:
-            report(0.5, "working")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fail()
     assert terminal.getvalue().endswith(" \r")
 
 
@@ -730,58 +515,6 @@ def test_help_answers_at_once() -> None:
 
 
 # ---- the world
-
-
-REAL = (
-    "co2_weekly/co2.csv",  # samples are missing
-    "flex_arm/flex_sensor_data.csv",
-    "field_logs/labview_two_times.lvm",  # three samples
-    "basic_motions/BasicMotions_TRAIN.ts",  # no table
-)
-"""tests/estimation/test_real_recordings.py asks for every channel of every file."""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the folder of real recordings is absent")
-@pytest.mark.parametrize("name", REAL)
-def test_a_real_recording_gets_an_estimate_or_a_verdict_in_words(name: str, capsys: Captured) -> None:
-    path = SHARED_DATA / name
-    try:
-        recording = open_source(str(path))
-    except KalscopeError:
-        assert run(["tune", str(path)]) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 1
-        return
-    channel = recording.names[len(recording.names) // 2]
-    said = tuned(capsys, str(path), "--channel", channel)
-    assert said["message"].endswith(".")
-    if said["q"] is None:
-        assert said["verdict"] in ("no_noise", "no_movement", "too_few", "constant", "bad_unit")
-        assert said["r"] is None
-    else:
-        assert said["q"] > 0.0
-        assert said["r"] > 0.0
-        assert said["judgement"]["headline"].endswith(".")
-
-
-@pytest.mark.slow
-def test_the_options_of_reading_reach_the_estimate(tmp_path, capsys):
-    rng = np.random.default_rng(11)
-    time = np.cumsum(np.where(rng.random(400) < 0.1, 25.0, 1.0))  # long gaps, in which the level wanders on
-    level = np.cumsum(rng.normal(size=400) * np.sqrt(np.diff(time, prepend=0.0)))
-    file = tmp_path / "gaps.csv"
-    rows = zip(time, level + rng.normal(size=400), strict=True)
-    file.write_text("t;z\n" + "".join(f"{t:.1f};{z:.6f}\n" for t, z in rows) + "500.0;-200\n")
-
-    def q_of(*options):
-        assert run(["tune", str(file), "--json", *options]) == 0
-        return json.loads(capsys.readouterr().out)["q"]
-
-    plain, elapsed = q_of("--missing=-200"), q_of("--missing=-200", "--gaps", "dt")
-    assert 0.6 < elapsed < 1.6  # the truth is 1 a second
-    assert plain > 2 * elapsed
-    assert run(["tune", str(file), "--delimiter", "nope"]) == 2
-    assert "delimiter must be" in capsys.readouterr().err
 
 
 @pytest.mark.slow
