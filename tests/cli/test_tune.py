@@ -322,9 +322,7 @@ def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path
     assert run(["tune", str(log), "--all", "-o", str(path)]) == 0
     assert [one.name for one in load_tuning(path).channels] == ["noisy"]
     err = capsys.readouterr().err
-    assert err == (
-        "kalscope: note: left out of the tuning: smooth: r → 0: no noise seen; stuck: all readings equal\n"
-    )
+    assert err == ("kalscope: note: left out of the tuning: smooth: no noise; stuck: constant\n")
 
 
 @pytest.mark.parametrize(

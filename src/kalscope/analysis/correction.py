@@ -393,7 +393,7 @@ class Structure:
 def find_structure(e: Array, lags: int) -> Structure | None:
     """Low frequencies or correlation in the residuals e, shape (n,), NaN where not scored; None for neither."""
     e = calmed(e)
-    share, _, p = low_frequency_share(finite(e))
+    share, p = low_frequency_share(finite(e))
     if p < ALARM and share >= MIN_SHARE:
         return Structure(share)
     left = correlation(e, lags, fitted=True)

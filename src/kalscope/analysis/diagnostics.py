@@ -80,14 +80,8 @@ class Diagnostics:
     """Skewness of e."""
     excess_kurtosis: float = 0.0
     """Kurtosis of e, less 3."""
-    normality: float = 0.0
-    """N (skewness²/6 + excess²/24), ≥ 0."""
-    normality_p: float = 1.0
-    """Its p value, from χ²₂."""
     slow_share: float = 0.0
     """Low-frequency share of the variance of e, beyond that of white noise, 0 … 1."""
-    slow_samples: int = 0
-    """Length in samples of the blocks whose means show it best, half a period or less; 0 = none."""
     slow_p: float = 1.0
     """Its p value."""
     q_factor: float = 1.0
@@ -184,8 +178,8 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     white = tests.correlation(e, h, fitted)
     nis_low, nis_high = tests.nis_band(n)
     variance_ratio, variance_ratio_p = tests.variance_change(scored)
-    skewness, excess, normality, normality_p = tests.normality(scored)
-    slow_share, slow_samples, slow_p = tests.low_frequency_share(scored)
+    skewness, excess, _, _ = tests.normality(scored)
+    slow_share, slow_p = tests.low_frequency_share(scored)
     evidence = find_evidence(run, seen, scored, spikes, refusals, h)
     return Diagnostics(
         e=e,
@@ -207,10 +201,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         variance_ratio_p=variance_ratio_p,
         skewness=skewness,
         excess_kurtosis=excess,
-        normality=normality,
-        normality_p=normality_p,
         slow_share=slow_share,
-        slow_samples=slow_samples,
         slow_p=slow_p,
         q_factor=evidence.correction.q_factor,
         r_factor=evidence.correction.r_factor,

@@ -185,7 +185,7 @@ def normality(e: Array) -> tuple[float, float, float, float]:
     return skewness, excess, statistic, math.exp(-0.5 * statistic)
 
 
-def low_frequency_share(e: Array) -> tuple[float, int, float]:
+def low_frequency_share(e: Array) -> tuple[float, float]:
     """Whether low frequencies are left: do means of blocks scatter more than those of white noise?
 
     One-way analysis of variance about 0 for blocks of 4, 8, 16 … samples; the block length with the smallest
@@ -195,12 +195,11 @@ def low_frequency_share(e: Array) -> tuple[float, int, float]:
         e: scored residuals only, shape (N,).
 
     Returns:
-        Share of the variance of e between blocks, beyond that of white noise, 0 … 1; the
-        block length in samples; p.
+        Share of the variance of e between blocks, beyond that of white noise, 0 … 1; and p.
     """
     from scipy.special import fdtrc
 
-    best, tried, length, means = (0.0, 0, 1.0), 0, 1, e
+    best, tried, length, means = (1.0, 0.0), 0, 1, e
     while True:
         pairs = len(means) // 2
         means = 0.5 * (means[: 2 * pairs : 2] + means[1 : 2 * pairs : 2])
@@ -219,8 +218,8 @@ def low_frequency_share(e: Array) -> tuple[float, int, float]:
         noise = within / (used - blocks)
         p = float(fdtrc(blocks, used - blocks, (total - within) / blocks / noise))
         share = max(0.0, 1.0 - noise / (total / used))
-        best = min(best, (share, length, p), key=lambda found: (found[2], -found[0]))
-    return best[0], best[1], min(1.0, best[2] * max(tried, 1))
+        best = min(best, (p, -share))
+    return -best[1], min(1.0, best[0] * max(tried, 1))
 
 
 def spike_limits(e: Array) -> Array:

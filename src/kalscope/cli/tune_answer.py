@@ -61,26 +61,6 @@ MAX_OTHERS, MAX_NAME = 24, 24
 CHOSEN = "chosen"
 """The verdict without an estimate: the pair follows from the options."""
 
-VERDICT_WORDS = {
-    CHOSEN: "chosen",
-    "ok": "ok",
-    "no_noise": "r → 0: no noise seen",
-    "no_movement": "q → 0: no movement seen",
-    "flat": "vague: any ratio fits",
-    "too_few": "too few samples",
-    "constant": "all readings equal",
-    "bad_unit": "numbers out of range",
-    "irregular": "needs regular sampling",
-    "not_converged": "not converged",
-    "too_many_outliers": "too many spikes",
-    "below_resolution": "noise below the rounding step",
-    "only_spikes": "r → 0 except for spikes",
-    "shared_noise": "sensors share noise",
-    "copies": "two sensors move exactly alike",
-}
-"""Verdicts as they are shown in a table."""
-
-
 # The answer: the filter, what it means, and how far to trust it.
 
 
@@ -133,6 +113,11 @@ class Answer:
     def verdict(self) -> str:
         """The verdict of the estimate, or "chosen" where the pair needed none."""
         return CHOSEN if self.found.estimate is None else str(self.found.estimate.verdict)
+
+    @property
+    def verdict_words(self) -> str:
+        """The verdict as it is shown."""
+        return self.verdict.replace("_", " ")
 
     @property
     def range(self) -> Estimate:
@@ -342,7 +327,8 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
         case actions.UseStillStretch(first, last):
-            words = [f"--still {still_text(answer.recording, first, last)}"]
+            start, end = (f"{float(answer.recording.time[at]):.15g}" for at in (first, last - 1))
+            words = [f"--still {start}:{end}"]
         case actions.SetRatio(ratio):
             words = [f"--ratio {ratio:.3g}"]
         case actions.Scale(q_factor, r_factor) if params is not None:
@@ -367,17 +353,6 @@ def _without(request: Request) -> list[str]:
         *(["--method"] if request.method != "ml" else []),
     ]
     return [f"without {', '.join(given)}"] if given else []
-
-
-def still_text(recording: Recording, first: int, last: int) -> str:
-    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
-    time = recording.time
-    for digits in range(3, 18):
-        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
-        inside = ((time >= float(start)) & (time <= float(end))).nonzero()[0]
-        if len(inside) and (inside[0], inside[-1]) == (first, last - 1):
-            return f"{start}:{end}"
-    return f"{float(time[first])!r}:{float(time[last - 1])!r}"
 
 
 def example(answer: Answer) -> str:
@@ -445,7 +420,7 @@ def between(low: float, high: float, largest: float = math.inf, words: Callable[
 def _filter(answer: Answer) -> str:
     params, period = answer.found.params, answer.sample_period
     if params is None:
-        return f"{answer.name}: no q and r to recommend ({VERDICT_WORDS[answer.verdict]})"
+        return f"{answer.name}: no q and r to recommend ({answer.verdict_words})"
     r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
     momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
@@ -473,10 +448,13 @@ def _allowed(answer: Answer) -> str:
         return "while all sensors answer"
     if answer.range.ratio_interval == (0.0, math.inf):
         return "the record allows any"
-    short, long = answer.range.lag_interval
-    period = answer.sample_period
-    words = between(short, long) if period is None else between(short * period, long * period, words=duration)
-    return f"the record favours {words}" if answer.verdict == CHOSEN else f"95 %: {words}"
+    return f"{'the record favours' if answer.verdict == CHOSEN else '95 %:'} {_lags(answer)}"
+
+
+def _lags(answer: Answer) -> str:
+    """The lags that the record allows, s; samples where the sample period is not known."""
+    period, lags = answer.sample_period, answer.range.lag_interval
+    return between(*lags) if period is None else between(*(lag * period for lag in lags), words=duration)
 
 
 def _table(answer: Answer) -> Iterator[str]:
@@ -618,15 +596,11 @@ def _sensor_ranges(answer: Answer) -> Iterator[str]:
 
 def _interval(answer: Answer) -> str:
     limits = answer.range
-    low, high = limits.ratio_interval
-    if (low, high) == (0.0, math.inf):
+    if limits.ratio_interval == (0.0, math.inf):
         return "any q/r; it sets no limits"
-    least, most = limits.gain_interval
-    short, long = limits.lag_interval
-    gain, lag = between(least, most, largest=1.0), between(short, long)
-    period = answer.sample_period
-    seconds = "" if period is None else f" ({between(short * period, long * period, words=duration)})"
-    return f"q/r {between(low, high)}, gain {gain}, lag {lag} samples{seconds}"
+    gain, lag = between(*limits.gain_interval, largest=1.0), between(*limits.lag_interval)
+    seconds = "" if answer.sample_period is None else f" ({_lags(answer)})"
+    return f"q/r {between(*limits.ratio_interval)}, gain {gain}, lag {lag} samples{seconds}"
 
 
 def _opinions(answer: Answer) -> Iterator[str]:
@@ -642,7 +616,7 @@ def _opinions(answer: Answer) -> Iterator[str]:
         if one.verdict not in WITHOUT_NUMBERS:
             inside = {True: "yes", False: "no", None: "–"}[is_within(one, answer.opinions[0])]
             cells = number(one.q), number(one.r), number(lag_of(one.ratio)), inside
-        yield _row(METHOD_NAMES[one.method], *cells, VERDICT_WORDS[str(one.verdict)])
+        yield _row(METHOD_NAMES[one.method], *cells, one.verdict.replace("_", " "))
     yield from wrapped(comparison(answer.opinions, momentum))
 
 
@@ -680,23 +654,28 @@ def json_of(answers: list[Answer], every: bool) -> str:
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:
-    """The answer in values that JSON can hold: None for what is missing, "inf" for infinity, never NaN."""
-    params, names = answer.found.params, ("q", "momentum", "gate", *(() if answer.fuses else ("r", "ratio")))
+    """The answer as one object; None for what is missing."""
+    params, names = answer.found.params, "q momentum gate" if answer.fuses else "q r ratio momentum gate"
     common = {
         "unit": answer.unit,
         "sample_period": answer.sample_period,
-        **{name: None if params is None else getattr(params, name) for name in names},
+        **_fields(params, names),
         "verdict": answer.verdict,
         "message": answer.found.message,
         "how": answer.found.how,
         "steady": None if answer.steady is None else asdict(answer.steady),
     }
-    return finite(common | (_plain_fusion(answer) if answer.fuses else _plain_channel(answer)))
+    return common | (_plain_fusion(answer) if answer.fuses else _plain_channel(answer))
+
+
+def _fields(one: object, names: str) -> dict[str, Any]:
+    """Attributes by their names, None where there is no object."""
+    return {name: None if one is None else getattr(one, name) for name in names.split()}
 
 
 def _plain_channel(answer: Answer) -> dict[str, Any]:
     limits, judged, fit = answer.range, answer.judgement, answer.found.estimate
-    intervals = ("ratio_interval", "gain_interval", "lag_interval", "momentum_interval", "prediction_gain")
+    intervals = "ratio_interval gain_interval lag_interval momentum_interval prediction_gain"
     aside = None
     if fit is not None and fit.outliers is not None:
         plain = {"q": fit.plain_q, "r": fit.plain_r, "momentum": fit.plain_momentum}
@@ -705,7 +684,7 @@ def _plain_channel(answer: Answer) -> dict[str, Any]:
         "channel": answer.name,
         "samples": len(answer.z),
         "missing": int(np.isnan(answer.z).sum()),
-        **{name: getattr(limits, name) for name in intervals},
+        **_fields(limits, intervals),
         "set_aside": aside,
         "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
         "advice": None if judged.residuals is None else advice_words(judged),
@@ -727,21 +706,16 @@ def _plain_channel(answer: Answer) -> dict[str, Any]:
 
 
 def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
-    names = ("method", "q", "r", "ratio", "q_se", "r_se", "loglik", "verdict", "message")
-    values = {name: getattr(one, name) for name in names}
     ratio = float(one.ratio)
-    values |= {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    values = {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
+    values |= _fields(one, "method q r ratio q_se r_se loglik verdict message")
     return {**values, "within_interval": is_within(one, best)}
 
 
 def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
-    if judged is None:
-        return None
-    names = (
-        *("n", "advice", "nis", "nis_low", "nis_high", "r1", "r1_bound", "ljung_box", "ljung_box_p"),
-        *("spikes", "spikes_expected", "jumps", "variance_ratio", "variance_ratio_p", "q_factor", "r_factor"),
-    )
-    return {name: getattr(judged, name) for name in names}
+    white = "n advice nis nis_low nis_high r1 r1_bound ljung_box ljung_box_p"
+    more = "spikes spikes_expected jumps variance_ratio variance_ratio_p q_factor r_factor"
+    return judged and _fields(judged, f"{white} {more}")
 
 
 def _plain_fusion(answer: Answer) -> dict[str, Any]:
@@ -779,12 +753,9 @@ def _plain_fusion(answer: Answer) -> dict[str, Any]:
 
 
 def _plain_sensor(one: Judgement) -> dict[str, Any]:
-    names = (
-        *("name", "share", "answered", "error", "error_without", "shares_without", "pull"),
-        *("drift", "noise_ratio", "spikes", "stuck", "silent", "faults"),
-    )
+    role = "name share answered error error_without shares_without pull"
     sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
-    return {**{name: getattr(one, name) for name in names}, "sentences": sentences}
+    return _fields(one, f"{role} drift noise_ratio spikes stuck silent faults") | {"sentences": sentences}
 
 
 def finite(value: Any) -> Any:
@@ -815,7 +786,7 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
                 found.append(ChannelTuning.of_params(name, unit, single, how))
         elif params is not None:
             found.append(ChannelTuning.of_params(one.name, one.unit, params, how))
-    without = [f"{one.name}: {VERDICT_WORDS[one.verdict]}" for one in answers if one.found.params is None]
+    without = [f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None]
     if not found:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
         first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
