@@ -356,29 +356,6 @@ MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
 
 
 @dataclass(frozen=True)
-class Free:
-    """The best fits to a record with momentum and without, as near as advice needs them."""
-
-    log_moves: float
-    """ln(step variance / r) with momentum."""
-    momentum: float
-    """Sample periods."""
-    log_ratio: float
-    """ln(q/r) without."""
-    gain: float
-    """What momentum adds to the log-likelihood; below 0 where it fits worse."""
-
-    @property
-    def best(self) -> tuple[float, float]:
-        """ln(step variance / r) and momentum of the likelier of the two."""
-        return (self.log_moves, self.momentum) if self.gain > 0.0 else (self.log_ratio, 0.0)
-
-    def predicts_better(self, m: int) -> bool:
-        """Whether momentum is worth advice in a record of m innovations."""
-        return self.gain > max(MIN_LOGLIK_GAIN, MIN_GAIN_A_SAMPLE * m)
-
-
-@dataclass(frozen=True)
 class Structure:
     """Residuals that are not white."""
 
@@ -401,8 +378,13 @@ def find_structure(e: Array, lags: int) -> Structure | None:
     return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
 
 
-def find_free(record: Record) -> Free:
-    """The best fits to a record, whatever the momentum of its filter."""
+def find_free(record: Record) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """The best fits to a record, whatever the momentum of its filter.
+
+    Returns:
+        ln(step variance / r) and momentum with momentum; the same without; and what momentum adds to the
+        log-likelihood, below 0 where it fits worse.
+    """
     searched = record.data
     if searched.m > PARTS * PART:
         firsts = np.linspace(0, searched.m + 1 - PART, PARTS).astype(int).tolist()
@@ -414,7 +396,7 @@ def find_free(record: Record) -> Free:
     log_moves = min(best.log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
     height, _ = concentrated(record.data, np.array([log_moves]), np.array([best.tau]))
     momentum = min(best.tau, float(record.data.m))  # the record cannot show how much longer it is
-    return Free(log_moves, momentum, log_ratio, float(height[0]) - float(heights[at]))
+    return (log_moves, momentum), (log_ratio, 0.0), float(height[0]) - float(heights[at])
 
 
 def find_change(e: Array) -> float:

@@ -113,7 +113,6 @@ def diagnose(
 
     Source: Durbin & Koopman (2012), section 2.12; Bar-Shalom et al. (2001), section 5.4; Mehra (1970).
     """
-    _check_lags(lags)
     if result.x.ndim == 1:
         return diagnose_run(Run.of_result(result), lags, fitted)
     return tuple(diagnose_run(Run.of_result(result, c), lags, fitted) for c in range(result.x.shape[1]))
@@ -140,7 +139,6 @@ def diagnose_held_out(
     Raises:
         BadSetting: z is not 1-D or holds inf; dt does not fit z; lags is below 1; whatever `fit` raises.
     """
-    _check_lags(lags)
     samples = samples_of(z)
     if samples.ndim != 1:
         raise BadSetting(f"z must have shape (n,) (got {samples.shape})")
@@ -149,11 +147,8 @@ def diagnose_held_out(
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
     whole = Run.of_samples(samples, params, steps)
     judged = diagnose_run(whole.part(half, whole.n), lags, first=half)
-    squares, count = 0.0, 0
-    for _, columns in whole.part(0, half).pieces():
-        seen = finite(_standardised(columns))
-        squares, count = squares + tests.dot(seen, seen), count + len(seen)
-    return replace(judged, nis_before=squares / count) if squares else judged
+    before = finite(_scores(whole.part(0, half))[0])
+    return replace(judged, nis_before=tests.dot(before, before) / len(before)) if before.any() else judged
 
 
 def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, first: int = 0) -> Diagnostics:
@@ -165,6 +160,8 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
         fitted: as for `diagnose`.
         first: index of its first sample in the record; 0 = it is the first, and may follow a given start.
     """
+    if lags is not None and not (isinstance(lags, int) and lags >= 1):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise BadSetting(f"lags must be a whole number of at least 1 (got {lags})")
     e, (k, v, s), refusals, prior = _scores(run)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
@@ -253,11 +250,6 @@ def _scores(run: Run) -> tuple[Array, Array, Indices, bool]:
         if prior is None and met.any():
             prior = bool(np.isfinite(v[np.argmax(met)]))
     return e, rows[:, :count], np.concatenate(refused), bool(prior)
-
-
-def _check_lags(lags: object) -> None:
-    if lags is not None and not (isinstance(lags, int) and lags >= 1):
-        raise BadSetting(f"lags must be a whole number of at least 1 (got {lags})")
 
 
 def expected_nis(d: Diagnostics) -> str:

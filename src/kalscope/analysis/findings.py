@@ -221,12 +221,13 @@ def _remains(better: Correction, record: Record, lags: int, *, steps: bool) -> t
     structure, change = _tested(better.e, lags, steps=steps)
     if change == 1.0 and (structure is None or record.momentum):
         return structure, change
-    free = correction.find_free(record)
-    if structure is not None and not record.momentum and free.predicts_better(record.data.m):
-        rest = correction.find_structure(record.residuals(free.log_moves, free.momentum), lags)
-        structure = replace(structure, momentum=free.momentum, whole=rest is None)
+    moving, walk, gain = correction.find_free(record)
+    needed = max(correction.MIN_LOGLIK_GAIN, correction.MIN_GAIN_A_SAMPLE * record.data.m)
+    if structure is not None and not record.momentum and gain > needed:
+        rest = correction.find_structure(record.residuals(*moving), lags)
+        structure = replace(structure, momentum=moving[1], whole=rest is None)
     if change > 1.0:  # that of a wrong momentum says nothing
-        change = min(change, _tested(record.residuals(*free.best), lags, steps=steps)[1])
+        change = min(change, _tested(record.residuals(*(moving if gain > 0.0 else walk)), lags, steps=steps)[1])
     return structure, change
 
 

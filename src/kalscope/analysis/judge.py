@@ -178,7 +178,9 @@ def judge(
         one = _without_pair(estimate)
     else:
         one = replace(_of_pair(residuals, held_out, estimate, request), residuals=residuals, held_out=held_out)
-    if one.status == "rounded" and estimate is not None and _noise_is_below_step(estimate):
+    step = 0.0 if estimate is None else estimate.resolution
+    if one.status == "rounded" and estimate is not None and 0.0 < estimate.r < step * step * (1.0 + 1.0 / 12.0):
+        # the noise without that of rounding, Δ²/12, is smaller than the step Δ of the readings
         one = replace(one, headline=below_step(estimate.resolution, unit))
     if still is None:
         return one
@@ -196,12 +198,6 @@ def advice_words(judgement: Judgement) -> str:
     """The findings as clauses without capitals; where there is none, that there is no misfit, or the headline."""
     clauses = ". ".join(one.text for one in judgement.findings)
     return clauses or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
-
-
-def _noise_is_below_step(estimate: Estimate) -> bool:
-    """Whether the noise without that of rounding, Δ²/12, is smaller than the step Δ of the readings."""
-    step = estimate.resolution
-    return step > 0.0 and estimate.r < step * step * (1.0 + 1.0 / 12.0)
 
 
 def _without_pair(estimate: Estimate | None) -> Judgement:
@@ -243,7 +239,9 @@ def _of_pair(
     if held_out is not None and held_out.n < MIN_SAMPLES:
         held_out = None
     if outliers is not None and outliers[0]:
-        found = [_first_is_spike()]
+        # all there is to say where the filter has to find its way back: most residuals show that
+        text = "leave the first sample out of the record: it is a spike, and the filter takes it for the signal"
+        found = [Finding("start", text)]
     elif estimate is not None and estimate.verdict == "below_resolution":
         found = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
     else:
@@ -286,12 +284,6 @@ def _headline(status: str, evidence: Evidence, known: Known) -> str:
 
 def _band(evidence: Evidence) -> str:
     return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
-
-
-def _first_is_spike() -> Finding:
-    """All there is to say where the filter has to find its way back from a spike: most residuals show that."""
-    text = "leave the first sample out of the record: it is a spike, and the filter takes it for the signal"
-    return Finding("start", text)
 
 
 def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -> list[Finding]:

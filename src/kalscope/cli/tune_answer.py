@@ -205,18 +205,16 @@ def _held_out(
     z: Array, dt: Array | None, period: float | None, request: Request, progress: Progress
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
-    half = z[: len(z) // 2]
+    half = len(z) // 2
     known = request.noise.resolve(z, dt)  # a still stretch may lie in the second half: it is knowledge, not a fit
     if known:
         request = replace(request, noise=Noise(r=known[0]))
-    elif shows_no_noise(half):
+    elif shows_no_noise(z[:half]):
         return None
-    half_dt = None if dt is None else dt[: len(half)]
-    params = find_parameters(half, request, dt=half_dt, sample_period=period, progress=progress).params
-    if params is None:
-        return None
-    judged = diagnose_held_out(z, params, dt)
-    return judged if judged.n >= MIN_SAMPLES else None
+    steps = None if dt is None else dt[:half]
+    params = find_parameters(z[:half], request, dt=steps, sample_period=period, progress=progress).params
+    judged = None if params is None else diagnose_held_out(z, params, dt)
+    return judged if judged is not None and judged.n >= MIN_SAMPLES else None
 
 
 def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Progress) -> Answer:
