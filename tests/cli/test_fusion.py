@@ -308,6 +308,7 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
         (["--fuse", "a,b", "--r", "a=0"], "--r must be a number above 0 (got '0')"),
         (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
         (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),
+        (["--fuse", "a,b", "--lag-ms", "1e11"], "the goal must be a filter that is not slower than the record"),
     ],
 )
 def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], must: str, capsys: Captured) -> None:

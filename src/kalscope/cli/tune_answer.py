@@ -39,7 +39,7 @@ from kalscope.common.text import (
     trimmed,
 )
 from kalscope.errors import BadSetting
-from kalscope.estimation.fit import estimate, params_for_specification
+from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
 from kalscope.estimation.request import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
@@ -243,7 +243,7 @@ def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Pr
             known_r=known,
             progress=progress,
         )
-        return fit, _with_gate(_at_goal(fit, request, recording.sample_period), options.gate)
+        return fit, _with_gate(_at_goal(fit, request, recording), options.gate)
 
     z, dt = recording.values[:, [recording.index(name) for name in sensors]], _steps(recording)
     fit, params = fitted(z, dt, progress.part(0.0, 0.5))
@@ -281,28 +281,21 @@ def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[st
     return [math.nan if one is None else one[0] for one in known]
 
 
-def _at_goal(fit: Estimate, request: Request, period: float | None) -> FilterParams | None:
+def _at_goal(fit: Estimate, request: Request, recording: Recording) -> FilterParams | None:
     """The filter with the q and momentum that meet the target while all sensors answer; as found without a target.
 
     A target needs no q of the record: the noises of the sensors are enough.
     """
-    if not request.goal:
-        return fit.params
     params = fit.params
+    if not request.goal:
+        return params
     if params is None and np.all(fit.r > 0.0):
         params = FilterParams(1.0, fit.r, offset=fit.offset, gain=fit.gain)
     if params is None:
         return None
-    r = float(params.as_single.r)
-    if request.ratio is not None:
-        return replace(params, q=request.ratio * r, momentum=0.0)
-    momentum = 0.0 if request.momentum == "auto" else request.momentum
-    met = params_for_specification(
-        r, **request.target, sample_period=period, momentum=momentum, overshoot=request.overshoot
-    )
-    if not met.q:
-        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
-    return replace(params, q=met.q, momentum=met.momentum)
+    single = replace(request, noise=Noise(r=float(params.as_single.r)))
+    met = find_parameters(recording.values[:, 0], single, sample_period=recording.sample_period).params
+    return met and replace(params, q=met.q, momentum=met.momentum)
 
 
 # The options that do what a piece of advice says: what to add to the same `kalscope tune`, or leave out.
