@@ -122,6 +122,13 @@ def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     assert all(one.faults == () for one in found.sensors if one.name != name)
 
 
+def test_spikes_that_the_gate_rejects_need_no_gate():
+    z = recorded()
+    spiking(z)
+    found = judged(z, params=FilterParams(0.01, R, gate=16.0))
+    assert "b has 20 spikes that no other sensor confirms: the outlier gate rejects them." in found.sentences
+
+
 def test_two_sensors_cannot_tell_which_of_them_drifts():
     z = recorded(sensors=2)
     drifting(z)

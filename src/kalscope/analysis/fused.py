@@ -383,8 +383,10 @@ def _faults(record: _Record, sensor: int, one: Judgement, drifting: str, changin
         yield Finding("noise", f"The noise variance of {changing or name} changes {times}{why}.")
     if one.spikes >= max(MIN_SPIKES, MIN_SPIKE_SHARE * np.isfinite(record.z[:, sensor]).sum()):
         seen = f"{name} has {plural(one.spikes, 'spike')} that no other sensor confirms"
-        gate = SetGate(SPIKE) if params.gate is None else None
-        yield Finding("spikes", f"{seen}: set an outlier gate.", gate)
+        if params.gate is not None and params.gate <= FAR_OFF**2:
+            yield Finding("spikes", f"{seen}: the outlier gate rejects them.")
+        else:
+            yield Finding("spikes", f"{seen}: set an outlier gate.", SetGate(SPIKE))
 
 
 def _failing(record: _Record, sensor: int, one: Judgement, error: float) -> tuple[str, str]:

@@ -782,7 +782,8 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
         first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
         instead = f"{first.get(answers[0].verdict, 'record while it moves')} or choose a filter"
+        advice = answers[0].found.message if answers[0].fuses else f"{instead} (--lag-ms, --cutoff-hz, --gain)"
         none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
-        raise BadSetting(f"{lost}{none}: {instead} (--lag-ms, --cutoff-hz, --gain)")
+        raise BadSetting(f"{lost}{none}: {advice}")
     notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
     return notes + save(recording, found, {name for one in answers for name in one.sensors}, output, fusion)
