@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth
-from kalscope.filtering import kernels
+from kalscope.filtering import kernels, steady
 from kalscope.filtering.filter import FilterResult, FilterRows, SmootherResult
-from kalscope.filtering.steady import settle
 
 ROUNDING = 1e-14
 """Of the variance before any reading: the digits that the dense solution itself loses."""
@@ -138,11 +137,11 @@ def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
     alpha, beta = p[:, 0] / (p[0, 0] + 1.0)
     tau = 1e12
-    found = settle(acceleration * tau**2, 1.0, tau, 0.01)
+    found = steady._with_momentum(acceleration * tau**2, 1.0, tau)  # beyond the longest momentum
     assert (found.gain, found.velocity_gain) == pytest.approx((alpha, beta), rel=1e-9)
     noise_of_alpha_beta = (2 * alpha**2 + beta * (2 - 3 * alpha)) / (alpha * (4 - 2 * alpha - beta))
-    assert found.noise == pytest.approx(noise_of_alpha_beta, rel=1e-9)
-    assert found.lag == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
+    assert 10.0 ** (-found.noise_reduction_db / 10.0) == pytest.approx(noise_of_alpha_beta, rel=1e-9)
+    assert found.lag_samples == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
 
 
 @pytest.mark.slow
