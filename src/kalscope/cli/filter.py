@@ -25,7 +25,7 @@ from kalscope.cli.options import (
 )
 from kalscope.common.text import plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import Filter, KalmanFilter, StreamingFilter
+from kalscope.filtering.filter import Filter, KalmanFilter, Streaming
 from kalscope.filtering.params import FilterParams
 from kalscope.sources.grammar.cells import is_comment, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -163,7 +163,7 @@ def _each(chosen: Sequence[Filter]) -> Update:
     """A filter a channel."""
     filters = [one.stream() for one in chosen]
 
-    def answer(channel: StreamingFilter, sample: float) -> str:
+    def answer(channel: Streaming, sample: float) -> str:
         x = channel.update(sample)
         return "" if math.isnan(sample) else repr(float(x))
 

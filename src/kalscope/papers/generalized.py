@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.compiled import compiled
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import FilterResult, KalmanFilter, kalman_filter
+from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, samples_of, step_of
 from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
 
@@ -69,7 +69,7 @@ READINGS = ("printed", "without_slip")
 
 
 @dataclass(frozen=True)
-class GeneralizedParams:
+class GeneralizedParams(Filter):
     """Parameters of the generalized filter, the same for every channel.
 
     Raises:
@@ -109,22 +109,13 @@ class GeneralizedParams:
             raise BadSetting('reading must be "without_slip" to have a q and an r (got "printed")')
         return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
 
-    @property
-    def is_standard(self) -> bool:
-        """False: in the printed reading it has no q and r, and it is not exported in either."""
-        return False
-
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """`generalized_filter`."""
         return generalized_filter(z, self, dt)
 
-    def denoise(self, z: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """The filtered signal of `run`."""
-        return self.run(z, dt).x
-
-    def stream(self) -> GeneralizedFilter:
-        """A `GeneralizedFilter`."""
-        return GeneralizedFilter(self)
+    def stream(self) -> KalmanFilter | PrintedStream:
+        """The same filter, sample by sample, equal to `generalized_filter` bit for bit."""
+        return KalmanFilter(self.five_line_params) if self.reading == "without_slip" else PrintedStream(self)
 
     def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
         """The Kalman filter that settles at the last gain of a run: its own gain follows the level."""
@@ -136,18 +127,8 @@ class GeneralizedParams:
         return steady_state(params, sample_period)
 
 
-@dataclass(frozen=True)
-class FixedPoint:
-    """Where the printed filter settles on a constant signal."""
-
-    sigma_e: float
-    """Estimated error σE, unit."""
-    gain: float
-    """K = σE/(σE + σM), 0 … 1."""
-
-
-def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
-    """Where equation (3) as printed settles on a signal of constant `level` E: gain from the level alone.
+def printed_gain(level: float, sigma_m: float) -> float:
+    """The gain at which equation (3) as printed settles on a signal of constant `level` E.
 
     σE = (1 − K) E with K = σE/(σE + σM) gives σE² + σM σE − σM E = 0, so
     σE = (−σM + √(σM² + 4 E σM))/2. The map's slope there is −K, so it is reached with alternating sign, and more
@@ -167,7 +148,7 @@ def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
     # s = σE/σM solves s² + s = E/σM; this form loses no digits where E is small against σM.
     u = level / sigma_m
     s = 2.0 * u / (1.0 + math.sqrt(1.0 + 4.0 * u))
-    return FixedPoint(sigma_e=sigma_m * s, gain=s / (1.0 + s))
+    return s / (1.0 + s)
 
 
 def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | None = None) -> FilterResult:
@@ -198,31 +179,11 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
     return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
 
 
-class GeneralizedFilter:
-    """The streaming generalized filter: one `update` per sample, equal to `generalized_filter` bit for bit.
-
-    `x`, `p` and `k` are E, σE and K after the last update.
-    """
+class PrintedStream:
+    """The filter of the printed reading with its state."""
 
     def __init__(self, params: GeneralizedParams) -> None:
-        self.params = params
-        self._kalman = KalmanFilter(params.five_line_params) if params.reading == "without_slip" else None
-        self._state = (*_start(params), 0.0)
-
-    @property
-    def x(self) -> float:
-        """Filtered value E, unit."""
-        return self._state[0] if self._kalman is None else self._kalman.x
-
-    @property
-    def p(self) -> float:
-        """Estimated error σE."""
-        return self._state[1] if self._kalman is None else self._kalman.p
-
-    @property
-    def k(self) -> float | Array:
-        """Gain of the last update, 0 … 1."""
-        return self._state[2] if self._kalman is None else self._kalman.k
+        self._params, self._state = params, _start(params)
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one sample and return the filtered value.
@@ -232,19 +193,17 @@ class GeneralizedFilter:
             dt: checked, ≥ 0, but without effect.
 
         Raises:
-            BadSetting: z is infinite or not one number; dt is negative; in the printed reading an estimate that
-                would not be above 0. The state stays.
+            BadSetting: z is infinite or not one number; dt is negative; an estimate that would not
+                be above 0. The state stays.
         """
-        if self._kalman is not None:
-            return self._kalman.update(z, dt)
         step_of(dt)
         sample = samples_of(z)
         if sample.ndim or np.isinf(sample):
             raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        e, sigma_e, k, _, _ = _step_printed(float(sample), self.params.sigma_m, *self._state[:2])
+        e, sigma_e, _, _, _ = _step_printed(float(sample), self._params.sigma_m, *self._state)
         if e <= 0.0:
             raise _not_above_zero("now", float(sample))
-        self._state = (e, sigma_e, k)
+        self._state = e, sigma_e
         return e
 
 

@@ -20,7 +20,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import ratio_for
-from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_fixed_point
+from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
 from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, ResultTable, Settings
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
@@ -109,7 +109,7 @@ def try_levels() -> tuple[LevelRow, ...]:
         ("293.15 K, the same", 293.15, 0.8),
     )
     return tuple(
-        LevelRow(name, level, sigma_m, printed_fixed_point(level, sigma_m).gain, _settled_gain(level, sigma_m))
+        LevelRow(name, level, sigma_m, printed_gain(level, sigma_m), _settled_gain(level, sigma_m))
         for name, level, sigma_m in cases
     )
 
@@ -124,12 +124,12 @@ def expected_recovery(within: float) -> float:
     """Samples in which FLEX forgets its start, if its gain were the settled one at the first reading: linear."""
     first = float(channel("flex_sensor")[0])
     start = generalized_filter(channel("flex_sensor")[:1], FLEX).x[0] - first
-    return math.log(within / start) / math.log1p(-printed_fixed_point(first, FLEX.sigma_m).gain)
+    return math.log(within / start) / math.log1p(-printed_gain(first, FLEX.sigma_m))
 
 
 def expected_water_noise(params: GeneralizedParams) -> float:
     """√(K/(2 − K)) with the gain of the fixed point at 24 °C, the cold water."""
-    gain = printed_fixed_point(24.0, params.sigma_m).gain
+    gain = printed_gain(24.0, params.sigma_m)
     return math.sqrt(gain / (2.0 - gain))
 
 
@@ -305,4 +305,4 @@ def _failure_table() -> ResultTable:
             generalized_filter(z, params)
         except BadSetting as error:
             rows.append({"signal": name, "answer": str(error)})
-    return PROSE.table("failures", rows, gain=printed_fixed_point(100.0, 4.0).gain)
+    return PROSE.table("failures", rows, gain=printed_gain(100.0, 4.0))
