@@ -21,22 +21,6 @@ from kalscope.papers.reproduction import list_experiments, open_experiment
 
 pytestmark = pytest.mark.slow
 
-TABLE_TOLERANCE = 0.02
-"""Share of the printed number."""
-
-
-@pytest.fixture(scope="module")
-def table():
-    return noise_reducer.simulate_table(1000)
-
-
-def test_table_1_is_reproduced_within_two_percent(table):
-    printed = [26.0677, 44.7392, 53.4466, 53.4541, 56.9959]
-    assert [row["printed"] for row in table] == printed
-    assert [(row["r"], row["q"]) for row in table] == [(1, 1), (1, 0.1), (1, 0.01), (10, 0.1), (100, 0.1)]
-    for column in ("simulated", "theoretical", "simulated_p0_1"):
-        np.testing.assert_allclose([row[column] for row in table], printed, rtol=TABLE_TOLERANCE)
-
 
 def test_the_appendix_noise_is_not_the_tables():
     z = np.concatenate([noise_reducer.appendix_signal(seed=seed) for seed in range(100)])
@@ -57,12 +41,11 @@ def test_the_mean_error_formula_holds_on_a_long_record(ratio):
     assert np.sqrt(np.mean(x * x)) == pytest.approx(noise_reducer.theoretical_rmse(ratio, 72.0), rel=0.03)
 
 
-def test_mean_error_rewards_no_filter_and_rmse_does_not(table):
-    z = noise_reducer.white_noise(1)[:, 0]
+def test_mean_error_rewards_no_filter_and_rmse_does_not():
+    z, table = noise_reducer.white_noise(1)[:, 0], noise_reducer.simulate_table(200)
     assert noise_reducer.mean_error(z, denoise(z, FilterParams(q=1.0, r=0.0))) < 1e-12
-    errors, rmse = [row["simulated"] for row in table], [row["rmse"] for row in table]
-    assert (np.diff(errors) > -1e-9).all()  # rows 3 and 4 are equal
-    assert (np.diff(rmse) < 1e-9).all()
+    assert (np.diff([row["simulated"] for row in table]) > -1e-9).all()  # rows 3 and 4 are equal
+    assert (np.diff([row["rmse"] for row in table]) < 1e-9).all()
 
 
 def test_rows_3_and_4_say_that_neither_start_of_the_paper_was_used():
@@ -101,12 +84,6 @@ def test_the_rule_40_to_55_is_a_rule_for_one_noise():
     assert noise_reducer.theoretical_mean_error(0.01, rule["sigma_too_large"]) == pytest.approx(55.0)
 
 
-def test_both_readings_of_figure_10_end_in_the_same_filter():
-    caption, text = noise_reducer.robot_filtered(100.0, 0.1), noise_reducer.robot_filtered(10.0, 0.01)
-    assert np.abs(caption - text)[:50].max() > 50.0
-    assert np.abs(caption - text)[1000:].max() < 1e-6
-
-
 def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     z = generalized.channel("flex_sensor")
     printed = generalized.FLEX.run(z)
@@ -121,17 +98,6 @@ def test_figure_8_the_gain_of_the_printed_filter_rises_with_the_light():
     result = generalized.LDR.run(generalized.channel("ldr_pwm"))
     assert result.k[:50].max() < 0.01
     assert result.k[-50:].min() > 0.2
-
-
-def test_figure_9_needs_an_absurd_measured_error():
-    smooth = generalized.water_noise(generalized.WATER)
-    assert smooth == pytest.approx(generalized.expected_water_noise(generalized.WATER), rel=0.15)
-    assert generalized.water_noise(generalized.WATER_DATASHEET) > 0.8
-
-
-def test_figure_10_the_lag_is_1_minus_k_over_k():
-    for row in generalized.try_gains():
-        assert row["lag"] == pytest.approx(row["lag_theory"], rel=0.03, abs=0.05)
 
 
 @pytest.mark.parametrize("gain", [0.9, 0.3, 0.01])
@@ -157,38 +123,20 @@ def test_the_moved_board_is_eight_bits_with_a_known_truth():
     np.testing.assert_allclose(np.linalg.norm(board.truth, axis=1), 55.0, rtol=1e-12)  # 1 g, whatever the tilt
 
 
-def test_first_question_q_and_r_can_be_estimated():
-    answer = lis302dl.answer_estimation(40)
+def test_q_and_r_can_be_estimated_and_serve_better_than_the_eye():
+    answer = lis302dl.answer_estimation(10)
     assert answer["found"] == 1.0
-    assert answer["q_median"] == pytest.approx(0.125, rel=0.15)
-    assert answer["r_median"] == pytest.approx(9.0, rel=0.03)
     assert answer["q_low"] < 0.125 < answer["q_high"]
-    assert answer["loss"] == pytest.approx(1.0, abs=0.02)
     assert answer["board_rmse"] < 0.7 * answer["by_eye_rmse"]
     assert answer["resting_verdicts"] == ("no_movement",) * 3
 
 
-def test_second_question_two_updates_are_one_filter_of_the_weighted_mean():
-    answer = lis302dl.answer_fusion()
-    assert answer["difference"] < 1e-9
-    assert answer["fused"] < answer["first"] < answer["second"]
-    assert answer["fused"] == pytest.approx(answer["fused_theory"], rel=0.03)
-
-
-def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_readings():
-    answer = lis302dl.answer_tilt()
-    assert answer["r_first"] == pytest.approx(9.0, rel=0.1)
-    assert answer["r_second"] == pytest.approx(0.64, rel=0.25)
-    assert answer["offset_low"] < 2.5 < answer["offset_high"]
-    assert answer["fused"] < 0.85 * min(answer["first"], answer["second"])
-    assert answer["predicted"] == pytest.approx(answer["fused"], rel=0.15)
-
-
-@each(("name", "q", "r"), lis302dl.WALK)
-def test_third_question_the_exponential_filter_is_the_same_after_the_start(name, q, r):
-    answer = lis302dl.answer_exponential(q, r)
-    assert answer["samples_to_agree"] < 150
-    assert answer["at_end"] < 1e-6
+def test_two_sensors_are_better_than_one():
+    noise, tilt = lis302dl.answer_fusion(), lis302dl.answer_tilt()
+    assert noise["fused"] < noise["first"] < noise["second"]
+    assert tilt["r_second"] == pytest.approx(0.64, rel=0.25)
+    assert tilt["offset_low"] < 2.5 < tilt["offset_high"]
+    assert tilt["fused"] < 0.85 * min(tilt["first"], tilt["second"])
 
 
 def test_experiments_open_with_settings_for_every_channel():
@@ -204,13 +152,6 @@ def test_experiments_open_with_settings_for_every_channel():
             assert np.isfinite(filters[channel].run(recording.channel(channel)).x).all()
         again, _ = open_experiment(recording.source)
         np.testing.assert_array_equal(again.values, recording.values)
-
-
-def test_every_figure_of_the_issue_opens():
-    figures = {(e.paper, e.figure) for e in list_experiments()}
-    assert {(noise_reducer.PAPER, f"Figure {i}") for i in range(3, 11)} <= figures
-    assert {(generalized.PAPER, f"Figure {i}") for i in range(7, 11)} <= figures
-    assert sum(e.paper == lis302dl.PAPER for e in list_experiments()) == 6
 
 
 def test_an_unknown_experiment_names_the_choices():
