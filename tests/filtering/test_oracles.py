@@ -109,25 +109,6 @@ def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
     must_be_posterior(z, params, states, filtered, smoothed, 1e-9)
 
 
-def test_a_long_momentum_tends_to_constant_velocity():
-    """Ten times the momentum, a tenth of the distance: the longest that is accepted is constant velocity."""
-    z = record(np.random.default_rng(9), 400, FilterParams(1.0, 1.0, momentum=1.0))
-    f, noise = constant_velocity(1.0, 1e-4)
-    distances: list[float] = []
-    for tau in (1e3, 1e4, 1e5):
-        params = FilterParams(1e-4 * tau**2, 1.0, 4.0, 0.0, momentum=tau)
-        state, cov = np.zeros(2), np.diag([4.0, params.q / (2 * tau)])
-        for sample in z:
-            state, cov = f @ state, f @ cov @ f.T + noise
-            if np.isfinite(sample):
-                gain = cov[:, 0] / (cov[0, 0] + 1.0)
-                state, cov = state + gain * (sample - state[0]), cov - np.outer(gain, cov[0])
-        found = kalman_filter(z, params)
-        distances.append(abs(found.x[-1] - state[0]) + abs(found.velocity[-1] - state[1]))
-    assert distances[0] > distances[1] > distances[2]
-    assert distances[1] / distances[2] == pytest.approx(10.0, rel=0.05)
-
-
 @each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""

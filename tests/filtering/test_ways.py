@@ -9,7 +9,7 @@ from five_lines import assert_same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth
 from kalscope.filtering import filter, kernels
 from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_at, filter_pieces
 
@@ -92,24 +92,6 @@ def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, 
         for at in (np.arange(N), np.array([0, 5, PIECE - 1, PIECE, N - 1]), np.empty(0, dtype=np.intp)):
             assert_same(filter_at(z, params, at, dt), whole, at)
         np.testing.assert_allclose(denoise(z, params, dt), whole.x, rtol=0, atol=1e-11 * np.nanmax(np.abs(z)))
-
-
-@pytest.mark.parametrize("momentum", [0.0, 8.0])
-@each("start", STARTS)
-@each("gate", [None, 9.0])
-def test_an_r_in_a_list_of_one_is_the_same_filter(momentum, start, gate):
-    one = FilterParams(0.09, 1.0, **start, momentum=momentum, gate=gate)
-    z = record(one, 0.1, 2000)
-    for dt in (None, np.random.default_rng(2).exponential(1.0, len(z))):
-        listed = FilterParams(0.09, [1.0], **start, momentum=momentum, gate=gate)
-        alone, fused = kalman_filter(z, one, dt), fuse(z[:, None], listed, dt)
-        for name, row in alone.rows.items():
-            assert_same_bits(getattr(fused, name).ravel(), row)
-        assert fused.loglik == pytest.approx(alone.loglik, rel=1e-12)
-        assert (fused.m, fused.rejected.tolist()) == (alone.m, [alone.rejected])
-        before, after = smooth(z, one, dt), smooth(z[:, None], listed, dt)
-        assert_same_bits(after.x, before.x)
-        assert_same_bits(after.p, before.p)
 
 
 @each("sensors", SENSORS)
@@ -292,11 +274,6 @@ def test_lanes_that_do_not_meet_do_not_count(monkeypatch, stretches):
     monkeypatch.setattr(filter, "FORGOTTEN", 0.3)  # far too short a warm-up
     assert_lanes(RECORD + 1e6, FilterParams(1e-6, 0.25))
     assert any(0 < one.done < one.tried for one in stretches)
-
-
-def test_every_row_of_a_channel_among_others_can_be_kept():
-    table = np.stack([RECORD, -RECORD, RECORD], axis=1)
-    assert_lanes(table[:, 1], PLAIN, np.arange(LONG))
 
 
 @each("at", [PIECE + 5, 2 * kernels.LANES * PIECE])

@@ -19,7 +19,6 @@ from kalscope.filtering.classic import (
     OneEuro,
     PowerOfTwo,
 )
-from kalscope.filtering.filter import StandardFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import rescaled_to_period
@@ -62,12 +61,6 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
         "beta = 1e-7 # growth of the cut-off for a speed of one unit per sample\n"
         "speed_cutoff = 0.1 # of the speed itself, cycles per sample\n"
     ) in text.replace("1e-07", "1e-7")
-
-
-def test_the_filter_of_a_channel_is_its_chain_or_the_kalman_filter_of_its_q_and_r():
-    one = PLAIN.channels[0]
-    assert one.filter == StandardFilter(one.params)
-    assert replace(one, chain=Chain(3)).filter == ChainFilter(Chain(3), one.params)
 
 
 @each(

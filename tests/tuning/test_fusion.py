@@ -18,7 +18,7 @@ from kalscope.recording import Recording
 from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import FORMATS, updated
-from kalscope.tuning.tuning import ChannelTuning, Tuning, meeting_goal, rescaled_to_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 
 FUSED = ChannelTuning(
     name="level",
@@ -66,22 +66,6 @@ def bits(fusion: ChannelTuning) -> list[str]:
 # ---- the values
 
 
-def test_what_is_left_out_is_zero_one_and_automatic() -> None:
-    plain = ChannelTuning("level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"))
-    assert (plain.offset, plain.gain) == ((0.0, 0.0), (1.0, 1.0))
-    assert plain == ChannelTuning(
-        "level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"), offset=(0.0, 0.0), gain=(1.0, 1.0)
-    )
-    np.testing.assert_array_equal(plain.params.r, [1.0, 2.0])
-    assert (plain.params.p0, plain.params.x0, plain.params.gate, plain.params.momentum) == (None, None, None, 0.0)
-
-
-def test_arrays_become_numbers() -> None:
-    made = ChannelTuning("level", "", np.float64(0.1), np.array([1.0, 2.0]), sensors=("a", "b"))  # type: ignore[arg-type]
-    assert (made.r, type(made.q), type(made.r[0])) == ((1.0, 2.0), float, float)
-    assert hash(made) == hash(ChannelTuning("level", "", 0.1, (1.0, 2.0), sensors=("a", "b")))
-
-
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
@@ -108,11 +92,6 @@ def test_values_that_are_no_fusion_are_refused(changed: dict, says: str) -> None
         replace(FUSED, **changed)
 
 
-def test_one_channel_alone_has_no_fusion() -> None:
-    assert BOTH.only(None) is BOTH
-    assert BOTH.only("sonar").fusion is None
-
-
 # ---- another sample period
 
 
@@ -122,20 +101,6 @@ def test_q_and_momentum_of_a_fusion_follow_the_sample_period_and_nothing_else_do
     assert BOTH.rescaled(0.01) == BOTH
     said = rescaled_to_period(BOTH, 0.02).fusion
     assert said == replace(moved, how="at 0.01 s: maximum likelihood; q times 2 and momentum divided by it")
-
-
-def test_a_fusion_is_carried_along_where_a_channel_meets_a_goal() -> None:
-    from kalscope.estimation.request import Request
-
-    met = meeting_goal(BOTH, "sonar", Request(target={"lag_s": 0.05}), 0.02)
-    assert met.fusion == rescaled_to_period(BOTH, 0.02).fusion
-
-
-def test_a_momentum_of_a_fusion_too_long_for_the_new_period_is_refused_by_name() -> None:
-    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
-    with pytest.raises(BadSetting, match=r"^momentum of level must be at most .* set momentum = 49950 and q ="):
-        long.rescaled(0.005)
-    assert long.only("sonar").rescaled(0.005).sample_period == 0.005
 
 
 def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -> None:
@@ -231,10 +196,6 @@ def fused(*lines: str, head: str = 'name = "x"\nq = 1', file_format: int = 3) ->
 
 
 SENSOR = '[[fusion.sensors]]\nname = "a"\nr = 1'
-
-
-def test_offset_gain_and_starts_may_be_left_out() -> None:
-    assert loads(fused(SENSOR)).fusion == ChannelTuning("x", "", 1.0, (1.0,), sensors=("a",), how="")
 
 
 @pytest.mark.parametrize(
