@@ -102,15 +102,6 @@ def test_the_mode_of_an_existing_file_is_kept(tmp_path: Path, mode: int) -> None
 
 
 @posix_only
-def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
-    (tmp_path / "real").write_bytes(b"old")
-    (tmp_path / "link").symlink_to("real")
-    write_atomic(tmp_path / "link", b"new")
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "real").read_bytes() == b"new"
-
-
-@posix_only
 @posix_only
 @pytest.mark.parametrize("before", ["nothing", "readable by all", "a link"])
 def test_a_private_file_is_for_its_owner_from_the_first_byte(tmp_path: Path, before: str) -> None:
@@ -133,11 +124,6 @@ def test_a_private_file_is_for_its_owner_from_the_first_byte(tmp_path: Path, bef
     assert (path.read_bytes(), other.read_bytes()) == (b"secret", b"untouched")
 
 
-def test_a_device_is_written_not_replaced() -> None:
-    write_atomic(os.devnull, b"gone")
-    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
-
-
 def test_a_write_protected_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "a.toml"
     target.write_bytes(b"old")
@@ -152,23 +138,6 @@ def test_a_missing_folder_and_a_folder_are_oserrors(tmp_path: Path, path: str) -
     with pytest.raises(OSError, match=r"No such file|Is a directory|Permission denied") as refused:
         write_atomic(tmp_path / path, b"")
     assert str(refused.value).endswith(repr(str(tmp_path / path)))
-
-
-def test_a_busy_file_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, calls = os.replace, []
-
-    def busy_twice(source: str, target: str) -> None:
-        calls.append(source)
-        if len(calls) < 3:
-            raise PermissionError(13, "in use by another program")
-        real(source, target)
-
-    monkeypatch.setattr(atomic, "_REPLACE_ATTEMPTS", 20)
-    monkeypatch.setattr(atomic, "_REPLACE_PAUSE_S", 0.0)
-    monkeypatch.setattr(os, "replace", busy_twice)
-    write_atomic(tmp_path / "a.toml", b"x")
-    assert len(calls) == 3
-    assert (tmp_path / "a.toml").read_bytes() == b"x"
 
 
 def test_a_file_that_stays_busy_is_an_error_without_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,19 +59,6 @@ def test_rows_3_and_4_say_that_neither_start_of_the_paper_was_used():
     assert 5000 < clue["samples_needed"] < 7000
 
 
-def test_ratio_100_is_right_for_one_kind_of_signal():
-    still, wander, swing = noise_reducer.try_advice(20)
-    assert still["best_ratio"] == noise_reducer.RATIOS[-1]
-    assert noise_reducer.loss(still) > 4.0
-    assert 50.0 <= wander["best_ratio"] <= 200.0
-    assert noise_reducer.loss(wander) < 1.01
-    assert swing["best_ratio"] < 5.0
-    assert swing["advised_rmse"] > 1.9 * swing["raw_rmse"]
-    np.testing.assert_allclose(
-        swing["rmse"], [noise_reducer.swinging_rmse(ratio) for ratio in noise_reducer.RATIOS], rtol=0.03
-    )
-
-
 def test_the_rule_40_to_55_is_a_rule_for_one_noise():
     rule = noise_reducer.judge_rule()
     low, high = rule["ratios"]
@@ -92,28 +79,6 @@ def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     assert generalized.samples_to_recover(printed.x, good, 3.0) < 40
     assert np.ptp(printed.x[900:]) > 220.0
     assert np.ptp(generalized.without_slip(generalized.FLEX, 12.0).run(z).x[900:]) < 10.0
-
-
-def test_figure_8_the_gain_of_the_printed_filter_rises_with_the_light():
-    result = generalized.LDR.run(generalized.channel("ldr_pwm"))
-    assert result.k[:50].max() < 0.01
-    assert result.k[-50:].min() > 0.2
-
-
-@pytest.mark.parametrize("gain", [0.9, 0.3, 0.01])
-def test_a_fixed_gain_is_fixed_from_the_first_sample(gain):
-    result = kalman_filter(np.arange(50.0), generalized.fixed_gain(gain, 3.0))
-    np.testing.assert_allclose(result.k, gain, rtol=1e-12)
-
-
-def test_the_walk_does_what_its_document_says():
-    walk = {row["name"]: row for row in lis302dl.try_walk()}
-    assert walk["q_128"]["noise_left"] > 0.95  # nearly no difference to the raw data
-    assert walk["q_128"]["lag_samples"] < walk["q_4"]["lag_samples"] < walk["q_0125"]["lag_samples"]
-    assert walk["r_1"]["noise_left"] > walk["r_4"]["noise_left"] > walk["r_32"]["noise_left"]
-    assert walk["r_32"]["lag_samples"] > 15.0
-    same = lis302dl.try_walk(32.0)[1]
-    assert same["gain"] == pytest.approx(walk["r_1"]["gain"])  # (4, 32) is (0.125, 1)
 
 
 def test_the_moved_board_is_eight_bits_with_a_known_truth():

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import FilterResult, kalman_filter
+from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
 
@@ -128,15 +128,6 @@ def test_a_missing_sample_changes_nothing():
     np.testing.assert_array_equal(result.x[kept], generalized_filter(SIGNAL, params).x)
     assert (result.k[~kept] == 0.0).all()
     assert np.isnan(result.innovation[~kept]).all()
-
-
-def test_the_answer_has_the_shape_of_z_and_claims_no_likelihood():
-    result = generalized_filter(np.ones(7), GeneralizedParams(2.0))
-    assert isinstance(result, FilterResult)
-    assert {getattr(result, f).shape for f in ("x", "p", "k", "innovation", "s")} == {(7,)}
-    assert math.isnan(result.loglik)
-    assert result.m == 0
-    assert generalized_filter([], GeneralizedParams(2.0)).x.shape == (0,)
 
 
 @each(

@@ -225,8 +225,12 @@ def channel(*lines: str) -> str:
     return "\n".join(["format = 1", "[[channel]]", *lines, ""])
 
 
+def only(*lines: str) -> str:
+    return channel('name = "a"', "q = 1", "r = 1", *lines)
+
+
 def moving(line: str) -> str:
-    return channel('name = "a"', "q = 1", "r = 1", line).replace("format = 1", "format = 2")
+    return only(line).replace("format = 1", "format = 2")
 
 
 @pytest.mark.parametrize(
@@ -235,60 +239,30 @@ def moving(line: str) -> str:
         ("", "format must be 1, 2, 3 or 4 (got None)"),
         ("format = 5", "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 5)"),
         ("format = true", "format must be 1, 2, 3 or 4 (got True)"),
-        ("format = 0", "format must be 1, 2, 3 or 4 (got 0)"),
-        (
-            channel('name = "a"', "q = 1", "r = 1", "momentum = 20"),
-            "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)",
-        ),
+        (only("momentum = 20"), "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)"),
         (moving("momentum = 2e5"), "channel 'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
-        (moving("momentum = -1"), "momentum must be a number of sample periods from 0 to 1e5 (got -1"),
-        (moving("momentum = 'x'"), "momentum of channel 'a' must be a finite number (got 'x')"),
-        (moving("momentum = nan"), "momentum of channel 'a' must be a finite number (got nan)"),
         (moving("momentum = true"), "momentum of channel 'a' must be a finite number (got True)"),
         ("format = 1", "at least one [[channel]] (got None)"),
-        ("format = 1\nchannel = []", "at least one [[channel]] (got [])"),
         ("format = 1\nchannel = 5", "at least one [[channel]] (got 5)"),
         ("format = 1\nchannel = [5]", "[[channel]] 1 must be a table (got 5)"),
         (channel("q = 1", "r = 1"), "name of [[channel]] 1 must be given (got nothing)"),
         (channel("name = 5", "q = 1", "r = 1"), "name of [[channel]] 1 must be a text in quotes (got 5)"),
         (channel('name = "a"', "r = 1"), "q of channel 'a' must be given (got nothing)"),
-        (channel('name = "a"', "q = 1"), "r of channel 'a' must be given (got nothing)"),
-        (channel('name = "a"', 'q = "abc"', "r = 1"), "q of channel 'a' must be a finite number (got 'abc')"),
-        (channel('name = "a"', 'q = "1"', "r = 1"), "must be a finite number (got '1')"),
-        (channel('name = "a"', "q = true", "r = 1"), "must be a finite number (got True)"),
+        (channel('name = "a"', 'q = "1"', "r = 1"), "q of channel 'a' must be a finite number (got '1')"),
         (channel('name = "a"', "q = [1, 2]", "r = 1"), "must be a finite number (got [1, 2])"),
         (channel('name = "a"', "q = nan", "r = 1"), "must be a finite number (got nan)"),
-        (channel('name = "a"', "q = inf", "r = 1"), "must be a finite number (got inf)"),
-        (
-            channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"),
-            "q of channel 'a' must be a finite number (got 1000",
-        ),
+        (channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"), "q of channel 'a' must be a finite number (got 1000"),
         (channel('name = "a"', f"q = 1{'0' * 5000}", "r = 1"), "must be TOML text (got: Exceeds the limit"),
-        (
-            channel('name = "a"', "q = -1", "r = 1"),
-            "channel 'a': q must be a finite variance from 0 to 1e300 (got -1",
-        ),
-        (channel('name = "a"', "q = 1e301", "r = 1"), "from 0 to 1e300 (got 1e+301)"),
+        (channel('name = "a"', "q = -1", "r = 1"), "channel 'a': q must be a finite variance from 0 to 1e300 (got"),
         (channel('name = "a"', "q = 0", "r = 0"), "q and r must not both be 0"),
-        (channel('name = "a"', "q = 1", "r = 1", 'p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
-        (channel('name = "a"', "q = 1", "r = 1", "p0 = -1"), "p0 must be"),
-        (channel('name = "a"', "q = 1", "r = 1", 'x0 = "x"'), "finite number or \"first\" (got 'x')"),
-        (channel('name = "a"', "q = 1", "r = 1", "x0 = 1"), "x0 needs p0"),
-        (channel('name = "a"', "q = 1", "r = 1", "unit = 5"), "unit of channel 'a' must be a text in quotes"),
-        (
-            channel('name = "a"', "q = 1", "r = 1") * 1 + '[[channel]]\nname = "a"\nq = 1\nr = 1',
-            "distinct names",
-        ),
-        (
-            "selected = 'z'\n" + channel('name = "a"', "q = 1", "r = 1"),
-            "selected must be one of ['a'] (got 'z')",
-        ),
-        ("source = 5\n" + channel('name = "a"', "q = 1", "r = 1"), "[source] must be a table (got 5)"),
-        (
-            "source.sample_period = 0\n" + channel('name = "a"', "q = 1", "r = 1"),
-            "sample_period must be a finite number above 0",
-        ),
-        ("source.sample_period = 'x'\n" + channel('name = "a"', "q = 1", "r = 1"), "must be a finite number"),
+        (only('p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
+        (only('x0 = "x"'), "finite number or \"first\" (got 'x')"),
+        (only("x0 = 1"), "x0 needs p0"),
+        (only("unit = 5"), "unit of channel 'a' must be a text in quotes"),
+        (only() + '[[channel]]\nname = "a"\nq = 1\nr = 1', "distinct names"),
+        ("selected = 'z'\n" + only(), "selected must be one of ['a'] (got 'z')"),
+        ("source = 5\n" + only(), "[source] must be a table (got 5)"),
+        ("source.sample_period = 0\n" + only(), "sample_period must be a finite number above 0"),
         ("not toml at all", "must be TOML text (got: "),
         ("x = " + "[" * 100_000, "must be TOML text (got brackets nested without end)"),
         ("x" * 1_000_001, "at most 1000000 characters (got 1000001)"),
