@@ -16,7 +16,7 @@ from kalscope.common.numbers import Array, above_zero, bisect
 from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
-from kalscope.filtering.params import FilterParams, one_record, samples_of, scalar, step_of
+from kalscope.filtering.params import FilterParams, one_record, one_sample, scalar, step_of
 from kalscope.filtering.steady import SETTLED, SteadyState, at_period, ratio_for, steady_state
 
 # Checks of the settings of the classic filters.
@@ -452,11 +452,9 @@ class RunningChain:
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one sample and return the filtered value; arguments and errors as `KalmanFilter.update`."""
-        elapsed, sample = step_of(dt), samples_of(z)
-        if sample.ndim or np.isinf(sample):
-            raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        x = self._before = float(self._stages.take(sample.reshape(1), np.array([elapsed]))[0])
-        return x if self._kalman is None else self._kalman.update(math.nan if np.isnan(sample) else x, dt)
+        elapsed, sample = step_of(dt), one_sample(z)
+        x = self._before = float(self._stages.take(np.array([sample]), np.array([elapsed]))[0])
+        return x if self._kalman is None else self._kalman.update(math.nan if math.isnan(sample) else x, dt)
 
 
 # The bench: the lag and the noise gain, measured, of filters that are not a fixed sum of samples.

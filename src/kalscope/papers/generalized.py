@@ -22,7 +22,7 @@ from kalscope.common.compiled import compiled
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, kalman_filter
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, samples_of, step_of
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, one_sample, step_of
 from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
 
 
@@ -197,12 +197,10 @@ class PrintedStream:
                 be above 0. The state stays.
         """
         step_of(dt)
-        sample = samples_of(z)
-        if sample.ndim or np.isinf(sample):
-            raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        e, sigma_e, _, _, _ = _step_printed(float(sample), self._params.sigma_m, *self._state)
+        sample = one_sample(z)
+        e, sigma_e, _, _, _ = _step_printed(sample, self._params.sigma_m, *self._state)
         if e <= 0.0:
-            raise _not_above_zero("now", float(sample))
+            raise _not_above_zero("now", sample)
         self._state = e, sigma_e
         return e
 
