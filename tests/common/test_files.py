@@ -133,13 +133,6 @@ def test_a_write_protected_file_is_refused(tmp_path: Path, monkeypatch: pytest.M
     assert target.read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("path", ["missing/a.toml", "."])
-def test_a_missing_folder_and_a_folder_are_oserrors(tmp_path: Path, path: str) -> None:
-    with pytest.raises(OSError, match=r"No such file|Is a directory|Permission denied") as refused:
-        write_atomic(tmp_path / path, b"")
-    assert str(refused.value).endswith(repr(str(tmp_path / path)))
-
-
 def test_a_file_that_stays_busy_is_an_error_without_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def busy(source: str, target: str) -> None:
         raise PermissionError(13, "in use by another program")

@@ -85,21 +85,6 @@ def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
         assert_same_bits(seen, wanted)
 
 
-def test_before_the_first_sample_of_a_diffuse_start_nothing_is_known():
-    result = kalman_filter([math.nan, math.nan, 7.0], FilterParams(1.0, 2.0))
-    assert np.isnan(result.x[:2]).all()
-    assert np.isinf(result.p[:2]).all()
-    assert result.k.tolist() == [0.0, 0.0, 1.0]
-    assert (result.x[2], result.p[2], result.m) == (7.0, 2.0, 0)
-
-
-def test_a_given_p0_without_x0_starts_at_the_first_sample_unscored():
-    result = kalman_filter([7.0, 8.0], FilterParams(1.0, 2.0, p0=3.0))
-    assert result.x[0] == 7.0
-    assert result.p[0] == pytest.approx(4.0 * 2.0 / 6.0)
-    assert result.m == 1
-
-
 def test_dt_zero_puts_the_prior_at_the_first_sample(nile):
     """MARSS user guide, KFAS columns Cs206…: a1 = 0, P1 = 1000, q = 15210.195, r = 33874.59."""
     dt = np.ones(len(nile))
@@ -172,24 +157,6 @@ def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, 
     assert_same_bits(after.velocity_p, (unit / pace) ** 2 * before.velocity_p)
 
 
-def test_without_momentum_there_is_no_velocity():
-    z, dt = spiky_record()
-    zero = FilterParams(0.05, 1.0, momentum=0.0)
-    result = kalman_filter(z, zero, dt)
-    assert result.velocity is None
-    assert result.velocity_p is None
-    assert math.isnan(KalmanFilter(zero).velocity)
-    assert smooth(z, zero).velocity is None
-
-
-def test_a_ramp_is_followed_without_lag_once_the_momentum_is_long():
-    ramp = 0.3 * np.arange(4000.0)
-    slow, fast = (kalman_filter(ramp, FilterParams(q, 1.0, momentum=tau)) for q, tau in ((0.01, 0.0), (1e4, 1e5)))
-    assert ramp[-1] - slow.x[-1] > 1.0
-    assert abs(ramp[-1] - fast.x[-1]) < 0.01
-    assert fast.velocity[-1] == pytest.approx(0.3, rel=1e-2)
-
-
 # --- several sensors ----------------------------------------------------------------------------------
 
 
@@ -201,19 +168,6 @@ def readings(n=300, sensors=3, missing=0.1, seed=1):
     z[rng.random(z.shape) < missing] = np.nan
     z[:3] = np.nan
     return z
-
-
-@pytest.mark.parametrize("momentum", [0.0, 8.0])
-def test_two_sensors_in_turns_are_one(momentum):
-    """The same noise: which of them has the reading does not matter, to the last bit."""
-    z = readings(sensors=1, missing=0.2)[:, 0]
-    turns = np.full((len(z), 2), np.nan)
-    turns[::2, 0], turns[1::2, 1] = z[::2], z[1::2]
-    dt = np.random.default_rng(2).exponential(1.0, len(z))
-    fused = fuse(turns, FilterParams(0.09, [1.0, 1.0], momentum=momentum), dt)
-    alone = kalman_filter(z, FilterParams(0.09, 1.0, momentum=momentum), dt)
-    np.testing.assert_array_equal(fused.x, alone.x)
-    assert fused.loglik == alone.loglik
 
 
 @pytest.mark.parametrize("momentum", [0.0, 8.0])

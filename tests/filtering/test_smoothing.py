@@ -180,9 +180,3 @@ def test_extreme_units_scale_the_variance_and_leave_the_signal(unit):
     plain, scaled = smooth(z, FilterParams(q=0.5, r=1.0)), smooth(z, FilterParams(q=0.5 * unit, r=unit))
     assert scaled.x == pytest.approx(plain.x, rel=1e-12, abs=1e-13)
     assert scaled.p / unit == pytest.approx(plain.p, rel=1e-12)
-
-
-def test_start_with_zero_variance_holds_x0_for_good_when_nothing_moves():
-    got = smooth([5.0, 6.0], FilterParams(q=0.0, r=1.0, p0=0.0, x0=2.0))
-    assert got.x.tolist() == [2.0, 2.0]
-    assert got.p.tolist() == [0.0, 0.0]

@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,8 +13,6 @@ from hypothesis import strategies as st
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
-from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import FORMATS, updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
@@ -94,18 +91,6 @@ def test_q_and_momentum_of_a_fusion_follow_the_sample_period_and_nothing_else_do
     assert BOTH.rescaled(0.01) == BOTH
     said = rescaled_to_period(BOTH, 0.02).fusion
     assert said == replace(moved, how="at 0.01 s: maximum likelihood; q times 2 and momentum divided by it")
-
-
-def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -> None:
-    """Its momentum would be too long at this period; the channels are filtered as without it."""
-    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
-    recording = Recording(0.005 * np.arange(4), ("sonar",), ("cm",), np.zeros((4, 1)), sample_period=0.005)
-    found, notes = adapt_tuning(recording, long)
-    assert found["sonar"].q == 0.125
-    assert "momentum" not in " ".join(notes)
-    save_tuning(long, tmp_path / "t.toml")
-    params, _ = filters_for_stdin(tmp_path / "t.toml", {}, "sonar", None, 0.005)
-    assert [one.q for one in params] == [0.125]
 
 
 # ---- the file
