@@ -18,7 +18,7 @@ from kalscope.cli import app as cli
 from kalscope.common.charts import Line, Mark, Panel, draw_svg
 from kalscope.common.text import CONTROL
 from kalscope.papers import reproduction
-from kalscope.papers.page import Disagreement, page
+from kalscope.papers.page import page
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
@@ -57,7 +57,6 @@ def test_results_hold_table_1_and_every_check(reproduced):
     assert results["passed"]
     assert all(check["passed"] for check in results["checks"])
     assert {"generalized", "lis302dl", "disagreements"} <= set(results)
-    assert results["lis302dl"]["c_listing_difference"] < 1e-10
 
 
 class Reader(HTMLParser):
@@ -185,7 +184,7 @@ def test_the_page_escapes_every_word():
     chapter = Chapter(
         "key", evil, evil, (evil,), (Figure(evil, svg, evil, evil), table), (Check(evil, 9.0, 1.0, 0.1),), {}
     )
-    html = page([chapter], [Disagreement(evil, evil, evil, evil, evil)], evil)
+    html = page([chapter], [dict.fromkeys(("document", "where", "one", "other", "here"), evil)], evil)
     assert "<script" not in html
     reader = Reader()
     reader.feed(html)

@@ -125,7 +125,7 @@ def test_an_unknown_experiment_names_the_choices():
 
 
 def test_the_disagreements_of_the_issue_are_told():
-    told = " ".join(f"{d.where} {d.one} {d.other}" for d in list_disagreements())
+    told = " ".join(f"{d['where']} {d['one']} {d['other']}" for d in list_disagreements())
     for words in (
         "Table 1 leaves figure 3 out",
         "R = 100, Q = 0.1",

@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion
-from kalscope.filtering.filter import denoise, fuse, kalman_filter
+from kalscope.filtering.filter import denoise, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
@@ -118,31 +117,6 @@ def _picture(key: str, q: float, r: float) -> Experiment:
 
 EXPERIMENTS = tuple(_picture(*row) for row in WALK)
 """What opens from this document."""
-
-
-def c_listing(measurements: ArrayLike, q: float, r: float, p: float, initial_value: float) -> tuple[Array, Array]:
-    """kalman_init and kalman_update of the interactive-matter listing (2009).
-
-    Args:
-        measurements: shape (n,).
-        q: process noise, unit².
-        r: sensor noise, unit².
-        p: first estimated error, unit².
-        initial_value: first value, unit.
-
-    Returns:
-        x and p after each update, shape (n,) each.
-    """
-    x = initial_value
-    states: list[tuple[float, float]] = []
-    for measurement in np.asarray(measurements, dtype=np.float64).tolist():
-        p = p + q
-        k = p / (p + r)
-        x = x + k * (measurement - x)
-        p = (1 - k) * p
-        states.append((x, p))
-    pairs = np.array(states).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
 
 
 TRUE_Q, TRUE_R = 0.125, 9.0
@@ -308,10 +282,9 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     walk = try_walk()
     report(0.1, "estimating q and r")
     estimated = answer_estimation(effort.estimate_draws)
-    report(0.8, "two sensors, the listing, the figures")
+    report(0.8, "two sensors, the figures")
     fused, tilt = answer_fusion(), answer_tilt()
     simple = [answer_exponential(q, r) for _, q, r in WALK]
-    listing = listing_difference()
     verdicts = ", ".join(sorted(set(estimated["resting_verdicts"]))).replace("_", " ")
     return PROSE.chapter(
         blocks=(
@@ -325,7 +298,6 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             _exponential_figure(),
         ),
         checks=(
-            Check("C listing, three axes, six settings: largest difference", listing, 0.0, 1e-10),
             Check("q = 128: noise left, as a share", walk[0]["noise_left"], 1.0, 0.05),
             Check("q estimated, median", estimated["q_median"], TRUE_Q, 0.1, relative=True),
             Check("r estimated, median", estimated["r_median"], TRUE_R, 0.03, relative=True),
@@ -340,25 +312,12 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             "walk": walk,
             "walk_q_pictures_if_r": {str(r): try_walk(r)[:3] for r in (1.0, 32.0)},
             "assumed_r": ASSUMED_R,
-            "c_listing_difference": listing,
             "estimation": estimated,
             "fusion": fused,
             "tilt": tilt,
             "exponential": simple,
         },
     )
-
-
-def listing_difference() -> float:
-    """Largest difference of x, counts, or of p, counts², between the C listing and kalman_filter: rounding."""
-    board, largest = moved_board(), 0.0
-    for _, q, r in WALK:
-        result = kalman_filter(board.values, walk_params(q, r))
-        for axis in range(3):
-            x, p = c_listing(board.values[:, axis], q, r, P0, X0)
-            apart = np.abs(x - result.x[:, axis]).max(), np.abs(p - result.p[:, axis]).max()
-            largest = max(largest, *map(float, apart))
-    return largest
 
 
 def _walk_figure() -> Figure:

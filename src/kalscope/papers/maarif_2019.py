@@ -198,54 +198,6 @@ EXPERIMENTS = (
 """What opens from this paper."""
 
 
-def matlab_appendix(zk: ArrayLike, r: float = 100.0, q: float = 1.0) -> Array:
-    """Appendix a of Ma'arif et al. (2019): xk = 0, Pk = 0, then predict, gain, update.
-
-    Args:
-        zk: the numbers that the appendix draws as (rand − rand)·100, shape (n,).
-        r: its R, unit².
-        q: its Q, unit².
-
-    Returns:
-        buff_xk, shape (n,).
-    """
-    xk, pk = 0.0, 0.0
-    buff_xk: list[float] = []
-    for z in np.asarray(zk, dtype=np.float64).tolist():
-        pk = pk + q
-        kk = pk / (pk + r)
-        xk = xk + (kk * (z - xk))
-        pk = (1 - kk) * pk
-        buff_xk.append(xk)
-    return np.array(buff_xk)
-
-
-def arduino_appendix(sensor_data: ArrayLike, r: float = 100.0, q: float = 1.0, number: Any = np.float64) -> Array:
-    """Appendix b of Ma'arif et al. (2019): Xt_prev = 0 as a global, Pt_prev = 1.
-
-    Args:
-        sensor_data: readings, shape (n,).
-        r: its R, unit².
-        q: its Q, unit².
-        number: np.float32, as a `float` on the board, or np.float64.
-
-    Returns:
-        KalmanFilterData after each reading, shape (n,), of the kind `number`.
-    """
-    one, noise, drift = number(1), number(r), number(q)
-    xt_prev, pt_prev = number(0), number(1)
-    kalman_filter_data: list[Any] = []
-    for reading in np.asarray(sensor_data, dtype=number):
-        xt_update = xt_prev
-        pt_update = pt_prev + drift
-        kt = pt_update / (pt_update + noise)
-        xt = xt_update + (kt * (reading - xt_update))
-        pt = (one - kt) * pt_update
-        xt_prev, pt_prev = xt, pt
-        kalman_filter_data.append(xt)
-    return np.array(kalman_filter_data, dtype=number)
-
-
 ADVISED = 100.0
 """The paper's recommended r/q."""
 RULE = (40.0, 55.0)
@@ -397,7 +349,6 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     report(0.5, "the advice on three kinds of signal")
     advice, rule = try_advice(effort.limit_draws), judge_rule()
     report(0.9, "figures 1 to 10")
-    same = compare_appendices()
     return PROSE.chapter(
         blocks=(
             figure_1(),
@@ -409,16 +360,14 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             _advice_table(advice),
             PROSE.table("rule", **rule),
             figures_9_and_10(),
-            PROSE.table("appendix", [{}], **same),
         ),
-        checks=checks(table, clue, advice, rule, same),
+        checks=checks(table, clue, advice, rule),
         results={
             "sigma": SIGMA,
             "table_1": table,
             "rows_3_and_4": clue,
             "ratio_100": advice,
             "mean_error_40_to_55": rule,
-            "appendices": same,
         },
     )
 
@@ -428,7 +377,6 @@ def checks(
     clue: dict[str, float],
     advice: Sequence[dict[str, Any]],
     rule: dict[str, Any],
-    same: dict[str, float],
 ) -> tuple[Check, ...]:
     """Every number of this chapter that must hold, with its tolerance."""
     rows: list[Check] = []
@@ -448,24 +396,7 @@ def checks(
         Check("Signal that swings: RMSE at ratio 100", swing["advised_rmse"], swing_theory, 0.02, relative=True),
         Check("Stationary signal: RMSE at ratio 100", still["advised_rmse"], still_theory, 0.03, relative=True),
         Check("Rule 40 to 55 admits ratio 10: its mean error", rule["row_2"], middle, half),
-        Check("MATLAB appendix, largest difference", same["matlab"], 0.0, 1e-12),
-        Check("Arduino appendix in double, largest difference / 338", same["arduino_double"] / 338.0, 0.0, 1e-12),
-        Check("Arduino appendix in float, largest difference in counts", same["arduino_float"], 0.0, 1e-3),
     )
-
-
-def compare_appendices() -> dict[str, float]:
-    """Largest |appendix − kalman_filter|, in the unit of the signal: u, and counts for the Arduino."""
-    z, counts = appendix_signal(), robot_signal()
-    matlab = kalman_filter(z, FilterParams(q=1.0, r=100.0, p0=0.0, x0=0.0)).x
-    arduino = kalman_filter(counts, FilterParams(q=1.0, r=100.0, p0=1.0, x0=0.0)).x
-    return {
-        "matlab": _largest(matlab_appendix(z) - matlab),
-        "arduino_double": _largest(arduino_appendix(counts) - arduino),
-        "arduino_float": _largest(arduino_appendix(counts, number=np.float32) - arduino),
-        "matlab_sigma": 100.0 / 6.0**0.5,
-        "matlab_mean_error": mean_error(z, matlab),
-    }
 
 
 def table_1(rows: Sequence[dict[str, float]], draws: int) -> ResultTable:

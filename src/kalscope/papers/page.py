@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from kalscope.common.charts import document, markup_of_table
 from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
 
 
-def page(chapters: Sequence[Chapter], disagreements: Sequence[Disagreement], version: str) -> str:
+def page(chapters: Sequence[Chapter], disagreements: Sequence[dict[str, str]], version: str) -> str:
     """The whole page as text.
 
     Args:
@@ -72,8 +71,8 @@ def _table(one: ResultTable) -> str:
     )
 
 
-def _disagreements(disagreements: Sequence[Disagreement]) -> str:
-    rows = [(d.document, d.where, d.one, d.other, d.here) for d in disagreements]
+def _disagreements(disagreements: Sequence[dict[str, str]]) -> str:
+    rows = [[d[key] for key in ("document", "where", "one", "other", "here")] for d in disagreements]
     head = ("document", "where", "it says", "it also says", "done here")
     return (
         '<section id="disagreements"><h2>Where a paper disagrees with itself</h2>'
@@ -99,23 +98,6 @@ def _checks(checks: Sequence[Check]) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """Two statements of one document that cannot both hold."""
-
-    document: str
-    """Which document, in short."""
-    where: str
-    """Equations, figures, sections."""
-    one: str
-    """The one statement."""
-    other: str
-    """The other."""
-    here: str
-    """What Kalscope does."""
-
-
-def list_disagreements() -> tuple[Disagreement, ...]:
-    """All of them, in the order of the documents."""
-    texts = tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))
-    return tuple(Disagreement(**one) for one in texts["disagreement"])
+def list_disagreements() -> list[dict[str, str]]:
+    """Pairs of statements of one document that cannot both hold, and what is done here."""
+    return tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))["disagreement"]
