@@ -9,16 +9,8 @@ import pytest
 from each import each
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    ChainFilter,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-)
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import rescaled_to_period

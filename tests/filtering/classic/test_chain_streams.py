@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    ChainFilter,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    RunningStages,
-)
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import ChainFilter, RunningStages
 from kalscope.filtering.filter import GrowingRun
 
 STAGES = (

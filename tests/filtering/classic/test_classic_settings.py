@@ -11,16 +11,8 @@ from each import each
 from scipy.signal import freqz
 
 from kalscope import BadSetting, FilterParams, ratio_for, steady_state
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    ChainFilter,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-)
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import ChainFilter
 
 PARAMS = FilterParams(0.04, 1.0, gate=9.0)
 
