@@ -123,8 +123,6 @@ TRUE_Q, TRUE_R = 0.125, 9.0
 """The document's q and the noise of the re-created board, counts²: what the estimates should find."""
 RECORD, START = 2000, 100
 """Samples per recording, 20 s, and those left out of the errors."""
-SENSOR_R = (9.0, 25.0)
-"""Noise variances of the two sensors of one quantity, counts²."""
 
 
 def answer_estimation(draws: int) -> dict[str, Any]:
@@ -159,29 +157,6 @@ def _on_the_board() -> dict[str, Any]:
     verdicts = tuple(str(estimate(z, momentum=0.0).verdict) for z in resting.T)
     by_eye = _rmse(denoise(board.values, walk_params(0.125, 4.0)), truth)
     return {"board_rmse": _rmse(each, truth), "by_eye_rmse": by_eye, "resting_verdicts": verdicts}
-
-
-def answer_fusion() -> dict[str, Any]:
-    """Two sensors of σ = 3 and 5 counts on one random walk of 20,000 samples: RMSE alone and fused, counts.
-
-    `fused_theory` is what the model promises, √(K r) with 1/r = 1/r₁ + 1/r₂; `difference` the largest distance to
-    the filter of the weighted mean of both readings, which is the same filter.
-    """
-    rng = np.random.default_rng(2)
-    n = 10 * RECORD
-    truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(n))
-    z = truth[:, None] + np.sqrt(SENSOR_R) * rng.standard_normal((n, 2))
-    both = FilterParams(TRUE_Q, np.array(SENSOR_R))
-    fused, one = fuse(z, both).x, both.as_single
-    mean = (z * both.shares).sum(axis=1)
-    first, second = (_rmse(denoise(z[:, i], FilterParams(q=TRUE_Q, r=SENSOR_R[i])), truth) for i in range(2))
-    return {
-        "first": first,
-        "second": second,
-        "fused": _rmse(fused, truth),
-        "fused_theory": math.sqrt(steady_state(one).p),
-        "difference": float(np.abs(fused - denoise(mean, one)).max()),
-    }
 
 
 def exponential(z: Array, gain: float, x0: float) -> Array:
@@ -283,7 +258,7 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     report(0.1, "estimating q and r")
     estimated = answer_estimation(effort.estimate_draws)
     report(0.8, "two sensors, the figures")
-    fused, tilt = answer_fusion(), answer_tilt()
+    tilt = answer_tilt()
     simple = [answer_exponential(q, r) for _, q, r in WALK]
     verdicts = ", ".join(sorted(set(estimated["resting_verdicts"]))).replace("_", " ")
     return PROSE.chapter(
@@ -292,7 +267,6 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             _walk_table(walk),
             _axes_figure(),
             PROSE.table("estimate", draws=effort.estimate_draws, verdicts=verdicts, **estimated),
-            PROSE.table("fusion", gain=100 * (1 - fused["fused"] / fused["first"]), **fused),
             PROSE.table("tilt", gain=100 * (1 - tilt["fused"] / min(tilt["first"], tilt["second"])), **tilt),
             _exponential_table(simple),
             _exponential_figure(),
@@ -302,8 +276,6 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             Check("q estimated, median", estimated["q_median"], TRUE_Q, 0.1, relative=True),
             Check("r estimated, median", estimated["r_median"], TRUE_R, 0.03, relative=True),
             Check("RMSE with the estimated pair over the true one", estimated["loss"], 1.0, 0.02),
-            Check("Two sensors fused: RMSE", fused["fused"], fused["fused_theory"], 0.05, relative=True),
-            Check("Fused, against the filter of the weighted mean", fused["difference"], 0.0, 1e-9),
             Check("Accelerometer and tilt: offset found", tilt["offset"], TILT_OFFSET, 0.1, relative=True),
             Check("Accelerometer and tilt: predicted error", tilt["predicted"], tilt["fused"], 0.15, relative=True),
             Check("Exponential filter, worst of the walk, last half", max(a["at_end"] for a in simple), 0.0, 1e-6),
@@ -313,7 +285,6 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
             "walk_q_pictures_if_r": {str(r): try_walk(r)[:3] for r in (1.0, 32.0)},
             "assumed_r": ASSUMED_R,
             "estimation": estimated,
-            "fusion": fused,
             "tilt": tilt,
             "exponential": simple,
         },
