@@ -23,7 +23,7 @@ from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import denoise, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
+from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 from kalscope.sources.synthetic import synthesize
@@ -303,7 +303,7 @@ def _walk_figure() -> Figure:
     return PROSE.figure("walk_figure", panels)
 
 
-def _walk_table(walk: Sequence[dict[str, Any]]) -> ResultTable:
+def _walk_table(walk: Sequence[dict[str, Any]]) -> Figure:
     other = {f"gain_if_{r:g}": try_walk(r) for r in (1.0, 32.0)}
     rows: list[dict[str, Any]] = []
     for i, row in enumerate(walk):
@@ -324,7 +324,7 @@ def _axes_figure() -> Figure:
     return PROSE.figure("axes", panels)
 
 
-def _exponential_table(answers: Sequence[dict[str, Any]]) -> ResultTable:
+def _exponential_table(answers: Sequence[dict[str, Any]]) -> Figure:
     rows = ({**answer, "q": q, "r": r} for (_, q, r), answer in zip(WALK, answers, strict=True))
     return PROSE.table("exponential", rows, samples=max(a["samples_to_agree"] for a in answers))
 

@@ -22,7 +22,7 @@ from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import ratio_for
 from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
-from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, ResultTable, Settings
+from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, Settings
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
@@ -271,7 +271,7 @@ def _figure_10() -> Figure:
     return PROSE.figure("figure_10", panels)
 
 
-def _failure_table() -> ResultTable:
+def _failure_table() -> Figure:
     rows: list[dict[str, str]] = []
     cases = (
         ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),

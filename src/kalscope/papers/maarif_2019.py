@@ -27,7 +27,7 @@ from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
+from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
@@ -399,7 +399,7 @@ def checks(
     )
 
 
-def table_1(rows: Sequence[dict[str, float]], draws: int) -> ResultTable:
+def table_1(rows: Sequence[dict[str, float]], draws: int) -> Figure:
     """Table 1 with the printed, simulated and theoretical mean error side by side."""
     off = [100 * (row["simulated"] / row["printed"] - 1) for row in rows]
     cells = [
@@ -410,7 +410,7 @@ def table_1(rows: Sequence[dict[str, float]], draws: int) -> ResultTable:
     return PROSE.table("table_1", cells, sigma=SIGMA, samples=SAMPLES, draws=draws, worst=worst)
 
 
-def _advice_table(tests: Sequence[dict[str, Any]]) -> ResultTable:
+def _advice_table(tests: Sequence[dict[str, Any]]) -> Figure:
     def best(ratio: float) -> str:
         return "≥ 100,000" if ratio >= RATIOS[-1] else f"{ratio:.3g}"
 

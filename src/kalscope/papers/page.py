@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from kalscope.common.charts import document, markup_of_table
-from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
+from kalscope.papers.parts import Chapter, Check, Figure
 
 
 def page(chapters: Sequence[Chapter], disagreements: Sequence[dict[str, str]], version: str) -> str:
@@ -48,7 +48,7 @@ def _summary(checks: Sequence[Check]) -> str:
 
 
 def _chapter(chapter: Chapter) -> str:
-    blocks = "".join(_figure(b) if isinstance(b, Figure) else _table(b) for b in chapter.blocks)
+    blocks = "".join(map(_figure, chapter.blocks))
     intro = "".join(f"<p>{escape(text)}</p>" for text in chapter.intro)
     return (
         f'<section id="{chapter.key}"><h2>{escape(chapter.title)}</h2>'
@@ -56,18 +56,10 @@ def _chapter(chapter: Chapter) -> str:
     )
 
 
-def _figure(figure: Figure) -> str:
+def _figure(one: Figure) -> str:
     return (
-        f'<h3>{escape(figure.title)}</h3><figure><div class="wide">{figure.svg}</div>'
-        f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
-        f'<p class="verdict">{escape(figure.verdict)}</p>'
-    )
-
-
-def _table(one: ResultTable) -> str:
-    return (
-        f"<h3>{escape(one.title)}</h3>{markup_of_table(one.head, one.rows, 'words' if one.words else '')}"
-        f'<p class="caption">{escape(one.caption)}</p><p class="verdict">{escape(one.verdict)}</p>'
+        f"<h3>{escape(one.title)}</h3><figure>{one.body}<figcaption>{escape(one.caption)}</figcaption></figure>"
+        f'<p class="verdict">{escape(one.verdict)}</p>'
     )
 
 
