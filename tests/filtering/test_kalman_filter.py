@@ -13,16 +13,7 @@ from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import (
-    BadSetting,
-    FilterParams,
-    KalmanFilter,
-    denoise,
-    fuse,
-    kalman_filter,
-    smooth,
-    starting_params,
-)
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth, starting_params
 from kalscope.filtering import kernels
 
 NILE_Q, NILE_R = 1469.1, 15099.0
@@ -280,10 +271,7 @@ def test_a_masked_sample_is_missing():
         ),
         (lambda: fuse([1.0], FilterParams(1, 1)), "r must be one variance per sensor"),
         (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a float64 array"),
-        (
-            lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf),
-            "or NaN where missing (got inf at sample 0)",
-        ),
+        (lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf), "or NaN where missing (got inf at sample 0)"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt=-1), "dt must be finite and not negative"),
     ],
 )

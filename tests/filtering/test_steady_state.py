@@ -70,12 +70,7 @@ def test_large_ratios_keep_their_digits():
 
 def test_no_process_noise_never_settles_and_no_measurement_noise_never_smooths():
     still, raw = steady_state(FilterParams(0.0, 1.0), T), steady_state(FilterParams(1.0, 0.0), T)
-    assert (still.gain, still.lag_samples, still.cutoff_hz, still.settle_samples) == (
-        0,
-        math.inf,
-        0,
-        math.inf,
-    )
+    assert (still.gain, still.lag_samples, still.cutoff_hz, still.settle_samples) == (0, math.inf, 0, math.inf)
     assert (raw.gain, raw.lag_samples, raw.noise_reduction_db, raw.settle_samples) == (1, 0, 0, 0)
 
 
@@ -96,10 +91,7 @@ def test_ratio_for_is_the_inverse_of_steady_state(ratio, wish):
         ({"gain": -0.1}, "gain must be a finite number above 0 (got -0.1)"),
         ({"lag_samples": math.nan}, "lag_samples must be a finite number above 0 (got nan)"),
         ({"lag_s": 0.1}, "lag_s needs sample_period"),
-        (
-            {"cutoff_hz": 30.0, "sample_period": T},
-            "cutoff_hz must be at most half the sample rate, 25 Hz (got 30)",
-        ),
+        ({"cutoff_hz": 30.0, "sample_period": T}, "cutoff_hz must be at most half the sample rate, 25 Hz (got 30)"),
         ({"lag_s": 0.1, "sample_period": 0}, "sample_period must be a finite number above 0 (got 0)"),
     ],
 )

@@ -147,13 +147,7 @@ def test_saving_over_an_annotated_file_changes_only_the_values_that_changed(tmp_
     save_tuning(replace(old, channels=(old.channel("a"), b)), path)
     lines = path.read_text(encoding="utf-8").splitlines()
     removed = [line for line in ANNOTATED.splitlines() if line not in lines]
-    assert removed == [
-        "date = 2026-01-02",
-        "q = 2.0 # too much?",
-        "p0 = 4",
-        "x0 = -1.5",
-        "gate = 9.0 # spikes",
-    ]
+    assert removed == ["date = 2026-01-02", "q = 2.0 # too much?", "p0 = 4", "x0 = -1.5", "gate = 9.0 # spikes"]
     assert "q = 0.25 # too much?" in lines
     assert "r = 1 # from the data sheet" in lines
 

@@ -184,28 +184,18 @@ def _checks(
     gains: Sequence[dict[str, float]], levels: Sequence[dict[str, Any]], recovered: int, smooth: float
 ) -> tuple[Check, ...]:
     """What the figures show beside what the theory says."""
+    name, forgotten = "Figure 7: samples until a start at 1500 is forgotten", expected_recovery(3.0)
     return (
-        *(
-            Check(
-                f"Printed filter at {row['level']}: settled gain",
-                row["simulated"],
-                row["formula"],
-                1e-9,
-                relative=True,
-            )
-            for row in levels
-        ),
+        *(_gain_check(row["level"], row["simulated"], row["formula"]) for row in levels),
         Check("Without the slip: gain after 1000 samples", frozen_gain(1000), 1e-3, 1e-12, relative=True),
-        Check(
-            "Figure 7: samples until a start at 1500 is forgotten",
-            recovered,
-            expected_recovery(3.0),
-            0.35,
-            relative=True,
-        ),
+        Check(name, recovered, forgotten, 0.35, relative=True),
         Check("Figure 9: noise left with σM = 200 °C", smooth, expected_water_noise(WATER), 0.15, relative=True),
         *(_lag_check(row["gain"], row["lag"], row["lag_theory"]) for row in gains),
     )
+
+
+def _gain_check(level: str, simulated: float, formula: float) -> Check:
+    return Check(f"Printed filter at {level}: settled gain", simulated, formula, 1e-9, relative=True)
 
 
 def _lag_check(gain: float, lag: float, theory: float) -> Check:
