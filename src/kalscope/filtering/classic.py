@@ -371,11 +371,6 @@ class RunningStage:
         self._counters = np.zeros(1, dtype=np.int64)
         self._window = stage.window if isinstance(stage, Median) and stage.window > LONG_WINDOW else 0
 
-    @property
-    def x(self) -> float:
-        """The last output; NaN before the first finite sample."""
-        return float(self._state[0])
-
     def take(self, z: Floats, dt: Floats) -> Floats:
         """Take samples.
 
@@ -387,7 +382,8 @@ class RunningStage:
             The output after each, shape (n,), of the type to compute in.
         """
         samples, steps = (np.ascontiguousarray(values, dtype=self._kind) for values in (z, dt))
-        if self._window * len(samples) > MANY_MOVES and math.isnan(self.x) and _is_plain(samples):
+        is_long = self._window * len(samples) > MANY_MOVES and math.isnan(self._state[0])
+        if is_long and not np.signbit(samples[samples == 0.0]).any():  # scipy may take -0.0 for 0.0
             return self._long_median(samples)
         out = np.empty_like(samples)
         self._loop(samples, steps, self._constants, self._state, self._counters, out)
@@ -407,11 +403,6 @@ class RunningStage:
         self._state[1 : window + 1] = np.concatenate([np.full(window, came[0]), came])[-window:]
         self._state[window + 1 :] = np.sort(self._state[1 : window + 1])
         return np.where(latest >= 0, medians[np.maximum(latest, 0)], np.nan)
-
-
-def _is_plain(z: Floats) -> bool:
-    """Whether no sample is -0.0, which scipy may take for 0.0."""
-    return not np.signbit(z[z == 0.0]).any()
 
 
 class RunningStages:
@@ -767,14 +758,8 @@ class ChainFilter(Filter):
             BadSetting: the sample period is not a positive finite number.
         """
         period = None if sample_period is None else above_zero("sample_period", sample_period)
-        z = result.innovation + self._predicted(result)
-        return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)
-
-    def _predicted(self, result: FilterResult) -> Array:
-        """The predictions behind the innovations of a run, shape (n,); NaN at its first sample."""
-        before = np.full(result.x.shape, np.nan)
-        before[1:] = result.x[:-1]
+        predicted, tau = np.append(np.nan, result.x[:-1]), self.params.momentum
         if self.chain.then is None and result.velocity is not None:
-            tau = self.params.momentum
-            before[1:] -= tau * math.expm1(-1.0 / tau) * result.velocity[:-1]
-        return before
+            predicted[1:] -= tau * math.expm1(-1.0 / tau) * result.velocity[:-1]
+        z = result.innovation + predicted
+        return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)
