@@ -132,13 +132,8 @@ def ratio_for(
     Raises:
         BadSetting: no target or several, one out of range, or one in s or Hz without a sample period.
     """
-    targets = {
-        "gain": gain,
-        "lag_samples": lag_samples,
-        "lag_s": lag_s,
-        "cutoff_hz": cutoff_hz,
-        "noise_reduction_db": noise_reduction_db,
-    }
+    targets = {"gain": gain, "lag_samples": lag_samples, "lag_s": lag_s}
+    targets |= {"cutoff_hz": cutoff_hz, "noise_reduction_db": noise_reduction_db}
     given = {name: value for name, value in targets.items() if value is not None}
     if len(given) != 1:
         raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
