@@ -17,7 +17,7 @@ from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
 from kalscope.filtering.params import FilterParams, one_record, one_sample, scalar, step_of
-from kalscope.filtering.steady import SETTLED, SteadyState, at_period, ratio_for, steady_state
+from kalscope.filtering.steady import SETTLED, SteadyState, at_period, params_of_gain, steady_state
 
 # Checks of the settings of the classic filters.
 
@@ -648,9 +648,7 @@ def _run(chain: Chain, params: FilterParams) -> Run:
 
 def _smoothing(alpha: float) -> SteadyState:
     """Exponential smoothing is the Kalman filter of this gain, which has no variance of its own."""
-    passing = alpha >= 1.0
-    params = FilterParams(q=1.0, r=0.0) if passing else FilterParams(q=ratio_for(gain=alpha), r=1.0)
-    return replace(steady_state(params, 1.0), p=math.nan)
+    return replace(steady_state(params_of_gain(alpha), 1.0), p=math.nan)
 
 
 def _state(

@@ -152,6 +152,11 @@ def ratio_for(
     return 1.0 / value / (1.0 + value)
 
 
+def params_of_gain(gain: float) -> FilterParams:
+    """The random walk whose filter settles at this gain, 0 … 1."""
+    return FilterParams(1.0, 0.0) if gain >= 1.0 else FilterParams(gain * gain / (1.0 - gain), 1.0)
+
+
 def _in_samples(name: str, value: float, sample_period: float | None) -> float:
     """A lag in samples, a cut-off f as 4 sin²(π f T); a gain and a noise reduction as they are."""
     if name == "gain" and value >= 1.0:

@@ -23,7 +23,7 @@ from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, one_sample, step_of
-from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
+from kalscope.filtering.steady import SteadyState, params_of_gain, steady_state
 
 
 @compiled(inline="always")
@@ -100,13 +100,7 @@ class GeneralizedParams(Filter):
 
     @property
     def five_line_params(self) -> FilterParams:
-        """The five-line filter that the reading without the slip is: q = 0, r = σM, p0 = σE, x0 = E.
-
-        Raises:
-            BadSetting: the reading is the printed one, which no (q, r) describes.
-        """
-        if self.reading == "printed":
-            raise BadSetting('reading must be "without_slip" to have a q and an r (got "printed")')
+        """The five-line filter that the reading without the slip is: q = 0, r = σM, p0 = σE, x0 = E."""
         return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
@@ -119,12 +113,7 @@ class GeneralizedParams(Filter):
 
     def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
         """The Kalman filter that settles at the last gain of a run: its own gain follows the level."""
-        gain = float(result.k[-1])
-        if gain >= 1.0:
-            params = FilterParams(q=1.0, r=0.0)
-        else:
-            params = FilterParams(q=ratio_for(gain=gain) if gain > 0.0 else 0.0, r=1.0)
-        return steady_state(params, sample_period)
+        return steady_state(params_of_gain(float(result.k[-1])), sample_period)
 
 
 def printed_gain(level: float, sigma_m: float) -> float:
