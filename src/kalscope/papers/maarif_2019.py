@@ -124,7 +124,7 @@ def question_the_start(draws: int) -> dict[str, Any]:
     errors = np.abs(z - kalman_filter(z, FilterParams(q=0.01, r=1.0, p0=0.0, x0=0.0)).x).mean(axis=0)
     return {
         "printed": printed,
-        "p0_zero": _largest(zero),  # nothing but rounding
+        "p0_zero": float(np.abs(zero).max()),  # nothing but rounding
         "p0_one": float(one.mean()),
         "p0_one_spread": float(one.std()),
         "share": float(np.mean(np.abs(one) <= printed)),
@@ -158,11 +158,6 @@ def robot_recording() -> Recording:
 def robot_signal() -> Array:
     """Its readings, counts, shape (2000,); shared, so not to be changed."""
     return robot_recording().values[:, 0]
-
-
-def robot_filtered(r: float, q: float) -> Array:
-    """The resting robot as the Arduino appendix filters it: Xt_prev = 0, Pt_prev = 1; shape (2000,)."""
-    return denoise(robot_signal(), FilterParams(q=q, r=r, p0=1.0, x0=0.0))
 
 
 def _simulation(figure: int, r: float, q: float) -> Experiment:
@@ -210,11 +205,6 @@ SWING, SWING_PERIOD = 300.0, 60
 """Amplitude in u and period in samples of the fast signal."""
 
 
-def try_advice(draws: int) -> list[dict[str, Any]]:
-    """Three kinds of signal, filtered with each of RATIOS; errors in u, averages over draws."""
-    return [_test_one(kind, draws) for kind in ("stationary", "wandering", "swinging")]
-
-
 def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
     """The noise-free signals of a kind, shape (LENGTH, draws)."""
     if kind == "stationary":
@@ -225,7 +215,8 @@ def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
     return np.repeat(swing[:, None], draws, axis=1)
 
 
-def _test_one(kind: str, draws: int) -> dict[str, Any]:
+def try_advice(kind: str, draws: int) -> dict[str, Any]:
+    """A kind of signal, filtered with each of RATIOS; errors in u, averages over draws of the noise and the walk."""
     rng = np.random.default_rng(100)
     truth = truth_of(kind, draws, rng)
     z = truth + SIGMA * rng.standard_normal(truth.shape)
@@ -311,7 +302,7 @@ def figures_9_and_10() -> Figure:
     panels: list[Panel] = []
     words: list[str] = []
     for label, r, q in ROBOT_FIGURES:
-        x = robot_filtered(r, q)
+        x = denoise(z, FilterParams(q=q, r=r, p0=1.0, x0=0.0))  # Pt_prev = 1 and Xt_prev = 0, as on the Arduino
         source = {"9": "Figure 9", "10": "Figure 10, caption", "10_text": "Figure 10, text"}[label]
         title = f"{source}: R = {r:g}, Q = {q:g}"
         for start, stop, limits in ((0, 500, (0.0, 400.0)), (1000, 1500, (290.0, 390.0))):
@@ -347,7 +338,8 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     report(0.2, "rows 3 and 4 of Table 1")
     clue = question_the_start(effort.table_draws)
     report(0.5, "the advice on three kinds of signal")
-    advice, rule = try_advice(effort.limit_draws), judge_rule()
+    advice = [try_advice(kind, effort.limit_draws) for kind in ("stationary", "wandering", "swinging")]
+    rule = judge_rule()
     report(0.9, "figures 1 to 10")
     return PROSE.chapter(
         blocks=(
@@ -416,7 +408,3 @@ def _advice_table(tests: Sequence[dict[str, Any]]) -> Figure:
 
     rows = ({**test, "loss": loss(test), "best": best(test["best_ratio"])} for test in tests)
     return PROSE.table("advice", rows)
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values)))
