@@ -216,7 +216,7 @@ def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
 
 
 def try_advice(kind: str, draws: int) -> dict[str, Any]:
-    """A kind of signal, filtered with each of RATIOS; errors in u, averages over draws of the noise and the walk."""
+    """A kind of signal, filtered with each of RATIOS; errors in u, averages over draws of noise and walk."""
     rng = np.random.default_rng(100)
     truth = truth_of(kind, draws, rng)
     z = truth + SIGMA * rng.standard_normal(truth.shape)
