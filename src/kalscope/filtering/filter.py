@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
@@ -602,8 +601,7 @@ def _added(result: FilterResult, loglik: Any, m: Any, rejected: Any) -> FilterRe
     return replace(result, **sums)
 
 
-@dataclass(frozen=True)
-class Cycle:
+class Cycle(NamedTuple):
     """What repeats itself in a settled filter."""
 
     p: Array
@@ -612,22 +610,6 @@ class Cycle:
     """Their gain."""
     s: Array
     """Their innovation variance."""
-
-    @cached_property
-    def block(self) -> tuple[Array, Array]:
-        """Gain, and 1/s, of one block."""
-        k, s = (np.tile(row, LANE_BLOCK // len(row)) for row in (self.k, self.s))
-        return k, 1.0 / s
-
-    @cached_property
-    def warm(self) -> int:
-        """Samples after which a lane no longer depends on where it began, most likely."""
-        return LANE_BLOCK * math.ceil(FORGOTTEN / (float(self.k.mean()) * LANE_BLOCK))
-
-    @cached_property
-    def norm(self) -> float:
-        """Mean of ln 2π + ln s."""
-        return math.log(2.0 * math.pi) + float(np.log(self.s).mean())
 
 
 class Stretch(NamedTuple):
@@ -664,7 +646,8 @@ def filter_stretch(
         first: what the first sample of z is counted as there.
         out: where x and innovation of these go, each of the shape of indices.
     """
-    warm = cycle.warm
+    # the samples after which a lane no longer depends on where it began, most likely
+    warm = LANE_BLOCK * math.ceil(FORGOTTEN / (float(cycle.k.mean()) * LANE_BLOCK))
     each = min((len(z) - warm) // LANES, max(MAX_LANE, 4 * warm)) // LANE_BLOCK * LANE_BLOCK
     if each < max(LANE_BLOCK, warm // 4):
         return Stretch(0, 0, x, 0.0)
@@ -672,10 +655,11 @@ def filter_stretch(
     end = np.searchsorted(indices, first + ends).astype(np.intp)
     begin = np.concatenate(([0], end[:-1])).astype(np.intp)
     tried = np.ascontiguousarray(z[: ends[-1]])
-    lanes, x, chi2 = filter_lanes(tried, warm, *cycle.block, x, indices[: end[-1]] - first, begin, end, out)
+    k, s = (np.tile(row, LANE_BLOCK // len(cycle.p)) for row in (cycle.k, cycle.s))
+    lanes, x, chi2 = filter_lanes(tried, warm, k, 1.0 / s, x, indices[: end[-1]] - first, begin, end, out)
     done = int(ends[lanes - 1]) if lanes else 0
-    loglik = -0.5 * (done * cycle.norm + chi2)
-    return Stretch(len(tried), done, float(x), loglik)
+    norm = math.log(2.0 * math.pi) + float(np.log(cycle.s).mean())
+    return Stretch(len(tried), done, float(x), -0.5 * (done * norm + chi2))
 
 
 # What every filter can do: the standard one, of q and r, and others beside it.
