@@ -18,6 +18,7 @@ import pytest
 import typer
 
 import kalscope
+from kalscope import classic
 from kalscope.cli.app import command
 from kalscope_app.commands import app
 
@@ -67,8 +68,9 @@ def public_interface():
 
 def python_interface():
     """Functions and classes with their arguments, then what else each class offers."""
-    for name in kalscope.__all__:
-        thing = getattr(kalscope, name)
+    names = [*kalscope.__all__, *(f"classic.{name}" for name in classic.__all__)]
+    for name in names:
+        thing = getattr(classic if "." in name else kalscope, name.removeprefix("classic."))
         if inspect.isclass(thing) and issubclass(thing, Exception):
             yield f"kalscope.{name}: {', '.join(base.__name__ for base in thing.__mro__[1:-2])}"
             continue

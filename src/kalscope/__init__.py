@@ -10,188 +10,78 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
-    from kalscope.analysis.estimators import compare_methods
-    from kalscope.analysis.fused import judge_fusion
-    from kalscope.analysis.judge import Judgement
-    from kalscope.catalogue import open_source
-    from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError
-    from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio, params_for_specification
-    from kalscope.estimation.fusion import estimate_fusion
-    from kalscope.estimation.likelihood import log_likelihood
-    from kalscope.estimation.many import EstimateTable, estimate_many
-    from kalscope.estimation.momentum import likelihood_profile
-    from kalscope.estimation.noise import noise_from_datasheet, noise_from_still, starting_params
-    from kalscope.estimation.result import Estimate
-    from kalscope.export.registry import export_tuning
-    from kalscope.filtering.classic import (
-        Butterworth,
-        Chain,
-        Exponential,
-        Median,
-        MovingAverage,
-        OneEuro,
-        PowerOfTwo,
-    )
-    from kalscope.filtering.filter import (
-        FilterResult,
-        KalmanFilter,
-        SmootherResult,
-        denoise,
-        fuse,
-        kalman_filter,
-        smooth,
-    )
-    from kalscope.filtering.params import FilterParams
-    from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
-    from kalscope.recording import LineIssue, ReadReport, Recording
-    from kalscope.sources.grammar.read_options import ReadOptions
-    from kalscope.sources.reading.recording_file import read_recording
-    from kalscope.sources.samples import list_samples
-    from kalscope.sources.synthetic import synthesize
-    from kalscope.tuning.file import load_tuning, save_tuning
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
-
-__all__ = [
-    "BadDevice",
-    "BadFile",
-    "BadSetting",
-    "Butterworth",
-    "Cancelled",
-    "Chain",
-    "ChannelTuning",
-    "Diagnostics",
-    "Estimate",
-    "EstimateTable",
-    "Exponential",
-    "FilterParams",
-    "FilterResult",
-    "Judgement",
-    "KalmanFilter",
-    "KalscopeError",
-    "LineIssue",
-    "Median",
-    "MovingAverage",
-    "OneEuro",
-    "PowerOfTwo",
-    "ReadOptions",
-    "ReadReport",
-    "Recording",
-    "SmootherResult",
-    "SteadyState",
-    "Tuning",
-    "compare_methods",
-    "denoise",
-    "diagnose",
-    "diagnose_held_out",
-    "estimate",
-    "estimate_fixed_r",
-    "estimate_fixed_ratio",
-    "estimate_fusion",
-    "estimate_many",
-    "export_tuning",
-    "fuse",
-    "judge_fusion",
-    "kalman_filter",
-    "likelihood_profile",
-    "list_samples",
-    "load_tuning",
-    "log_likelihood",
-    "noise_from_datasheet",
-    "noise_from_still",
-    "open_source",
-    "params_for_specification",
-    "ratio_for",
-    "read_recording",
-    "save_tuning",
-    "smooth",
-    "starting_params",
-    "steady_state",
-    "synthesize",
-]
+    from kalscope.analysis.diagnostics import Diagnostics as Diagnostics
+    from kalscope.analysis.diagnostics import diagnose as diagnose
+    from kalscope.analysis.fused import judge_fusion as judge_fusion
+    from kalscope.analysis.judge import Judgement as Judgement
+    from kalscope.catalogue import open_source as open_source
+    from kalscope.errors import BadDevice as BadDevice
+    from kalscope.errors import BadFile as BadFile
+    from kalscope.errors import BadSetting as BadSetting
+    from kalscope.errors import KalscopeError as KalscopeError
+    from kalscope.estimation.fit import estimate as estimate
+    from kalscope.estimation.fit import estimate_fixed_r as estimate_fixed_r
+    from kalscope.estimation.fit import estimate_fixed_ratio as estimate_fixed_ratio
+    from kalscope.estimation.fit import params_for_specification as params_for_specification
+    from kalscope.estimation.fusion import estimate_fusion as estimate_fusion
+    from kalscope.estimation.likelihood import log_likelihood as log_likelihood
+    from kalscope.estimation.many import EstimateTable as EstimateTable
+    from kalscope.estimation.many import estimate_many as estimate_many
+    from kalscope.estimation.noise import noise_from_datasheet as noise_from_datasheet
+    from kalscope.estimation.noise import noise_from_still as noise_from_still
+    from kalscope.estimation.noise import starting_params as starting_params
+    from kalscope.estimation.result import Estimate as Estimate
+    from kalscope.export.registry import export_tuning as export_tuning
+    from kalscope.filtering.filter import FilterResult as FilterResult
+    from kalscope.filtering.filter import KalmanFilter as KalmanFilter
+    from kalscope.filtering.filter import SmootherResult as SmootherResult
+    from kalscope.filtering.filter import denoise as denoise
+    from kalscope.filtering.filter import fuse as fuse
+    from kalscope.filtering.filter import kalman_filter as kalman_filter
+    from kalscope.filtering.filter import smooth as smooth
+    from kalscope.filtering.params import FilterParams as FilterParams
+    from kalscope.filtering.steady import SteadyState as SteadyState
+    from kalscope.filtering.steady import ratio_for as ratio_for
+    from kalscope.filtering.steady import steady_state as steady_state
+    from kalscope.recording import Recording as Recording
+    from kalscope.sources.grammar.read_options import ReadOptions as ReadOptions
+    from kalscope.sources.reading.recording_file import read_recording as read_recording
+    from kalscope.sources.samples import list_samples as list_samples
+    from kalscope.sources.synthetic import synthesize as synthesize
+    from kalscope.tuning.file import load_tuning as load_tuning
+    from kalscope.tuning.file import save_tuning as save_tuning
+    from kalscope.tuning.tuning import ChannelTuning as ChannelTuning
+    from kalscope.tuning.tuning import Tuning as Tuning
 
 _NAMES = {
-    "analysis.diagnostics": (
-        "Diagnostics",
-        "diagnose",
-        "diagnose_held_out",
-    ),
-    "analysis.estimators": ("compare_methods",),
-    "analysis.fused": ("judge_fusion",),
-    "analysis.judge": ("Judgement",),
-    "catalogue": ("open_source",),
-    "errors": (
-        "BadDevice",
-        "BadFile",
-        "BadSetting",
-        "Cancelled",
-        "KalscopeError",
-    ),
-    "estimation.fit": (
-        "estimate",
-        "estimate_fixed_r",
-        "estimate_fixed_ratio",
-        "params_for_specification",
-    ),
-    "estimation.fusion": ("estimate_fusion",),
-    "estimation.likelihood": ("log_likelihood",),
-    "estimation.many": (
-        "EstimateTable",
-        "estimate_many",
-    ),
-    "estimation.momentum": ("likelihood_profile",),
-    "estimation.noise": (
-        "noise_from_datasheet",
-        "noise_from_still",
-        "starting_params",
-    ),
-    "estimation.result": ("Estimate",),
-    "export.registry": ("export_tuning",),
-    "filtering.classic": (
-        "Butterworth",
-        "Chain",
-        "Exponential",
-        "Median",
-        "MovingAverage",
-        "OneEuro",
-        "PowerOfTwo",
-    ),
-    "filtering.filter": (
-        "FilterResult",
-        "KalmanFilter",
-        "SmootherResult",
-        "denoise",
-        "fuse",
-        "kalman_filter",
-        "smooth",
-    ),
-    "filtering.params": ("FilterParams",),
-    "filtering.steady": (
-        "SteadyState",
-        "ratio_for",
-        "steady_state",
-    ),
-    "recording": (
-        "LineIssue",
-        "ReadReport",
-        "Recording",
-    ),
-    "sources.grammar.read_options": ("ReadOptions",),
-    "sources.reading.recording_file": ("read_recording",),
-    "sources.samples": ("list_samples",),
-    "sources.synthetic": ("synthesize",),
-    "tuning.file": (
-        "load_tuning",
-        "save_tuning",
-    ),
-    "tuning.tuning": (
-        "ChannelTuning",
-        "Tuning",
-    ),
+    "analysis.diagnostics": "Diagnostics diagnose",
+    "analysis.fused": "judge_fusion",
+    "analysis.judge": "Judgement",
+    "catalogue": "open_source",
+    "errors": "BadDevice BadFile BadSetting KalscopeError",
+    "estimation.fit": "estimate estimate_fixed_r estimate_fixed_ratio params_for_specification",
+    "estimation.fusion": "estimate_fusion",
+    "estimation.likelihood": "log_likelihood",
+    "estimation.many": "EstimateTable estimate_many",
+    "estimation.noise": "noise_from_datasheet noise_from_still starting_params",
+    "estimation.result": "Estimate",
+    "export.registry": "export_tuning",
+    "filtering.filter": "FilterResult KalmanFilter SmootherResult denoise fuse kalman_filter smooth",
+    "filtering.params": "FilterParams",
+    "filtering.steady": "SteadyState ratio_for steady_state",
+    "recording": "Recording",
+    "sources.grammar.read_options": "ReadOptions",
+    "sources.reading.recording_file": "read_recording",
+    "sources.samples": "list_samples",
+    "sources.synthetic": "synthesize",
+    "tuning.file": "load_tuning save_tuning",
+    "tuning.tuning": "ChannelTuning Tuning",
 }
 """The names by the module that they come from."""
 
-_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
+_MODULE_OF = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = list(_MODULE_OF)  # pyright: ignore[reportUnsupportedDunderAll] - it reads the imports above
 
 
 if not TYPE_CHECKING:  # with it, a type checker would accept every mistyped name

@@ -10,10 +10,10 @@ import pytest
 from each import each
 from effort import EXAMPLES
 
-from kalscope import FilterParams, diagnose_held_out, estimate, kalman_filter, open_source
+from kalscope import FilterParams, estimate, kalman_filter, open_source
 from kalscope.analysis import actions
 from kalscope.analysis.correction import find_change
-from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.judge import advice_words, halves_differ, judge, needs_noise
 from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.request import Request

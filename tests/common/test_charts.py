@@ -39,9 +39,3 @@ def test_a_chart_is_text_and_paths_without_references_or_identifiers():
     assert used == {"svg", "defs", "style", "g", "path", "text"}
     assert not any(element.get("id") or "url(" in str(element.attrib) for element in root.iter())
     assert "µ $x^2$ 温度" in {element.text for element in root.iter()}
-
-
-def test_colours_are_variables_of_the_page_with_a_value_for_paper():
-    text = chart()
-    assert "stroke: var(--s2,#d55e00)" in text
-    assert "fill: var(--ink,#1b1f24)" in text

@@ -90,23 +90,6 @@ def test_the_filter_gives_the_same_bits_plain_and_compiled(monkeypatch):
     assert sum(samples for _, samples, *_ in whole) > 5000
 
 
-@pytest.mark.slow
-def test_one_step_gives_the_same_bits_plain_and_compiled():
-    step, values = kernels.step.dispatcher, [0.0, -0.0, 1.0, 3e-9, 1e200, np.nan, np.inf]
-    for seed in range(2000):
-        random = np.random.default_rng(seed)
-        z, x = random.choice(values[:6], 2)
-        dt, q, r = map(float, np.abs(random.choice(values[:5], 3)) if seed % 2 else random.random(3))
-        p, gate = random.choice([0.0, 1.0, 1e300, np.inf]), random.choice([1.0, 9.0, np.inf])
-        tau = (None, 3.0)[seed // 2 % 2]
-        over, state = (
-            kernels.transition.py_func(dt, q, tau),
-            (float(x), 0.0, float(p), 0.0, 0.0 if tau is None else q),
-        )
-        given = float(z), over, r, float(gate), state, int(random.integers(0, 7)), tau
-        assert bits(kernels.step.py_func(*given)) == bits(step(*given)), given
-
-
 def test_a_loop_goes_to_another_process_by_its_name():
     assert pickle.loads(pickle.dumps(kernels.step)) is kernels.step
 

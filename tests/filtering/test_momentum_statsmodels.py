@@ -59,21 +59,6 @@ def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, 
     assert filtered.loglik == pytest.approx(theirs.llf_obs.sum(), rel=1e-10)
 
 
-@pytest.mark.slow
-def test_a_long_momentum_is_the_local_linear_trend():
-    """UnobservedComponents as it comes, its trend a random walk, against samples that are far closer than τ."""
-    z, tau = record(), 1e5
-    slope_variance, step = 1e-3, 1e-4
-    ours = kalman_filter(z, FilterParams(slope_variance * tau**2 / step**3, 1.0, momentum=tau), np.full(300, step))
-    model = statsmodels().UnobservedComponents(z, "lltrend")
-    model.ssm["state_cov"] = slope_variance * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
-    model.ssm["selection"], model.ssm["obs_cov"] = np.eye(2), np.eye(1)
-    theirs = model.ssm.filter()
-    late = slice(100, None)  # their slope starts without any knowledge, ours with its stationary variance
-    np.testing.assert_allclose(ours.x[late], theirs.filtered_state[0, late], rtol=0, atol=1e-5)
-    np.testing.assert_allclose(ours.velocity[late] * step, theirs.filtered_state[1, late], rtol=0, atol=1e-5)
-
-
 def settled(params):
     """K, L, e and f of the settled filter."""
     found = steady_state(params)

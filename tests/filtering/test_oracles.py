@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth
-from kalscope.filtering import kernels
+from kalscope.filtering import kernels, steady
 from kalscope.filtering.filter import FilterResult, FilterRows, SmootherResult
-from kalscope.filtering.steady import settle
 
 ROUNDING = 1e-14
 """Of the variance before any reading: the digits that the dense solution itself loses."""
@@ -110,25 +109,6 @@ def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
     must_be_posterior(z, params, states, filtered, smoothed, 1e-9)
 
 
-def test_a_long_momentum_tends_to_constant_velocity():
-    """Ten times the momentum, a tenth of the distance: the longest that is accepted is constant velocity."""
-    z = record(np.random.default_rng(9), 400, FilterParams(1.0, 1.0, momentum=1.0))
-    f, noise = constant_velocity(1.0, 1e-4)
-    distances: list[float] = []
-    for tau in (1e3, 1e4, 1e5):
-        params = FilterParams(1e-4 * tau**2, 1.0, 4.0, 0.0, momentum=tau)
-        state, cov = np.zeros(2), np.diag([4.0, params.q / (2 * tau)])
-        for sample in z:
-            state, cov = f @ state, f @ cov @ f.T + noise
-            if np.isfinite(sample):
-                gain = cov[:, 0] / (cov[0, 0] + 1.0)
-                state, cov = state + gain * (sample - state[0]), cov - np.outer(gain, cov[0])
-        found = kalman_filter(z, params)
-        distances.append(abs(found.x[-1] - state[0]) + abs(found.velocity[-1] - state[1]))
-    assert distances[0] > distances[1] > distances[2]
-    assert distances[1] / distances[2] == pytest.approx(10.0, rel=0.05)
-
-
 @each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
@@ -138,11 +118,11 @@ def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
     alpha, beta = p[:, 0] / (p[0, 0] + 1.0)
     tau = 1e12
-    found = settle(acceleration * tau**2, 1.0, tau, 0.01)
+    found = steady._with_momentum(acceleration * tau**2, 1.0, tau)  # beyond the longest momentum
     assert (found.gain, found.velocity_gain) == pytest.approx((alpha, beta), rel=1e-9)
     noise_of_alpha_beta = (2 * alpha**2 + beta * (2 - 3 * alpha)) / (alpha * (4 - 2 * alpha - beta))
-    assert found.noise == pytest.approx(noise_of_alpha_beta, rel=1e-9)
-    assert found.lag == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
+    assert 10.0 ** (-found.noise_reduction_db / 10.0) == pytest.approx(noise_of_alpha_beta, rel=1e-9)
+    assert found.lag_samples == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
 
 
 @pytest.mark.slow

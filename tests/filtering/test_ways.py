@@ -9,7 +9,7 @@ from five_lines import assert_same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth
 from kalscope.filtering import filter, kernels
 from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_at, filter_pieces
 
@@ -94,34 +94,6 @@ def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, 
         np.testing.assert_allclose(denoise(z, params, dt), whole.x, rtol=0, atol=1e-11 * np.nanmax(np.abs(z)))
 
 
-@pytest.mark.parametrize("momentum", [0.0, 8.0])
-@each("start", STARTS)
-@each("gate", [None, 9.0])
-def test_an_r_in_a_list_of_one_is_the_same_filter(momentum, start, gate):
-    one = FilterParams(0.09, 1.0, **start, momentum=momentum, gate=gate)
-    z = record(one, 0.1, 2000)
-    for dt in (None, np.random.default_rng(2).exponential(1.0, len(z))):
-        listed = FilterParams(0.09, [1.0], **start, momentum=momentum, gate=gate)
-        alone, fused = kalman_filter(z, one, dt), fuse(z[:, None], listed, dt)
-        for name, row in alone.rows.items():
-            assert_same_bits(getattr(fused, name).ravel(), row)
-        assert fused.loglik == pytest.approx(alone.loglik, rel=1e-12)
-        assert (fused.m, fused.rejected.tolist()) == (alone.m, [alone.rejected])
-        before, after = smooth(z, one, dt), smooth(z[:, None], listed, dt)
-        assert_same_bits(after.x, before.x)
-        assert_same_bits(after.p, before.p)
-
-
-@each("sensors", SENSORS)
-@each("momentum", [0.0, 20.0])
-@each("gate", [None, 9.0])
-def test_kept_gains_are_those_of_every_step(sensors, momentum, gate):
-    """Regular rows keep the gains of the row before once nothing changes; steps of 1 never do."""
-    params = FilterParams(0.09, **SENSORS[sensors], momentum=momentum, gate=gate)
-    z = record(params, 0.001, 3000)
-    assert_same(kalman_filter(z, params), kalman_filter(z, params, np.ones(len(z))))
-
-
 @each("momentum", [0.0, 12.0])
 def test_channels_of_a_table_are_filtered_one_by_one(momentum):
     params = FilterParams(0.1, 1.0, p0=2.0, x0=1.0, gate=9.0, momentum=momentum)
@@ -187,19 +159,6 @@ def test_what_was_given_out_never_changes_and_room_grows_with_what_is_kept():
     assert len(running) == 0
 
 
-@each("sensors", ["one", "three"])
-def test_a_refused_piece_leaves_what_was_filtered(sensors):
-    params = FilterParams(0.01, **SENSORS[sensors])
-    z, running = record(params), GrowingRun(params)
-    running.extend(z[:100])
-    wrong = np.full_like(z[:1], np.inf), z[:1, None]
-    for bad, dt in ((wrong[0], None), (z[:1], [-1.0]), (wrong[1], None)):
-        with pytest.raises(BadSetting):
-            running.extend(bad, dt)
-    running.extend(z[100:])
-    assert_same(running.result, kalman_filter(z, params))
-
-
 # --- chosen rows ----------------------------------------------------------------------------------------
 
 
@@ -262,12 +221,6 @@ def test_lanes_whatever_the_gain(q, least, offset, stretches):
     assert sum(one.done for one in stretches) >= least * LONG
 
 
-@each("params", [FilterParams(1.0, 0.0), FilterParams(0.1, 1.0, p0=0.0, x0=5.0)])
-def test_lanes_whatever_the_start(params):
-    assert_lanes(RECORD, params)
-    assert_lanes(np.zeros(LONG), params)
-
-
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.integers(0, LONG - 1), max_size=4), st.sampled_from([1e-4, 0.01, 1.0]))
@@ -292,11 +245,6 @@ def test_lanes_that_do_not_meet_do_not_count(monkeypatch, stretches):
     monkeypatch.setattr(filter, "FORGOTTEN", 0.3)  # far too short a warm-up
     assert_lanes(RECORD + 1e6, FilterParams(1e-6, 0.25))
     assert any(0 < one.done < one.tried for one in stretches)
-
-
-def test_every_row_of_a_channel_among_others_can_be_kept():
-    table = np.stack([RECORD, -RECORD, RECORD], axis=1)
-    assert_lanes(table[:, 1], PLAIN, np.arange(LONG))
 
 
 @each("at", [PIECE + 5, 2 * kernels.LANES * PIECE])

@@ -21,22 +21,6 @@ from kalscope.papers.reproduction import list_experiments, open_experiment
 
 pytestmark = pytest.mark.slow
 
-TABLE_TOLERANCE = 0.02
-"""Share of the printed number."""
-
-
-@pytest.fixture(scope="module")
-def table():
-    return noise_reducer.simulate_table(1000)
-
-
-def test_table_1_is_reproduced_within_two_percent(table):
-    printed = [26.0677, 44.7392, 53.4466, 53.4541, 56.9959]
-    assert [row.printed for row in table] == printed
-    assert [(row.r, row.q) for row in table] == [(1, 1), (1, 0.1), (1, 0.01), (10, 0.1), (100, 0.1)]
-    for column in ("simulated", "theoretical", "simulated_p0_1"):
-        np.testing.assert_allclose([getattr(row, column) for row in table], printed, rtol=TABLE_TOLERANCE)
-
 
 def test_the_appendix_noise_is_not_the_tables():
     z = np.concatenate([noise_reducer.appendix_signal(seed=seed) for seed in range(100)])
@@ -57,54 +41,34 @@ def test_the_mean_error_formula_holds_on_a_long_record(ratio):
     assert np.sqrt(np.mean(x * x)) == pytest.approx(noise_reducer.theoretical_rmse(ratio, 72.0), rel=0.03)
 
 
-def test_mean_error_rewards_no_filter_and_rmse_does_not(table):
-    z = noise_reducer.white_noise(1)[:, 0]
+def test_mean_error_rewards_no_filter_and_rmse_does_not():
+    z, table = noise_reducer.white_noise(1)[:, 0], noise_reducer.simulate_table(200)
     assert noise_reducer.mean_error(z, denoise(z, FilterParams(q=1.0, r=0.0))) < 1e-12
-    errors, rmse = [row.simulated for row in table], [row.rmse for row in table]
-    assert (np.diff(errors) > -1e-9).all()  # rows 3 and 4 are equal
-    assert (np.diff(rmse) < 1e-9).all()
+    assert (np.diff([row["simulated"] for row in table]) > -1e-9).all()  # rows 3 and 4 are equal
+    assert (np.diff([row["rmse"] for row in table]) < 1e-9).all()
 
 
 def test_rows_3_and_4_say_that_neither_start_of_the_paper_was_used():
     clue = noise_reducer.question_the_start(1000)
-    assert clue.printed == pytest.approx(0.0075)
-    assert clue.p0_zero < 1e-12
-    assert clue.p0_one == pytest.approx(0.45, abs=0.03)
-    assert clue.share < 0.02
-    assert clue.own_signals_spread > 5.0
-    assert 0.001 < clue.p0_needed < 0.004
-    assert 5000 < clue.samples_needed < 7000
-
-
-def test_ratio_100_is_right_for_one_kind_of_signal():
-    still, wander, swing = noise_reducer.try_advice(20)
-    assert still.best_ratio == noise_reducer.RATIOS[-1]
-    assert still.loss > 4.0
-    assert 50.0 <= wander.best_ratio <= 200.0
-    assert wander.loss < 1.01
-    assert swing.best_ratio < 5.0
-    assert swing.advised_rmse > 1.9 * swing.raw_rmse
-    np.testing.assert_allclose(
-        swing.rmse, [noise_reducer.swinging_rmse(ratio) for ratio in noise_reducer.RATIOS], rtol=0.03
-    )
+    assert clue["printed"] == pytest.approx(0.0075)
+    assert clue["p0_zero"] < 1e-12
+    assert clue["p0_one"] == pytest.approx(0.45, abs=0.03)
+    assert clue["share"] < 0.02
+    assert clue["own_signals_spread"] > 5.0
+    assert 0.001 < clue["p0_needed"] < 0.004
+    assert 5000 < clue["samples_needed"] < 7000
 
 
 def test_the_rule_40_to_55_is_a_rule_for_one_noise():
     rule = noise_reducer.judge_rule()
-    low, high = rule.ratios
+    low, high = rule["ratios"]
     assert low < 10.0  # the row that the text calls too aggressive
     assert high > 100.0
-    assert 40.0 < rule.row_2 < 55.0
+    assert 40.0 < rule["row_2"] < 55.0
     for ratio, error in ((low, 40.0), (high, 55.0)):
         assert noise_reducer.theoretical_mean_error(1 / ratio, 72.0) == pytest.approx(error, rel=1e-9)
-    assert noise_reducer.theoretical_mean_error(1e-12, rule.sigma_too_small) == pytest.approx(40.0, rel=1e-5)
-    assert noise_reducer.theoretical_mean_error(0.01, rule.sigma_too_large) == pytest.approx(55.0)
-
-
-def test_both_readings_of_figure_10_end_in_the_same_filter():
-    caption, text = noise_reducer.robot_filtered(100.0, 0.1), noise_reducer.robot_filtered(10.0, 0.01)
-    assert np.abs(caption - text)[:50].max() > 50.0
-    assert np.abs(caption - text)[1000:].max() < 1e-6
+    assert noise_reducer.theoretical_mean_error(1e-12, rule["sigma_too_small"]) == pytest.approx(40.0, rel=1e-5)
+    assert noise_reducer.theoretical_mean_error(0.01, rule["sigma_too_large"]) == pytest.approx(55.0)
 
 
 def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
@@ -117,39 +81,6 @@ def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     assert np.ptp(generalized.without_slip(generalized.FLEX, 12.0).run(z).x[900:]) < 10.0
 
 
-def test_figure_8_the_gain_of_the_printed_filter_rises_with_the_light():
-    result = generalized.LDR.run(generalized.channel("ldr_pwm"))
-    assert result.k[:50].max() < 0.01
-    assert result.k[-50:].min() > 0.2
-
-
-def test_figure_9_needs_an_absurd_measured_error():
-    smooth = generalized.water_noise(generalized.WATER)
-    assert smooth == pytest.approx(generalized.expected_water_noise(generalized.WATER), rel=0.15)
-    assert generalized.water_noise(generalized.WATER_DATASHEET) > 0.8
-
-
-def test_figure_10_the_lag_is_1_minus_k_over_k():
-    for row in generalized.try_gains():
-        assert row.lag == pytest.approx(row.lag_theory, rel=0.03, abs=0.05)
-
-
-@pytest.mark.parametrize("gain", [0.9, 0.3, 0.01])
-def test_a_fixed_gain_is_fixed_from_the_first_sample(gain):
-    result = kalman_filter(np.arange(50.0), generalized.fixed_gain(gain, 3.0))
-    np.testing.assert_allclose(result.k, gain, rtol=1e-12)
-
-
-def test_the_walk_does_what_its_document_says():
-    walk = {row.name: row for row in lis302dl.try_walk()}
-    assert walk["q_128"].noise_left > 0.95  # nearly no difference to the raw data
-    assert walk["q_128"].lag_samples < walk["q_4"].lag_samples < walk["q_0125"].lag_samples
-    assert walk["r_1"].noise_left > walk["r_4"].noise_left > walk["r_32"].noise_left
-    assert walk["r_32"].lag_samples > 15.0
-    same = lis302dl.try_walk(32.0)[1]
-    assert same.gain == pytest.approx(walk["r_1"].gain)  # (4, 32) is (0.125, 1)
-
-
 def test_the_moved_board_is_eight_bits_with_a_known_truth():
     board = lis302dl.moved_board()
     np.testing.assert_array_equal(board.values, np.clip(np.round(board.values), -128, 127))
@@ -157,38 +88,19 @@ def test_the_moved_board_is_eight_bits_with_a_known_truth():
     np.testing.assert_allclose(np.linalg.norm(board.truth, axis=1), 55.0, rtol=1e-12)  # 1 g, whatever the tilt
 
 
-def test_first_question_q_and_r_can_be_estimated():
-    answer = lis302dl.answer_estimation(40)
-    assert answer.found == 1.0
-    assert answer.q_median == pytest.approx(0.125, rel=0.15)
-    assert answer.r_median == pytest.approx(9.0, rel=0.03)
-    assert answer.q_low < 0.125 < answer.q_high
-    assert answer.loss == pytest.approx(1.0, abs=0.02)
-    assert answer.board_rmse < 0.7 * answer.by_eye_rmse
-    assert answer.resting_verdicts == ("no_movement",) * 3
+def test_q_and_r_can_be_estimated_and_serve_better_than_the_eye():
+    answer = lis302dl.answer_estimation(10)
+    assert answer["found"] == 1.0
+    assert answer["q_low"] < 0.125 < answer["q_high"]
+    assert answer["board_rmse"] < 0.7 * answer["by_eye_rmse"]
+    assert answer["resting_verdicts"] == ("no_movement",) * 3
 
 
-def test_second_question_two_updates_are_one_filter_of_the_weighted_mean():
-    answer = lis302dl.answer_fusion()
-    assert answer.difference < 1e-9
-    assert answer.fused < answer.first < answer.second
-    assert answer.fused == pytest.approx(answer.fused_theory, rel=0.03)
-
-
-def test_second_question_noise_and_offset_of_two_sensors_are_found_in_their_readings():
-    answer = lis302dl.answer_tilt()
-    assert answer.r_first == pytest.approx(9.0, rel=0.1)
-    assert answer.r_second == pytest.approx(0.64, rel=0.25)
-    assert answer.offset_low < 2.5 < answer.offset_high
-    assert answer.fused < 0.85 * min(answer.first, answer.second)
-    assert answer.predicted == pytest.approx(answer.fused, rel=0.15)
-
-
-@each(("name", "q", "r"), lis302dl.WALK)
-def test_third_question_the_exponential_filter_is_the_same_after_the_start(name, q, r):
-    answer = lis302dl.answer_exponential(q, r)
-    assert answer.samples_to_agree < 150
-    assert answer.at_end < 1e-6
+def test_two_sensors_are_better_than_one():
+    tilt = lis302dl.answer_tilt()
+    assert tilt["r_second"] == pytest.approx(0.64, rel=0.25)
+    assert tilt["offset_low"] < 2.5 < tilt["offset_high"]
+    assert tilt["fused"] < 0.85 * min(tilt["first"], tilt["second"])
 
 
 def test_experiments_open_with_settings_for_every_channel():
@@ -206,20 +118,13 @@ def test_experiments_open_with_settings_for_every_channel():
         np.testing.assert_array_equal(again.values, recording.values)
 
 
-def test_every_figure_of_the_issue_opens():
-    figures = {(e.paper, e.figure) for e in list_experiments()}
-    assert {(noise_reducer.PAPER, f"Figure {i}") for i in range(3, 11)} <= figures
-    assert {(generalized.PAPER, f"Figure {i}") for i in range(7, 11)} <= figures
-    assert sum(e.paper == lis302dl.PAPER for e in list_experiments()) == 6
-
-
 def test_an_unknown_experiment_names_the_choices():
     with pytest.raises(BadSetting, match=r"experiment must be one of noise_reducer_figure_3.*got 'x'"):
         open_experiment("experiment:x")
 
 
 def test_the_disagreements_of_the_issue_are_told():
-    told = " ".join(f"{d.where} {d.one} {d.other}" for d in list_disagreements())
+    told = " ".join(f"{d['where']} {d['one']} {d['other']}" for d in list_disagreements())
     for words in (
         "Table 1 leaves figure 3 out",
         "R = 100, Q = 0.1",

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import kalscope as ks
+from kalscope.filtering.classic import Chain, OneEuro
 
 Case = dict[str, Any]
 Groups = dict[str, Callable[[], Iterator[Case]]]
@@ -338,7 +339,7 @@ def literals(node: ast.AST) -> Iterator[str]:
 
 def tunings(level: ks.Recording) -> Iterator[tuple[str, Any]]:
     made = {"tool": "kalscope", "date": "2026-01-01T00:00:00Z", "sample_period": 0.05}
-    one, names, chain = partial(ks.ChannelTuning, unit="mm"), level.names, ks.Chain(5, ks.OneEuro(0.01, 0.1, 0.1))
+    one, names, chain = partial(ks.ChannelTuning, unit="mm"), level.names, Chain(5, OneEuro(0.01, 0.1, 0.1))
     several = (one(names[0], q=0.02, r=1.5, gate=16.0), one(names[1], q=1e-5, r=0.3, p0=2.0, x0=40.0))
     scales = {"offset": (0.0, 1.5, -1.0), "gain": (1.0, 0.9, 1.1)}
     fusion = one("level", q=0.01, r=(1.0, 2.0, 0.5), sensors=names, **scales)

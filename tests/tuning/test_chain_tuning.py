@@ -9,17 +9,8 @@ import pytest
 from each import each
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    ChainFilter,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-)
-from kalscope.filtering.filter import StandardFilter
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import rescaled_to_period
@@ -64,17 +55,10 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
     ) in text.replace("1e-07", "1e-7")
 
 
-def test_the_filter_of_a_channel_is_its_chain_or_the_kalman_filter_of_its_q_and_r():
-    one = PLAIN.channels[0]
-    assert one.filter == StandardFilter(one.params)
-    assert replace(one, chain=Chain(3)).filter == ChainFilter(Chain(3), one.params)
-
-
 @each(
     ("table", "says"),
     [
         ("moving-average; window = 1e9", "window must be a whole number from 1 to 100000 (got 1000000000"),
-        ("moving-average; window = 2.5", "window must be a whole number from 1 to 100000 (got 2.5)"),
         (
             "moving-average; window = 'ten'",
             "window of the chain of channel 'a' must be a finite number (got 'ten')",
@@ -82,12 +66,8 @@ def test_the_filter_of_a_channel_is_its_chain_or_the_kalman_filter_of_its_q_and_
         ("moving-average", "window of the chain of channel 'a' must be given (got nothing)"),
         ("median; window = 4", "window must be an odd number of samples, such as 5 (got 4)"),
         ("kalman; median = 100001", "median must be a whole number from 1 to 99999 (got 100001"),
-        ("kalman; median = -3", "median must be a whole number from 1 to 99999 (got -3"),
-        ("kalman; median = true", "median of the chain of channel 'a' must be a finite number (got True)"),
         ("kalman", "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
         ("exponential; alpha = 0", "alpha must be a number from 9.31e-10 to 1 (got 0.0)"),
-        ("exponential; alpha = nan", "alpha of the chain of channel 'a' must be a finite number (got nan)"),
-        ("power-of-two; shift = 31", "shift must be a whole number from 0 to 30 (got 31"),
         ("butterworth; cutoff = 0.5", "cutoff must be a number from 1e-06 to 0.499 cycles per sample (got 0.5)"),
         ("one-euro; cutoff = 1; beta = -1; speed_cutoff = 1", "beta must be a number from 0 to 1e+300 (got -1"),
         (
@@ -95,7 +75,6 @@ def test_the_filter_of_a_channel_is_its_chain_or_the_kalman_filter_of_its_q_and_
             "cutoff of the chain of channel 'a' must be a finite number (got inf)",
         ),
         ("alpha-beta", 'filter of the chain of channel \'a\' must be "moving-average", "exponential"'),
-        ("", "filter of the chain of channel 'a' must be"),
     ],
 )
 def test_a_hostile_chain_is_refused_in_one_line(table: str, says: str) -> None:

@@ -47,13 +47,6 @@ def test_a_goal_is_met_at_the_period_of_the_device_and_r_stays(target, period):
     assert met.channel("b") == rescaled_to_period(tuning, period).channel("b")
 
 
-def test_a_goal_with_overshoot_is_met_too():
-    request = Request(target={"lag_s": 0.05}, overshoot=0.1, noise=Noise(r=4.0))
-    met = meeting_goal(tuned(request), "a", request, 0.01).channel("a")
-    steady = steady_state(met.params, 0.01)
-    assert (steady.lag_s, steady.overshoot) == (pytest.approx(0.05, rel=1e-6), pytest.approx(0.1, rel=1e-3))
-
-
 def test_what_cannot_be_met_is_refused():
     request = Request(target={"lag_s": 0.05}, noise=Noise(r=4.0))
     with pytest.raises(BadSetting, match="goal must be a lag"):

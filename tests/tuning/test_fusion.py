@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,11 +13,9 @@ from hypothesis import strategies as st
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
-from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import FORMATS, updated
-from kalscope.tuning.tuning import ChannelTuning, Tuning, meeting_goal, rescaled_to_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 
 FUSED = ChannelTuning(
     name="level",
@@ -66,22 +63,6 @@ def bits(fusion: ChannelTuning) -> list[str]:
 # ---- the values
 
 
-def test_what_is_left_out_is_zero_one_and_automatic() -> None:
-    plain = ChannelTuning("level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"))
-    assert (plain.offset, plain.gain) == ((0.0, 0.0), (1.0, 1.0))
-    assert plain == ChannelTuning(
-        "level", "cm", 0.1, (1.0, 2.0), sensors=("a", "b"), offset=(0.0, 0.0), gain=(1.0, 1.0)
-    )
-    np.testing.assert_array_equal(plain.params.r, [1.0, 2.0])
-    assert (plain.params.p0, plain.params.x0, plain.params.gate, plain.params.momentum) == (None, None, None, 0.0)
-
-
-def test_arrays_become_numbers() -> None:
-    made = ChannelTuning("level", "", np.float64(0.1), np.array([1.0, 2.0]), sensors=("a", "b"))  # type: ignore[arg-type]
-    assert (made.r, type(made.q), type(made.r[0])) == ((1.0, 2.0), float, float)
-    assert hash(made) == hash(ChannelTuning("level", "", 0.1, (1.0, 2.0), sensors=("a", "b")))
-
-
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
@@ -90,27 +71,15 @@ def test_arrays_become_numbers() -> None:
         ({"sensors": ()}, "^r of a channel must be one number"),
         ({"chain": Chain(3)}, "^a chain filters one channel"),
         ({"r": (0.0, 0.0)}, "^at most one r may be 0"),
-        ({"r": (1.0, 2.0, 3.0)}, "value per sensor"),
         ({"r": (1.0, -1.0)}, "^r must"),
-        ({"r": ()}, "^r must"),
         ({"offset": (0.0, float("nan"))}, "^offset must"),
-        ({"offset": (0.0,)}, "offset"),
         ({"gain": (1.0, 0.0)}, "^gain must"),
-        ({"gain": (1.0, 2.0, 3.0)}, "gain"),
-        ({"q": -1.0}, "^q must"),
         ({"x0": 1.0}, "x0 needs p0"),
-        ({"gate": 0.0}, "^gate must"),
-        ({"momentum": 2e5}, "^momentum must"),
     ],
 )
 def test_values_that_are_no_fusion_are_refused(changed: dict, says: str) -> None:
     with pytest.raises(BadSetting, match=says):
         replace(FUSED, **changed)
-
-
-def test_one_channel_alone_has_no_fusion() -> None:
-    assert BOTH.only(None) is BOTH
-    assert BOTH.only("sonar").fusion is None
 
 
 # ---- another sample period
@@ -122,32 +91,6 @@ def test_q_and_momentum_of_a_fusion_follow_the_sample_period_and_nothing_else_do
     assert BOTH.rescaled(0.01) == BOTH
     said = rescaled_to_period(BOTH, 0.02).fusion
     assert said == replace(moved, how="at 0.01 s: maximum likelihood; q times 2 and momentum divided by it")
-
-
-def test_a_fusion_is_carried_along_where_a_channel_meets_a_goal() -> None:
-    from kalscope.estimation.request import Request
-
-    met = meeting_goal(BOTH, "sonar", Request(target={"lag_s": 0.05}), 0.02)
-    assert met.fusion == rescaled_to_period(BOTH, 0.02).fusion
-
-
-def test_a_momentum_of_a_fusion_too_long_for_the_new_period_is_refused_by_name() -> None:
-    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
-    with pytest.raises(BadSetting, match=r"^momentum of level must be at most .* set momentum = 49950 and q ="):
-        long.rescaled(0.005)
-    assert long.only("sonar").rescaled(0.005).sample_period == 0.005
-
-
-def test_the_filters_of_the_channels_do_not_ask_for_the_fusion(tmp_path: Path) -> None:
-    """Its momentum would be too long at this period; the channels are filtered as without it."""
-    long = replace(BOTH, fusion=replace(FUSED, momentum=9e4))
-    recording = Recording(0.005 * np.arange(4), ("sonar",), ("cm",), np.zeros((4, 1)), sample_period=0.005)
-    found, notes = adapt_tuning(recording, long)
-    assert found["sonar"].q == 0.125
-    assert "momentum" not in " ".join(notes)
-    save_tuning(long, tmp_path / "t.toml")
-    params, _ = filters_for_stdin(tmp_path / "t.toml", {}, "sonar", None, 0.005)
-    assert [one.q for one in params] == [0.125]
 
 
 # ---- the file
@@ -233,33 +176,24 @@ def fused(*lines: str, head: str = 'name = "x"\nq = 1', file_format: int = 3) ->
 SENSOR = '[[fusion.sensors]]\nname = "a"\nr = 1'
 
 
-def test_offset_gain_and_starts_may_be_left_out() -> None:
-    assert loads(fused(SENSOR)).fusion == ChannelTuning("x", "", 1.0, (1.0,), sensors=("a",), how="")
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (fused(SENSOR, file_format=1), "[fusion] needs format = 3 at the top of the file (got format = 1)"),
         (fused(SENSOR, file_format=2), "[fusion] needs format = 3 at the top of the file (got format = 2)"),
         ("fusion = 5\n" + fused(SENSOR).partition("[fusion]")[0], "[fusion] must be a table (got 5)"),
         (fused(SENSOR, head="q = 1"), "name of [fusion] must be given (got nothing)"),
         (fused(SENSOR, head='name = "x"'), "q of fusion 'x' must be given (got nothing)"),
         (fused(), "there must be at least one [[fusion.sensors]] (got None)"),
-        (fused("sensors = []"), "there must be at least one [[fusion.sensors]] (got [])"),
         (fused("sensors = [5]"), "[[fusion.sensors]] 1 must be a table (got 5)"),
         (fused("[[fusion.sensors]]\nr = 1"), "name of [[fusion.sensors]] 1 must be given (got nothing)"),
         (fused('[[fusion.sensors]]\nname = "a"'), "r of sensor 'a' must be given (got nothing)"),
-        (fused(SENSOR, "offset = nan"), "offset of sensor 'a' must be a finite number (got nan)"),
         (fused(SENSOR, "gain = '1'"), "gain of sensor 'a' must be a finite number (got '1')"),
-        (fused(SENSOR, "gain = true"), "gain of sensor 'a' must be a finite number (got True)"),
         (fused(SENSOR, "gain = 0"), "fusion 'x': gain must"),
         (fused(SENSOR.replace("r = 1", "r = -1")), "fusion 'x': r must"),
         (fused(SENSOR, SENSOR), "fusion 'x': sensors of a fusion must have distinct names (got ['a', 'a'])"),
         (fused(*(SENSOR.replace('"a"', f'"a{i}"') + f"\ngain = {i}" for i in range(500))), "fusion 'x': gain must"),
         (fused("x0 = 3", SENSOR), "fusion 'x': x0 needs p0"),
         (fused("momentum = 2e5", SENSOR), "fusion 'x': momentum must be a number of sample periods"),
-        (fused(f"p0 = 1{'0' * 400}", SENSOR), "p0 of fusion 'x' must be"),
     ],
 )
 def test_hostile_text_is_refused_in_one_line_that_says_what_came(text: str, says: str) -> None:

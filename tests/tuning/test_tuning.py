@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 import os
 import re
 import time
@@ -12,16 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.common import files as atomic
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
 from kalscope.filtering.steady import steady_state
-from kalscope.recording import Recording
-from kalscope.tuning.choose import adapt_tuning, filters_for_stdin
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import updated
-from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 variances = st.floats(0.0, MAX_VARIANCE)
 positive = st.floats(0.0, MAX_VARIANCE, exclude_min=True)
@@ -111,12 +107,6 @@ def test_a_tuning_comes_back_from_its_text_bit_for_bit(tuning: Tuning) -> None:
     assert bits(again) == bits(tuning)
 
 
-@pytest.mark.parametrize("q", [5e-324, 1e-310, 2.2250738585072014e-308, 0.1, 1e16, 1e22, 1e300])
-def test_extreme_variances_come_back_bit_for_bit(q: float) -> None:
-    tuning = Tuning((ChannelTuning("a", "", q, q, q, -q),))
-    assert bits(loads(dumps(tuning))) == bits(tuning)
-
-
 @pytest.mark.slow
 @given(tunings(), tunings())
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
@@ -134,13 +124,6 @@ def test_absent_start_values_are_words_in_the_file() -> None:
     assert "sample_period" not in text
 
 
-def test_the_text_says_words_and_units() -> None:
-    text = dumps(TWO)
-    assert "# process-noise variance added per sample, unit²" in text
-    assert "# measurement-noise variance, unit²" in text
-    assert text.isprintable() or set(filter(lambda c: not c.isprintable(), text)) == {"\n"}
-
-
 def test_names_with_lone_surrogates_still_make_a_readable_file() -> None:
     tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), source="caf\udce9.csv")
     assert loads(dumps(tuning)).source == "caf?.csv"
@@ -155,11 +138,6 @@ def test_a_new_tuning_says_when_in_utc_and_by_what() -> None:
 # ---- the file
 
 
-def test_a_saved_file_loads_equal(tmp_path: Path) -> None:
-    save_tuning(TWO, tmp_path / "t.toml")
-    assert load_tuning(tmp_path / "t.toml") == TWO
-
-
 def test_saving_over_an_annotated_file_changes_only_the_values_that_changed(tmp_path: Path) -> None:
     path = tmp_path / "t.toml"
     path.write_text(ANNOTATED, encoding="utf-8")
@@ -168,23 +146,9 @@ def test_saving_over_an_annotated_file_changes_only_the_values_that_changed(tmp_
     save_tuning(replace(old, channels=(old.channel("a"), b)), path)
     lines = path.read_text(encoding="utf-8").splitlines()
     removed = [line for line in ANNOTATED.splitlines() if line not in lines]
-    assert removed == [
-        "date = 2026-01-02",
-        "q = 2.0 # too much?",
-        "p0 = 4",
-        "x0 = -1.5",
-        "gate = 9.0 # spikes",
-    ]
+    assert removed == ["date = 2026-01-02", "q = 2.0 # too much?", "p0 = 4", "x0 = -1.5", "gate = 9.0 # spikes"]
     assert "q = 0.25 # too much?" in lines
     assert "r = 1 # from the data sheet" in lines
-
-
-def test_saving_an_unchanged_tuning_twice_changes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "t.toml"
-    save_tuning(TWO, path)
-    first = path.read_bytes()
-    save_tuning(load_tuning(path), path)
-    assert path.read_bytes() == first
 
 
 def test_comments_survive_new_and_lost_and_reordered_channels(tmp_path: Path) -> None:
@@ -229,21 +193,6 @@ def test_a_broken_tuning_of_our_format_and_an_empty_file_are_saved_over(tmp_path
         assert load_tuning(tmp_path / name) == TWO
 
 
-def test_saving_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "t.toml"
-    save_tuning(TWO, path)
-    before = path.read_bytes()
-
-    def full(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(atomic.os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        save_tuning(replace(TWO, selected="a"), path)
-    assert path.read_bytes() == before
-    assert os.listdir(tmp_path) == ["t.toml"]
-
-
 @pytest.mark.slow
 def test_a_tuning_too_large_to_be_read_again_is_not_saved(tmp_path: Path) -> None:
     tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), source="x" * 1_000_001)
@@ -267,8 +216,12 @@ def channel(*lines: str) -> str:
     return "\n".join(["format = 1", "[[channel]]", *lines, ""])
 
 
+def only(*lines: str) -> str:
+    return channel('name = "a"', "q = 1", "r = 1", *lines)
+
+
 def moving(line: str) -> str:
-    return channel('name = "a"', "q = 1", "r = 1", line).replace("format = 1", "format = 2")
+    return only(line).replace("format = 1", "format = 2")
 
 
 @pytest.mark.parametrize(
@@ -277,60 +230,30 @@ def moving(line: str) -> str:
         ("", "format must be 1, 2, 3 or 4 (got None)"),
         ("format = 5", "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 5)"),
         ("format = true", "format must be 1, 2, 3 or 4 (got True)"),
-        ("format = 0", "format must be 1, 2, 3 or 4 (got 0)"),
-        (
-            channel('name = "a"', "q = 1", "r = 1", "momentum = 20"),
-            "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)",
-        ),
+        (only("momentum = 20"), "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)"),
         (moving("momentum = 2e5"), "channel 'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
-        (moving("momentum = -1"), "momentum must be a number of sample periods from 0 to 1e5 (got -1"),
-        (moving("momentum = 'x'"), "momentum of channel 'a' must be a finite number (got 'x')"),
-        (moving("momentum = nan"), "momentum of channel 'a' must be a finite number (got nan)"),
         (moving("momentum = true"), "momentum of channel 'a' must be a finite number (got True)"),
         ("format = 1", "at least one [[channel]] (got None)"),
-        ("format = 1\nchannel = []", "at least one [[channel]] (got [])"),
         ("format = 1\nchannel = 5", "at least one [[channel]] (got 5)"),
         ("format = 1\nchannel = [5]", "[[channel]] 1 must be a table (got 5)"),
         (channel("q = 1", "r = 1"), "name of [[channel]] 1 must be given (got nothing)"),
         (channel("name = 5", "q = 1", "r = 1"), "name of [[channel]] 1 must be a text in quotes (got 5)"),
         (channel('name = "a"', "r = 1"), "q of channel 'a' must be given (got nothing)"),
-        (channel('name = "a"', "q = 1"), "r of channel 'a' must be given (got nothing)"),
-        (channel('name = "a"', 'q = "abc"', "r = 1"), "q of channel 'a' must be a finite number (got 'abc')"),
-        (channel('name = "a"', 'q = "1"', "r = 1"), "must be a finite number (got '1')"),
-        (channel('name = "a"', "q = true", "r = 1"), "must be a finite number (got True)"),
+        (channel('name = "a"', 'q = "1"', "r = 1"), "q of channel 'a' must be a finite number (got '1')"),
         (channel('name = "a"', "q = [1, 2]", "r = 1"), "must be a finite number (got [1, 2])"),
         (channel('name = "a"', "q = nan", "r = 1"), "must be a finite number (got nan)"),
-        (channel('name = "a"', "q = inf", "r = 1"), "must be a finite number (got inf)"),
-        (
-            channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"),
-            "q of channel 'a' must be a finite number (got 1000",
-        ),
+        (channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"), "q of channel 'a' must be a finite number (got 1000"),
         (channel('name = "a"', f"q = 1{'0' * 5000}", "r = 1"), "must be TOML text (got: Exceeds the limit"),
-        (
-            channel('name = "a"', "q = -1", "r = 1"),
-            "channel 'a': q must be a finite variance from 0 to 1e300 (got -1",
-        ),
-        (channel('name = "a"', "q = 1e301", "r = 1"), "from 0 to 1e300 (got 1e+301)"),
+        (channel('name = "a"', "q = -1", "r = 1"), "channel 'a': q must be a finite variance from 0 to 1e300 (got"),
         (channel('name = "a"', "q = 0", "r = 0"), "q and r must not both be 0"),
-        (channel('name = "a"', "q = 1", "r = 1", 'p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
-        (channel('name = "a"', "q = 1", "r = 1", "p0 = -1"), "p0 must be"),
-        (channel('name = "a"', "q = 1", "r = 1", 'x0 = "x"'), "finite number or \"first\" (got 'x')"),
-        (channel('name = "a"', "q = 1", "r = 1", "x0 = 1"), "x0 needs p0"),
-        (channel('name = "a"', "q = 1", "r = 1", "unit = 5"), "unit of channel 'a' must be a text in quotes"),
-        (
-            channel('name = "a"', "q = 1", "r = 1") * 1 + '[[channel]]\nname = "a"\nq = 1\nr = 1',
-            "distinct names",
-        ),
-        (
-            "selected = 'z'\n" + channel('name = "a"', "q = 1", "r = 1"),
-            "selected must be one of ['a'] (got 'z')",
-        ),
-        ("source = 5\n" + channel('name = "a"', "q = 1", "r = 1"), "[source] must be a table (got 5)"),
-        (
-            "source.sample_period = 0\n" + channel('name = "a"', "q = 1", "r = 1"),
-            "sample_period must be a finite number above 0",
-        ),
-        ("source.sample_period = 'x'\n" + channel('name = "a"', "q = 1", "r = 1"), "must be a finite number"),
+        (only('p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
+        (only('x0 = "x"'), "finite number or \"first\" (got 'x')"),
+        (only("x0 = 1"), "x0 needs p0"),
+        (only("unit = 5"), "unit of channel 'a' must be a text in quotes"),
+        (only() + '[[channel]]\nname = "a"\nq = 1\nr = 1', "distinct names"),
+        ("selected = 'z'\n" + only(), "selected must be one of ['a'] (got 'z')"),
+        ("source = 5\n" + only(), "[source] must be a table (got 5)"),
+        ("source.sample_period = 0\n" + only(), "sample_period must be a finite number above 0"),
         ("not toml at all", "must be TOML text (got: "),
         ("x = " + "[" * 100_000, "must be TOML text (got brackets nested without end)"),
         ("x" * 1_000_001, "at most 1000000 characters (got 1000001)"),
@@ -407,47 +330,12 @@ def test_any_bytes_load_or_are_refused(tmp_path_factory: pytest.TempPathFactory,
 MOVING = replace(TWO, channels=(TWO.channels[0], replace(TWO.channels[1], momentum=20.5)))
 
 
-def test_a_tuning_without_momentum_is_written_as_a_file_that_older_programs_read() -> None:
-    text = dumps(TWO)
-    assert text.splitlines()[1] == "format = 1"
-    assert "momentum" not in text
-
-
 def test_a_tuning_with_momentum_is_written_as_a_file_that_older_programs_refuse() -> None:
     text = dumps(MOVING)
     assert text.splitlines()[1] == "format = 2"
     assert "momentum = 20.5 # how long the signal keeps its direction, in sample periods" in text
     assert text.count("\nmomentum") == 1
     assert loads(text) == MOVING
-
-
-def test_a_file_of_format_1_is_read_as_without_momentum() -> None:
-    assert [one.momentum for one in loads(ANNOTATED).channels] == [0.0, 0.0]
-
-
-def test_a_channel_of_format_2_may_leave_out_the_momentum() -> None:
-    (only,) = loads(moving("momentum = 0")).channels
-    assert only == loads(moving("")).channels[0]
-    assert only.momentum == 0.0
-
-
-def test_momentum_comes_and_goes_in_a_file_and_the_format_with_it(tmp_path: Path) -> None:
-    path = tmp_path / "t.toml"
-    path.write_text(ANNOTATED, encoding="utf-8")
-    save_tuning(replace(load_tuning(path), channels=MOVING.channels), path)
-    assert "format = 2 # do not touch" in path.read_text(encoding="utf-8")
-    assert load_tuning(path).channels == MOVING.channels
-    save_tuning(replace(load_tuning(path), channels=TWO.channels), path)
-    text = path.read_text(encoding="utf-8")
-    assert "format = 1 # do not touch" in text
-    assert "momentum" not in text
-    assert load_tuning(path).channels == TWO.channels
-
-
-def test_momentum_lasts_as_long_in_seconds_at_every_sample_period() -> None:
-    moved = MOVING.rescaled(0.02)
-    assert [one.momentum for one in moved.channels] == [0.0, 10.25]
-    assert [one.q for one in moved.channels] == [2e-3, 4.0]
 
 
 def test_a_rescaled_filter_with_momentum_sees_the_same_signal() -> None:
@@ -465,12 +353,6 @@ def test_a_rescaled_filter_with_momentum_sees_the_same_signal() -> None:
 # ---- the values
 
 
-def test_params_of_one_channel_are_its_scalars() -> None:
-    assert TWO.channel("b").params == FilterParams(2.0, 1.0, 4.0, -1.5)
-    with pytest.raises(BadSetting, match=r"one of a, b \(got 'z'\)"):
-        TWO.channel("z")
-
-
 @pytest.mark.parametrize(
     "make",
     [
@@ -478,12 +360,7 @@ def test_params_of_one_channel_are_its_scalars() -> None:
         lambda: Tuning((TWO.channels[0], TWO.channels[0])),
         lambda: replace(TWO, selected="z"),
         lambda: replace(TWO, sample_period=0.0),
-        lambda: replace(TWO, sample_period=math.nan),
         lambda: ChannelTuning("a", "", -1.0, 1.0),
-        lambda: ChannelTuning("a", "", 0.0, 0.0),
-        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=-1.0),
-        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=math.nan),
-        lambda: ChannelTuning("a", "", 1.0, 1.0, momentum=np.array([1.0])),  # type: ignore[arg-type]
         lambda: ChannelTuning("a", "", np.array([1.0, 2.0]), 1.0),  # type: ignore[arg-type]
     ],
 )
@@ -502,20 +379,11 @@ def test_q_follows_the_sample_period_and_nothing_else_does(old: float, new: floa
         assert replace(after, q=before.q) == before  # neither has momentum
 
 
-def test_rescaling_to_the_same_period_changes_no_bit() -> None:
-    assert TWO.rescaled(0.01) == TWO
-
-
 def test_rescaling_needs_both_periods() -> None:
     with pytest.raises(BadSetting, match="must be known"):
         replace(TWO, sample_period=None).rescaled(0.01)
     with pytest.raises(BadSetting, match="sample_period must be a finite number above 0"):
         TWO.rescaled(-1.0)
-
-
-@pytest.mark.parametrize(("other", "same"), [(0.01, True), (0.010001, True), (0.0101, False), (0.02, False)])
-def test_periods_are_the_same_within_the_resolution_of_time_stamps(other: float, same: bool) -> None:
-    assert same_period(0.01, other) is same
 
 
 def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters_as_before() -> None:
@@ -530,17 +398,3 @@ def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters
     assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)
 
 
-def test_only_the_channels_that_are_used_are_rescaled(tmp_path: Path) -> None:
-    slow, fast = ChannelTuning("slow", "", 1e-3, 1.0, momentum=9e4), ChannelTuning("fast", "", 0.5, 1.0)
-    tuning = Tuning((slow, fast), sample_period=1.0, selected="slow")
-    z, moments = np.arange(8.0), 0.01 * np.arange(8)
-    for names, channel in ((("slow", "fast"), "fast"), (("fast",), None)):
-        values = np.tile(z[:, None], len(names))
-        recording = Recording(moments, names, ("",) * len(names), values, sample_period=0.01)
-        found, notes = adapt_tuning(recording, tuning, channel=channel)
-        assert found == {"fast": replace(fast, q=0.005)}
-        assert "momentum" not in " ".join(notes)
-    path = tmp_path / "tuning.toml"
-    save_tuning(tuning, path)
-    (params,), notes = filters_for_stdin(path, {}, "fast", None, 0.01)
-    assert (params.q, "momentum" in " ".join(notes)) == (0.005, False)

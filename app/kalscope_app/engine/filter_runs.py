@@ -314,7 +314,7 @@ class FilterRuns:
 
     def _continued(self, state: State, used: StandardFilter | ChainFilter) -> FilterResult:
         def start() -> GrowingRun:
-            return GrowingRun(used.params if isinstance(used, StandardFilter) else used.start())
+            return GrowingRun(used.params if isinstance(used, StandardFilter) else used.stream())
 
         run = self._live.get(used, lambda: _LiveRun(start(), _first_of(state)))
         return _grown(run, state, start, lambda first: state.z[first:]).result

@@ -52,11 +52,8 @@ class Compiling:
     """Whether one is being compiled."""
 
     def __str__(self) -> str:
-        often = (
-            "at each start, because no cache folder is writable"
-            if _no_folder.is_set()
-            else "only at the first start"
-        )
+        each = "at each start, because no cache folder is writable"
+        often = each if _no_folder.is_set() else "only at the first start"
         return f"compiling for this computer, {often}: {self.done} done"
 
 

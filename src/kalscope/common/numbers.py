@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -56,6 +57,14 @@ def _number(value: object) -> float:
         return float(value)  # pyright: ignore[reportArgumentType] (the error is caught)
     except (TypeError, ValueError, OverflowError):
         return math.nan
+
+
+def bisect(is_below: Callable[[float], bool], low: float, high: float, steps: int = 64) -> tuple[float, float]:
+    """The last number for which `is_below`, and the first for which it is not, between `low` and `high`."""
+    for _ in range(steps):  # 64 are more than a double has bits
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_below(middle) else (low, middle)
+    return low, high
 
 
 # The median of a short window around each value; the median of a chain, which sees only the past, is a filter.

@@ -64,12 +64,6 @@ class Stop(threading.Event):
             self.interrupts = False
 
 
-def stopped_by(number: int, kept: str) -> str:
-    """The last line of a program that a signal ended: the name of the signal, and what is kept of the work."""
-    name = "Ctrl+C" if number == signal.SIGINT else signal.Signals(number).name
-    return f"stopped by {name}: {kept}"
-
-
 class _Ending:
     """What is known of the end of this program."""
 
@@ -81,7 +75,6 @@ class _Ending:
     """Of the command that ends itself."""
     is_own = False
     """Whether the command got the event, and ends itself."""
-    within = MAX_FINISH_S
     kept: Callable[[], str] = staticmethod(lambda: _NOTHING_KEPT)
 
     def __init__(self) -> None:
@@ -110,19 +103,18 @@ def ended_by_signals() -> Generator[None]:
 
 
 @contextmanager
-def stop_signals(kept: Callable[[], str] | None = None, *, within: float = MAX_FINISH_S) -> Generator[Stop]:
+def stop_signals(kept: Callable[[], str] | None = None) -> Generator[Stop]:
     """An event that Ctrl+C, SIGTERM or closing the terminal sets while the block runs; the block must then end.
 
     Args:
         kept: What to say of the work if the program has to be terminated, one line without control characters.
-        within: Time after which it is, s.
     """
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other thread
         yield stop
         return
     previous = _handle_signals()
-    _ending.stop, _ending.within = stop, within
+    _ending.stop = stop
     with said_at_stop(kept or _ending.kept):
         if _ending.number:
             stop.by(_ending.number)
@@ -211,7 +203,7 @@ def _watch(reader: socket.socket, _kept_open: socket.socket, numbers: frozenset[
         pass
     time.sleep(MAX_STOP_S)
     if _ending.is_own or _ending.stop is not None:
-        time.sleep(max(_ending.within - MAX_STOP_S, 0.0))
+        time.sleep(MAX_FINISH_S - MAX_STOP_S)
     _ending.number = _ending.number or number
     _end_now()
 
@@ -227,8 +219,10 @@ def _end_now() -> None:
 
 
 def _say() -> None:
+    """Write the last line: the name of the signal, and what is kept of the work."""
     with suppress(Exception):
-        os.write(2, f"kalscope: {stopped_by(_ending.number, _ending.kept())}\n".encode("utf-8", "replace"))
+        name = "Ctrl+C" if _ending.number == signal.SIGINT else signal.Signals(_ending.number).name
+        os.write(2, f"kalscope: stopped by {name}: {_ending.kept()}\n".encode("utf-8", "replace"))
 
 
 def _clean_up() -> None:

@@ -20,14 +20,7 @@ from kalscope.errors import BadSetting
 THIN_SPACE = "\u202f"
 """Narrow no-break space."""
 
-TIME_UNITS = (
-    ("ms", 1e-3),
-    ("s", 1.0),
-    ("min", 60.0),
-    ("h", 3600.0),
-    ("days", 86400.0),
-    ("years", 31557600.0),
-)
+TIME_UNITS = (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0), ("days", 86400.0), ("years", 31557600.0))
 """Units of a time axis and their length in s."""
 
 DURATIONS = (("µs", 1e-6), *TIME_UNITS)

@@ -12,13 +12,12 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, above_zero
+from kalscope.common.numbers import Array, above_zero, bisect
 from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
-from kalscope.filtering.filter import FilterResult, KalmanFilter, denoise
-from kalscope.filtering.params import FilterParams, one_record, samples_of, scalar, step_of
-from kalscope.filtering.steady import SETTLED as STEADY_SETTLED
-from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
+from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
+from kalscope.filtering.params import FilterParams, one_record, one_sample, scalar, step_of
+from kalscope.filtering.steady import SETTLED, SteadyState, at_period, params_of_gain, steady_state
 
 # Checks of the settings of the classic filters.
 
@@ -75,37 +74,51 @@ MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
 PER_SAMPLE = " cycles per sample"
 MAX_BETA = 1e300
 """Largest growth of a cut-off accepted: the unit of the signal may be anything."""
-SETTLED = 0.01
-"""A start is forgotten when 1 % of it is left."""
 BEYOND = 1e30
 """Angle beyond which the one-euro filter passes the sample itself: 1/(1 + 1e30) is below any rounding."""
 
 
+class _Stage:
+    """What the filters have in common."""
+
+    name: ClassVar[str]
+    _setting: ClassVar[str]
+
+    @property
+    def words(self) -> str:
+        """Its setting, for the user."""
+        return self._setting.format(self)
+
+
+class _Windowed(_Stage):
+    """A filter of the last samples."""
+
+    window: int
+    _setting: ClassVar[str] = "window of {0.window}"
+
+    @property
+    def start_samples(self) -> int:
+        """Samples until the start is forgotten."""
+        return self.window
+
+
 @dataclass(frozen=True)
-class MovingAverage:
+class MovingAverage(_Windowed):
     """Mean of the last `window` samples, or of fewer at the start."""
 
     window: int
     """Samples, 1 … 100,000."""
     name: ClassVar[str] = "Moving average"
+    constants: ClassVar = (1.0,)
+    """What its loop needs to know."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "window", whole("window", self.window, 1, MAX_WINDOW))
 
     @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"window of {self.window}"
-
-    @property
     def memory(self) -> int:
         """Numbers that it remembers: the window, two sums with their levels, the count and the output."""
         return self.window + 6
-
-    @property
-    def constants(self) -> tuple[float, ...]:
-        """What its loop needs to know."""
-        return (1.0,)
 
     @property
     def lag(self) -> float:
@@ -117,22 +130,14 @@ class MovingAverage:
         """Share of the variance of white noise that is left."""
         return 1.0 / self.window
 
-    @property
-    def start_samples(self) -> int:
-        """Samples until 1 % of the start is left."""
-        return self.window
 
-
-class _Smoothing:
+class _Smoothing(_Stage):
     """What exponential smoothing is, wherever its α comes from."""
 
     alpha: float
     """Share of each step that is taken."""
-
-    @property
-    def memory(self) -> int:
-        """Numbers that it remembers: the output, and what rounding left out of it."""
-        return 2
+    memory: ClassVar[int] = 2
+    """Numbers that it remembers: the output, and what rounding left out of it."""
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -162,14 +167,10 @@ class Exponential(_Smoothing):
     alpha: float
     """Share of each step that is taken, 2^-30 … 1."""
     name: ClassVar[str] = "Exponential"
+    _setting: ClassVar[str] = "α = {0.alpha:.4g}"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", number("alpha", self.alpha, MIN_ALPHA, 1.0))
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"α = {self.alpha:.4g}"
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ class PowerOfTwo(_Smoothing):
 
 
 @dataclass(frozen=True)
-class Median:
+class Median(_Windowed):
     """Median of the last `window` samples; the window begins filled with the first one."""
 
     window: int
@@ -199,51 +200,30 @@ class Median:
     name: ClassVar[str] = "Median"
     lag: ClassVar[None] = None
     noise_gain: ClassVar[None] = None
+    constants: ClassVar = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "window", odd_window("window", self.window))
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"window of {self.window}"
 
     @property
     def memory(self) -> int:
         """Numbers that it remembers: the window as it came, the same in order of size, and the output."""
         return 2 * self.window + 1
 
-    @property
-    def constants(self) -> tuple[float, ...]:
-        """What its loop needs to know: nothing."""
-        return ()
-
-    @property
-    def start_samples(self) -> int:
-        """Samples until the start is forgotten."""
-        return self.window
-
 
 @dataclass(frozen=True)
-class Butterworth:
+class Butterworth(_Stage):
     """Second-order low-pass, settled at the first sample."""
 
     cutoff: float
     """−3 dB frequency in cycles per sample, 1e-6 … 0.499."""
     name: ClassVar[str] = "2nd-order Butterworth"
+    _setting: ClassVar[str] = "cut-off {0.cutoff:.3g}"
+    memory: ClassVar[int] = 4
+    """Numbers that it remembers: output, level, what rounding left out of the level, slope."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cutoff", number("cutoff", self.cutoff, MIN_CUTOFF, MAX_CUTOFF, PER_SAMPLE))
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"cut-off {self.cutoff:.3g}"
-
-    @property
-    def memory(self) -> int:
-        """Numbers that it remembers: output, level, what rounding left out of the level, slope."""
-        return 4
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -279,7 +259,7 @@ class Butterworth:
 
 
 @dataclass(frozen=True)
-class OneEuro:
+class OneEuro(_Stage):
     """Exponential smoothing whose cut-off grows with the speed: smooth when still, quick when moving."""
 
     cutoff: float
@@ -289,25 +269,17 @@ class OneEuro:
     speed_cutoff: float
     """Cut-off of the speed itself, cycles per sample, 1e-12 … 1e9."""
     name: ClassVar[str] = "One-euro"
+    _setting: ClassVar[str] = "cut-off {0.cutoff:.3g}, β {0.beta:.2g}"
     lag: ClassVar[None] = None
     noise_gain: ClassVar[None] = None
+    memory: ClassVar[int] = 4
+    """Numbers that it remembers: output, what rounding left out of it, speed, time since the last sample."""
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "speed_cutoff"):
-            object.__setattr__(
-                self, name, number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE)
-            )
+            checked = number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE)
+            object.__setattr__(self, name, checked)
         object.__setattr__(self, "beta", number("beta", self.beta, 0.0, MAX_BETA))
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"cut-off {self.cutoff:.3g}, β {self.beta:.2g}"
-
-    @property
-    def memory(self) -> int:
-        """Numbers that it remembers: output, what rounding left out of it, speed, time since the last sample."""
-        return 4
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -360,12 +332,10 @@ class Chain:
     @property
     def words(self) -> str:
         """The chain for the user, within a sentence: "median of 5, then one-euro (cut-off 0.02, β 0.1)"."""
-        last = "Kalman" if self.then is None else f"{_lower(self.then.name)} ({self.then.words})"
+        last = "Kalman"
+        if self.then is not None:
+            last = f"{self.then.name[:1].lower()}{self.then.name[1:]} ({self.then.words})"
         return last if self.median == 1 else f"median of {self.median}, then {last}"
-
-
-def _lower(name: str) -> str:
-    return name[:1].lower() + name[1:]
 
 
 # A classic filter with its state: what a record, a stream and the float32 of a board all run.
@@ -401,11 +371,6 @@ class RunningStage:
         self._counters = np.zeros(1, dtype=np.int64)
         self._window = stage.window if isinstance(stage, Median) and stage.window > LONG_WINDOW else 0
 
-    @property
-    def x(self) -> float:
-        """The last output; NaN before the first finite sample."""
-        return float(self._state[0])
-
     def take(self, z: Floats, dt: Floats) -> Floats:
         """Take samples.
 
@@ -417,7 +382,8 @@ class RunningStage:
             The output after each, shape (n,), of the type to compute in.
         """
         samples, steps = (np.ascontiguousarray(values, dtype=self._kind) for values in (z, dt))
-        if self._window * len(samples) > MANY_MOVES and math.isnan(self.x) and _is_plain(samples):
+        is_long = self._window * len(samples) > MANY_MOVES and math.isnan(self._state[0])
+        if is_long and not np.signbit(samples[samples == 0.0]).any():  # scipy may take -0.0 for 0.0
             return self._long_median(samples)
         out = np.empty_like(samples)
         self._loop(samples, steps, self._constants, self._state, self._counters, out)
@@ -439,11 +405,6 @@ class RunningStage:
         return np.where(latest >= 0, medians[np.maximum(latest, 0)], np.nan)
 
 
-def _is_plain(z: Floats) -> bool:
-    """Whether no sample is -0.0, which scipy may take for 0.0."""
-    return not np.signbit(z[z == 0.0]).any()
-
-
 class RunningStages:
     """Classic filters in a row over one channel; a missing sample is missing for all of them."""
 
@@ -459,12 +420,12 @@ class RunningStages:
 
 
 class RunningChain:
-    """A chain over one channel, from its start on; bit for bit the same in pieces and in one go."""
+    """A chain over one channel, from its start on; bit for bit the same in pieces, one by one and in one go."""
 
-    def __init__(self, stages: tuple[Stage, ...], kalman: FilterParams | None) -> None:
-        """Args: the classic filters; the parameters of the Kalman filter behind them, scalars, or None."""
-        self._stages = RunningStages(stages)
-        self._kalman = None if kalman is None else KalmanFilter(kalman)
+    def __init__(self, chain: Chain, params: FilterParams) -> None:
+        """Args: the filters; the parameters of the Kalman filter that ends a chain without another, scalars."""
+        self._stages = RunningStages(chain.stages)
+        self._kalman = KalmanFilter(params) if chain.then is None else None
         self._before = math.nan
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
@@ -479,6 +440,12 @@ class RunningChain:
         innovation = samples - np.concatenate([[self._before], staged])[:-1]
         self._before = float(staged[-1]) if len(staged) else self._before
         return FilterResult(staged, unknown, unknown, innovation, unknown, math.nan, 0, 0)
+
+    def update(self, z: ArrayLike, dt: float | None = None) -> float:
+        """Take one sample and return the filtered value; arguments and errors as `KalmanFilter.update`."""
+        elapsed, sample = step_of(dt), one_sample(z)
+        x = self._before = float(self._stages.take(np.array([sample]), np.array([elapsed]))[0])
+        return x if self._kalman is None else self._kalman.update(math.nan if math.isnan(sample) else x, dt)
 
 
 # The bench: the lag and the noise gain, measured, of filters that are not a fixed sum of samples.
@@ -619,7 +586,7 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return replace(still, lag_samples=math.nan, noise_reduction_db=math.nan, cutoff_hz=math.nan)
         case MovingAverage():
             n = then.window
-            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - STEADY_SETTLED) * n, -math.expm1(-1.0) * n)
+            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n, -math.expm1(-1.0) * n)
         case Butterworth():
             gain = 0.5 * then.constants[2]
             settle, turn = BUTTERWORTH_SETTLED * then.lag, BUTTERWORTH_TURN * then.lag
@@ -679,52 +646,25 @@ def _run(chain: Chain, params: FilterParams) -> Run:
     return run
 
 
-def at_period(found: SteadyState, sample_period: float | None) -> SteadyState:
-    """What was found in samples, in s and Hz of a sample period; None where that is not known."""
-    if sample_period is None:
-        return replace(found, lag_s=None, cutoff_hz=None, time_constant_s=None)
-    return replace(
-        found,
-        lag_s=found.lag_samples * sample_period,
-        cutoff_hz=scalar(found.cutoff_hz) / sample_period,
-        time_constant_s=scalar(found.time_constant_s) * sample_period,
-    )
-
-
 def _smoothing(alpha: float) -> SteadyState:
     """Exponential smoothing is the Kalman filter of this gain, which has no variance of its own."""
-    passing = alpha >= 1.0
-    params = FilterParams(q=1.0, r=0.0) if passing else FilterParams(q=ratio_for(gain=alpha), r=1.0)
-    return replace(steady_state(params, 1.0), p=math.nan)
+    return replace(steady_state(params_of_gain(alpha), 1.0), p=math.nan)
 
 
 def _state(
     gain: float, stage: MovingAverage | Butterworth | Median, cutoff: float, settle: float, turn: float
 ) -> SteadyState:
     lag = math.nan if stage.lag is None else stage.lag
-    noise_db = math.nan if stage.noise_gain is None else -10.0 * math.log10(stage.noise_gain)
-    return SteadyState(
-        gain=gain,
-        p=math.nan,
-        lag_samples=lag,
-        lag_s=lag,
-        noise_reduction_db=noise_db + 0.0,  # 0 rather than -0
-        cutoff_hz=cutoff,
-        settle_samples=settle,
-        time_constant_s=turn,
-    )
+    noise = math.nan if stage.noise_gain is None else 0.0 - 10.0 * math.log10(stage.noise_gain)  # 0 rather than -0
+    return SteadyState(gain, math.nan, lag, lag, noise, cutoff, settle, turn)
 
 
 def _average_cutoff(window: int) -> float:
     """−3 dB frequency of a moving average, cycles per sample: sin(π f N) = √½ N sin(π f); NaN for a window of 1."""
     if window == 1:
         return math.nan
-    low, high = 0.0, 1.0 / window
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        above = math.sin(math.pi * middle * window) > math.sqrt(0.5) * window * math.sin(math.pi * middle)
-        low, high = (middle, high) if above else (low, middle)
-    return 0.5 * (low + high)
+    peak = math.sqrt(0.5) * window
+    return bisect(lambda f: math.sin(math.pi * f * window) > peak * math.sin(math.pi * f), 0.0, 1.0 / window)[0]
 
 
 # A chain at another sample period: cut-offs stay in hertz, windows and time constants in seconds.
@@ -778,18 +718,13 @@ def _share(alpha: float, ratio: float) -> float:
 
 
 @dataclass(frozen=True)
-class ChainFilter:
+class ChainFilter(Filter):
     """A chain with the parameters of the channel's Kalman filter, which runs where the chain names no other."""
 
     chain: Chain
     """The filters."""
     params: FilterParams
     """q, r, … of the channel; without effect where `chain.then` is a classic filter."""
-
-    @property
-    def is_standard(self) -> bool:
-        """False: q and r alone do not describe it."""
-        return False
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """Filter a record; arguments and errors as `kalman_filter`.
@@ -799,19 +734,11 @@ class ChainFilter:
             the Kalman filter predicted. p, k and s are those of the Kalman filter, NaN where another one is last.
             `loglik` is NaN and `m` 0: the samples behind a median are not independent measurements.
         """
-        return self.start().run(z, dt)
+        return self.stream().run(z, dt)
 
-    def denoise(self, z: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """The filtered signal only; arguments and errors as `denoise`."""
-        return self.run(z, dt).x
-
-    def start(self) -> RunningChain:
-        """The chain at its start, over a record that grows."""
-        return RunningChain(self.chain.stages, self.params if self.chain.then is None else None)
-
-    def stream(self) -> ChainStream:
-        """A `ChainStream`."""
-        return ChainStream(self)
+    def stream(self) -> RunningChain:
+        """The chain at its start: sample by sample, or over a record that grows."""
+        return RunningChain(self.chain, self.params)
 
     def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
         """Lag, noise reduction and settling once the start is forgotten.
@@ -829,48 +756,8 @@ class ChainFilter:
             BadSetting: the sample period is not a positive finite number.
         """
         period = None if sample_period is None else above_zero("sample_period", sample_period)
-        z = result.innovation + self._predicted(result)
-        return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)
-
-    def _predicted(self, result: FilterResult) -> Array:
-        """The predictions behind the innovations of a run, shape (n,); NaN at its first sample."""
-        before = np.full(result.x.shape, np.nan)
-        before[1:] = result.x[:-1]
+        predicted, tau = np.append(np.nan, result.x[:-1]), self.params.momentum
         if self.chain.then is None and result.velocity is not None:
-            tau = self.params.momentum
-            before[1:] -= tau * math.expm1(-1.0 / tau) * result.velocity[:-1]
-        return before
-
-
-class ChainStream:
-    """The streaming chain: one `update` per sample, equal to `ChainFilter.run` bit for bit."""
-
-    def __init__(self, made_of: ChainFilter) -> None:
-        self._stages = RunningStages(made_of.chain.stages)
-        self._kalman = KalmanFilter(made_of.params) if made_of.chain.then is None else None
-        self._x = math.nan
-
-    @property
-    def x(self) -> float:
-        """Filtered value, unit."""
-        return self._x if self._kalman is None else self._kalman.x
-
-    @property
-    def p(self) -> float:
-        """Posterior variance, unit²; NaN without a Kalman filter."""
-        return math.nan if self._kalman is None else self._kalman.p
-
-    @property
-    def k(self) -> float | Array:
-        """Gain of the last update, 0 … 1; NaN without a Kalman filter."""
-        return math.nan if self._kalman is None else self._kalman.k
-
-    def update(self, z: ArrayLike, dt: float | None = None) -> float:
-        """Take one sample and return the filtered value; arguments and errors as `KalmanFilter.update`."""
-        elapsed, sample = step_of(dt), samples_of(z)
-        if sample.ndim or np.isinf(sample):
-            raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        self._x = float(self._stages.take(sample.reshape(1), np.array([elapsed]))[0])
-        if self._kalman is None:
-            return self._x
-        return self._kalman.update(math.nan if np.isnan(sample) else self._x, dt)
+            predicted[1:] -= tau * math.expm1(-1.0 / tau) * result.velocity[:-1]
+        z = result.innovation + predicted
+        return at_period(chain_response(self.chain, self.params, (z, denoise(z, self.params))), period)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -428,12 +427,10 @@ def filter_pieces(
         yield first, one.take(piece, steps[first : first + PIECE], rows.part(0, len(piece)))
 
 
-class ContinuedFilter(Protocol):
-    """A filter with its state."""
+class Continued(Protocol):
+    """A filter with its state, which takes the rows that follow with `run`."""
 
-    def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
-        """Take the rows that follow."""
-        ...
+    def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult: ...  # noqa: D102
 
 
 class GrowingRun:
@@ -442,18 +439,13 @@ class GrowingRun:
     Earlier results do not change: they are views of rows that are written only once.
     """
 
-    def __init__(self, made_of: FilterParams | ContinuedFilter) -> None:
+    def __init__(self, made_of: FilterParams | Continued) -> None:
         """Args: the parameters; or another filter at its start."""
         self._filter = KalmanFilter(made_of) if isinstance(made_of, FilterParams) else made_of
         self._rows: dict[str, Array] = {}
         self._first = self._last = 0
-        self._sums = self._filter.run(np.empty(self._shape))
-
-    @property
-    def _shape(self) -> tuple[int, ...]:
-        """That of no row of z."""
-        fused = isinstance(self._filter, KalmanFilter) and self._filter.params.fuses
-        return (0, cast("KalmanFilter", self._filter).params.sensors) if fused else (0,)
+        nothing = (0, made_of.sensors) if isinstance(made_of, FilterParams) and made_of.fuses else (0,)
+        self._sums = self._filter.run(np.empty(nothing))
 
     def __len__(self) -> int:
         return self._last - self._first
@@ -468,9 +460,7 @@ class GrowingRun:
         for name, row in self._rows.items():
             row[self._last : end] = getattr(new, name)
         self._last = end
-        before = self._sums
-        sums = {name: getattr(before, name) + getattr(new, name) for name in ("loglik", "m", "rejected")}
-        self._sums = replace(before, **sums)
+        self._sums = _added(self._sums, new.loglik, new.m, new.rejected)
 
     def forget(self, count: int) -> None:
         """Drop the oldest `count` rows, at most all of them; later results do not change."""
@@ -565,73 +555,53 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     at = np.ascontiguousarray(indices, dtype=np.intp)
     if len(at) and not 0 <= at[0] <= at[-1] < len(samples):
         raise BadSetting(f"indices must be of z, 0 to {len(samples) - 1} (got {at[0]} to {at[-1]})")
-    run = _Run(samples, params, steps_of(dt, len(samples)), at)
-    run.filter_all()
-    return run.result
-
-
-class _Run:
-    """The run of a filter over a record."""
-
-    def __init__(self, z: Array, params: FilterParams, steps: Array, at: Indices) -> None:
-        self._one, self._z, self._steps, self._at = KalmanFilter(params), z, steps, at
-        self._first = self._picked = 0
-        self._rows = FilterRows.empty(params, min(PIECE, len(z)))
-        self.result = self._one.run(z[:0]).at(np.empty(0, dtype=np.intp))
-        self._kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in self.result.rows.items()}
-
-    def filter_all(self) -> None:
-        """Filter the whole record."""
-        params, retry = self._one.params, 0
-        has_lanes = params.reads_x and not params.momentum and params.gate is None and not len(self._steps)
-        while self._first < len(self._z):
-            piece = self._filter_piece()
-            cycle = cycle_of(piece.p, piece.k, piece.s) if has_lanes and self._first >= retry else None
-            if cycle is not None:
-                retry = self._filter_settled(cycle)
-        self.result = replace(self.result, **self._kept)
-
-    def _filter_piece(self) -> FilterResult:
-        """The next piece, sample by sample."""
-        first, last = self._first, min(self._first + PIECE, len(self._z))
-        z, params = self._z[first:last], self._one.params
-        quick = params.reads_x and params.gate is None  # without a gate an infinite sample spoils what follows it
-        readings = np.ascontiguousarray(z)[:, None] if quick else checked_readings(z, params, first)
-        piece = self._one.take(readings, self._steps[first:last], self._rows.part(0, last - first))
-        if quick and not (math.isfinite(piece.loglik) and abs(piece.x[-1]) < math.inf):
-            checked_readings(z, params, first)
-        end = int(np.searchsorted(self._at, last))
+    steps, one = steps_of(dt, len(samples)), KalmanFilter(params)
+    rows, result = FilterRows.empty(params, min(PIECE, len(samples))), one.run(samples[:0])
+    kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
+    has_lanes = params.reads_x and not params.momentum and params.gate is None and not len(steps)
+    first = picked = retry = 0
+    while first < len(samples):
+        piece = _filter_piece(one, samples, steps, first, rows)
+        last = first + len(piece.x)
+        end = int(np.searchsorted(at, last))
         for name, row in piece.rows.items():
-            self._kept[name][self._picked : end] = row[self._at[self._picked : end] - first]
-        self._first, self._picked = last, end
-        self._add(piece.loglik, piece.m, piece.rejected)
-        return piece
-
-    def _filter_settled(self, cycle: Cycle) -> int:
-        """Filter stretches in lanes, up to one with a missing sample; returns where lanes may be tried again."""
-        while True:
-            first, begin, kept = self._first, self._picked, self._kept
-            out = kept["x"][begin:], kept["innovation"][begin:]
-            stretch = filter_stretch(self._z[first:], cycle, self._one.x, self._at[begin:], first, out)
-            self._first = first + stretch.done
-            self._picked = end = begin + int(np.searchsorted(self._at[begin:], self._first))
-            phase = (self._at[begin:end] - first) % len(cycle.p)
-            for name, repeated in (("p", cycle.p), ("k", cycle.k), ("s", cycle.s)):
-                kept[name][begin:end] = repeated[phase]
-            self._one.advance(stretch.x)
-            self._add(stretch.loglik, stretch.done, 0)
+            kept[name][picked:end] = row[at[picked:end] - first]
+        result = _added(result, piece.loglik, piece.m, piece.rejected)
+        first, picked = last, end
+        cycle = cycle_of(piece.p, piece.k, piece.s) if has_lanes and first >= retry else None
+        while cycle is not None:  # stretches in lanes, up to one with a missing sample
+            out = kept["x"][picked:], kept["innovation"][picked:]
+            stretch = filter_stretch(samples[first:], cycle, one.x, at[picked:], first, out)
+            end = picked + int(np.searchsorted(at[picked:], first + stretch.done))
+            phase = (at[picked:end] - first) % len(cycle.p)
+            for name in ("p", "k", "s"):
+                kept[name][picked:end] = getattr(cycle, name)[phase]
+            one.advance(stretch.x)
+            result = _added(result, stretch.loglik, stretch.done, 0)
+            retry = first + stretch.tried
+            first, picked = first + stretch.done, end
             if stretch.done < stretch.tried or not stretch.tried:
-                return first + stretch.tried
-
-    def _add(self, loglik: Any, m: Any, rejected: Any) -> None:
-        before = self.result
-        self.result = replace(
-            before, loglik=before.loglik + loglik, m=before.m + m, rejected=before.rejected + rejected
-        )
+                cycle = None
+    return replace(result, **kept, params=None, dt=None)
 
 
-@dataclass(frozen=True)
-class Cycle:
+def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, rows: FilterRows) -> FilterResult:
+    """The next piece, sample by sample."""
+    z, params = samples[first : first + PIECE], one.params
+    quick = params.reads_x and params.gate is None  # without a gate an infinite sample spoils what follows it
+    readings = np.ascontiguousarray(z)[:, None] if quick else checked_readings(z, params, first)
+    piece = one.take(readings, steps[first : first + PIECE], rows.part(0, len(z)))
+    if quick and not (math.isfinite(piece.loglik) and abs(piece.x[-1]) < math.inf):
+        checked_readings(z, params, first)
+    return piece
+
+
+def _added(result: FilterResult, loglik: Any, m: Any, rejected: Any) -> FilterResult:
+    sums = {"loglik": result.loglik + loglik, "m": result.m + m, "rejected": result.rejected + rejected}
+    return replace(result, **sums)
+
+
+class Cycle(NamedTuple):
     """What repeats itself in a settled filter."""
 
     p: Array
@@ -641,25 +611,8 @@ class Cycle:
     s: Array
     """Their innovation variance."""
 
-    @cached_property
-    def block(self) -> tuple[Array, Array]:
-        """Gain, and 1/s, of one block."""
-        k, s = (np.tile(row, LANE_BLOCK // len(row)) for row in (self.k, self.s))
-        return k, 1.0 / s
 
-    @cached_property
-    def warm(self) -> int:
-        """Samples after which a lane no longer depends on where it began, most likely."""
-        return LANE_BLOCK * math.ceil(FORGOTTEN / (float(self.k.mean()) * LANE_BLOCK))
-
-    @cached_property
-    def norm(self) -> float:
-        """Mean of ln 2π + ln s."""
-        return math.log(2.0 * math.pi) + float(np.log(self.s).mean())
-
-
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(NamedTuple):
     """The result of filtering a stretch in lanes."""
 
     tried: int
@@ -693,7 +646,8 @@ def filter_stretch(
         first: what the first sample of z is counted as there.
         out: where x and innovation of these go, each of the shape of indices.
     """
-    warm = cycle.warm
+    # the samples after which a lane no longer depends on where it began, most likely
+    warm = LANE_BLOCK * math.ceil(FORGOTTEN / (float(cycle.k.mean()) * LANE_BLOCK))
     each = min((len(z) - warm) // LANES, max(MAX_LANE, 4 * warm)) // LANE_BLOCK * LANE_BLOCK
     if each < max(LANE_BLOCK, warm // 4):
         return Stretch(0, 0, x, 0.0)
@@ -701,41 +655,27 @@ def filter_stretch(
     end = np.searchsorted(indices, first + ends).astype(np.intp)
     begin = np.concatenate(([0], end[:-1])).astype(np.intp)
     tried = np.ascontiguousarray(z[: ends[-1]])
-    lanes, x, chi2 = filter_lanes(tried, warm, *cycle.block, x, indices[: end[-1]] - first, begin, end, out)
+    k, s = (np.tile(row, LANE_BLOCK // len(cycle.p)) for row in (cycle.k, cycle.s))
+    lanes, x, chi2 = filter_lanes(tried, warm, k, 1.0 / s, x, indices[: end[-1]] - first, begin, end, out)
     done = int(ends[lanes - 1]) if lanes else 0
-    loglik = -0.5 * (done * cycle.norm + chi2)
-    return Stretch(len(tried), done, float(x), loglik)
+    norm = math.log(2.0 * math.pi) + float(np.log(cycle.s).mean())
+    return Stretch(len(tried), done, float(x), -0.5 * (done * norm + chi2))
 
 
 # What every filter can do: the standard one, of q and r, and others beside it.
-#
-# A filter is a frozen, hashable value of its parameters: filters that are equal give equal results.
 
 
-class StreamingFilter(Protocol):
-    """One `update` per sample; `x`, `p` and `k` are the state after it."""
+class Streaming(Protocol):
+    """A filter with its state, which takes one sample with each `update`."""
 
-    @property
-    def x(self) -> float: ...  # noqa: D102
-
-    @property
-    def p(self) -> float: ...  # noqa: D102
-
-    @property
-    def k(self) -> float | Array: ...  # noqa: D102
-
-    def update(self, z: ArrayLike, dt: float | None = None) -> float:
-        """Take one sample and return the filtered value."""
-        ...
+    def update(self, z: ArrayLike, dt: float | None = None) -> float: ...  # noqa: D102
 
 
 class Filter(Protocol):
-    """A filter with its parameters."""
+    """A filter with its parameters, a frozen, hashable value: filters that are equal give equal results."""
 
-    @property
-    def is_standard(self) -> bool:
-        """Whether it is the Kalman filter of q and r alone: only that can be searched for, judged and mapped."""
-        ...
+    is_standard: ClassVar[bool] = False
+    """Whether it is the Kalman filter of q and r alone: only that can be searched for, judged and mapped."""
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """Filter a record; arguments and errors as `kalman_filter`."""
@@ -743,9 +683,9 @@ class Filter(Protocol):
 
     def denoise(self, z: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """The filtered signal only; arguments and errors as `denoise`."""
-        ...
+        return self.run(z, dt).x
 
-    def stream(self) -> StreamingFilter:
+    def stream(self) -> Streaming:
         """The same filter, sample by sample."""
         ...
 
@@ -760,15 +700,11 @@ class Filter(Protocol):
 
 
 @dataclass(frozen=True)
-class StandardFilter:
+class StandardFilter(Filter):
     """The scalar Kalman filter of q and r as a `Filter`."""
 
     params: FilterParams
-
-    @property
-    def is_standard(self) -> bool:
-        """True."""
-        return True
+    is_standard: ClassVar[bool] = True
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """`kalman_filter`."""

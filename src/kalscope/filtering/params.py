@@ -30,18 +30,18 @@ MAX_OFFSET = 1e200
 MIN_GAIN, MAX_GAIN = 1e-100, 1e100
 """Smallest and largest size of a gain."""
 
-_VARIANCE = "a finite variance from 0 to 1e300"
+_VARIANCE = "a finite variance from 0 to 1e300", 0.0, MAX_VARIANCE
 _MUST = {
     "q": _VARIANCE,
     "r": _VARIANCE,
     "p0": _VARIANCE,
-    "x0": "a finite number in the unit of the signal",
-    "gate": "a finite threshold on v²/s above 0, such as 9",
-    "momentum": "a number of sample periods from 0 to 1e5",
-    "offset": "a number of a size up to 1e200",
-    "gain": "a number of a size from 1e-100 to 1e100",
+    "x0": ("a finite number in the unit of the signal", -math.inf, math.inf),
+    "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), math.inf),
+    "momentum": ("a number of sample periods from 0 to 1e5", 0.0, MAX_MOMENTUM),
+    "offset": ("a number of a size up to 1e200", 0.0, MAX_OFFSET),
+    "gain": ("a number of a size from 1e-100 to 1e100", MIN_GAIN, MAX_GAIN),
 }
-"""What each parameter must be."""
+"""What each parameter must be: for messages, and its range or that of its size."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,12 +222,14 @@ def require_one_sensor(params: object) -> FilterParams:
 
 def _number(name: str, value: Any) -> float:
     """`value` as a float in the range that _MUST states."""
+    must, least, most = _MUST[name]
     try:
         number = float(value)
     except (TypeError, ValueError):
         number = math.nan
-    if not (math.isfinite(number) and _in_range(name, number)):
-        raise BadSetting(f"{name} must be {_MUST[name]} (got {value!r})")
+    size = abs(number) if name in ("offset", "gain") else number
+    if not (math.isfinite(number) and least <= size <= most):
+        raise BadSetting(f"{name} must be {must} (got {value!r})")
     return 0.0 if name == "momentum" and number < MIN_MOMENTUM else number
 
 
@@ -237,25 +239,13 @@ def _each(name: str, value: Any, sensors: int | None) -> Array:
         array = np.array(value, dtype=np.float64)
         array = np.full(sensors, array) if sensors and array.ndim == 0 else array
     except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be {_MUST[name]} (got {value!r})") from None
+        raise BadSetting(f"{name} must be {_MUST[name][0]} (got {value!r})") from None
     if array.ndim != 1 or array.size == 0 or (sensors is not None and array.shape != (sensors,)):
         raise BadSetting(f"{name} must have one value per sensor, as r (got {value})")
     for one in array.tolist():
         _number(name, one)
     array.setflags(write=False)
     return array
-
-
-def _in_range(name: str, value: float) -> bool:
-    if name == "x0":
-        return True
-    if name == "gate":
-        return value > 0.0
-    if name == "offset":
-        return abs(value) <= MAX_OFFSET
-    if name == "gain":
-        return MIN_GAIN <= abs(value) <= MAX_GAIN
-    return 0.0 <= value <= (MAX_MOMENTUM if name == "momentum" else MAX_VARIANCE)
 
 
 def _text(value: Any) -> str:
@@ -283,13 +273,22 @@ def samples_of(z: ArrayLike) -> Array:
     return array
 
 
-def one_channel(z: ArrayLike, params: FilterParams) -> Array:
-    """The samples z as float64, shape (n,), for functions of one signal of one sensor."""
-    require_one_sensor(params)
+def one_channel(z: ArrayLike, params: FilterParams | None = None) -> Array:
+    """The samples z as float64, shape (n,), for functions of one signal, of one sensor where `params` is given."""
+    if params is not None:
+        require_one_sensor(params)
     samples = samples_of(z)
     if samples.ndim != 1:
-        raise BadSetting(f"z must be one channel, shape (n,) (got {samples.shape})")
+        raise BadSetting(f"z must be one channel, shape (n,) (got shape {samples.shape})")
     return samples
+
+
+def one_sample(z: ArrayLike) -> float:
+    """The sample z, finite or NaN where missing."""
+    sample = samples_of(z)
+    if sample.ndim or np.isinf(sample):
+        raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
+    return float(sample)
 
 
 def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
@@ -307,7 +306,7 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
         must = f"have a column for each of the {params.sensors} sensors" if params.fuses else "have shape (n,)"
         raise BadSetting(f"z must {must} (got shape {z.shape})")
     rows = np.ascontiguousarray(z).reshape(-1, params.sensors)
-    if not params.fuses and params.reads_x:
+    if params.reads_x:
         refuse_infinite(rows[:, 0], first)
     elif max(np.fmax.reduce(rows.ravel(), initial=0.0), -np.fmin.reduce(rows.ravel(), initial=0.0)) > MAX_OFFSET:
         # the usual case is smaller: no gain or offset can make these infinite
@@ -325,9 +324,7 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
 
 def one_record(z: ArrayLike, dt: ArrayLike | None) -> tuple[Array, Array]:
     """The samples z of one channel, shape (n,), and the steps dt, checked and contiguous."""
-    samples = samples_of(z)
-    if samples.ndim != 1:
-        raise BadSetting(f"z must be one channel, shape (n,) (got shape {samples.shape})")
+    samples = one_channel(z)
     refuse_infinite(samples)
     return np.ascontiguousarray(samples), steps_of(dt, len(samples))
 

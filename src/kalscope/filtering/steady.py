@@ -6,16 +6,15 @@ import cmath
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
-from kalscope.common.numbers import Array, above_zero
+from kalscope.common.numbers import Array, above_zero, bisect
 from kalscope.errors import BadSetting
 from kalscope.filtering.kernels import transition
-from kalscope.filtering.params import MAX_MOMENTUM, FilterParams, require_params
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams, require_params, scalar
 
 # λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the filter has settled.
 #
@@ -26,15 +25,6 @@ from kalscope.filtering.params import MAX_MOMENTUM, FilterParams, require_params
 
 SETTLED = 0.01
 """Share of a step that is left at the settling time."""
-
-_TARGETS: dict[str, Target] = {
-    "gain": "gain",
-    "lag_samples": "lag",
-    "lag_s": "lag",
-    "cutoff_hz": "cutoff",
-    "noise_reduction_db": "noise",
-}
-"""The targets of `ratio_for`, as `ratio_with_momentum` names them."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +66,23 @@ def steady_state(params: FilterParams, sample_period: float | None = None) -> St
     require_params(params)
     period = None if sample_period is None else above_zero("sample_period", sample_period)
     return _one(params.q, float(params.as_single.r if params.fuses else params.r), params.momentum, period)
+
+
+@lru_cache(256)
+def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:
+    return at_period(_with_momentum(q, r, momentum) if momentum > 0.0 < q else _plain(q, r), period)
+
+
+def at_period(in_samples: SteadyState, sample_period: float | None) -> SteadyState:
+    """A state whose s and Hz are those of a period of 1, at this sample period; None where it is not known."""
+    if sample_period is None:
+        return replace(in_samples, lag_s=None, cutoff_hz=None, time_constant_s=None)
+    return replace(
+        in_samples,
+        lag_s=in_samples.lag_samples * sample_period,
+        cutoff_hz=scalar(in_samples.cutoff_hz) / sample_period,
+        time_constant_s=scalar(in_samples.time_constant_s) * sample_period,
+    )
 
 
 def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
@@ -125,26 +132,33 @@ def ratio_for(
     Raises:
         BadSetting: no target or several, one out of range, or one in s or Hz without a sample period.
     """
-    targets = {
-        "gain": gain,
-        "lag_samples": lag_samples,
-        "lag_s": lag_s,
-        "cutoff_hz": cutoff_hz,
-        "noise_reduction_db": noise_reduction_db,
-    }
+    targets = {"gain": gain, "lag_samples": lag_samples, "lag_s": lag_s}
+    targets |= {"cutoff_hz": cutoff_hz, "noise_reduction_db": noise_reduction_db}
     given = {name: value for name, value in targets.items() if value is not None}
     if len(given) != 1:
         raise BadSetting(f"exactly one of {', '.join(targets)} must be given (got {', '.join(given) or 'none'})")
     ((name, value),) = given.items()
     tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
-    target, value = _TARGETS[name], _in_samples(name, above_zero(name, value), sample_period)
-    if not tau:
-        return _ratio_without_momentum(target, value)
-    return ratio_with_momentum(target, 10.0 ** (-value / 10.0) if target == "noise" else value, tau)
+    value = _in_samples(name, above_zero(name, value), sample_period)
+    if tau:
+        return _ratio_with_momentum(name, value, tau)
+    if name == "gain":
+        return value * value / (1.0 - value)
+    if name == "cutoff_hz":
+        return value
+    if name == "noise_reduction_db":
+        rho = 10.0 ** (-value / 10.0)
+        return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
+    return 1.0 / value / (1.0 + value)
+
+
+def params_of_gain(gain: float) -> FilterParams:
+    """The random walk whose filter settles at this gain, 0 … 1."""
+    return FilterParams(1.0, 0.0) if gain >= 1.0 else FilterParams(gain * gain / (1.0 - gain), 1.0)
 
 
 def _in_samples(name: str, value: float, sample_period: float | None) -> float:
-    """The target as `ratio_with_momentum` takes it, but a noise reduction in dB."""
+    """A lag in samples, a cut-off f as 4 sin²(π f T); a gain and a noise reduction as they are."""
     if name == "gain" and value >= 1.0:
         raise BadSetting(f"gain must lie between 0 and 1 (got {value:g})")
     if name in ("lag_s", "cutoff_hz"):
@@ -160,40 +174,8 @@ def _in_samples(name: str, value: float, sample_period: float | None) -> float:
     return value
 
 
-def _ratio_without_momentum(target: Target, value: float) -> float:
-    if target == "gain":
-        return value * value / (1.0 - value)
-    if target == "lag":
-        return 1.0 / value / (1.0 + value)
-    if target == "noise":
-        rho = 10.0 ** (-value / 10.0)
-        return -4.0 * rho * rho / math.expm1(-0.2 * math.log(10.0) * value)
-    return value
-
-
-@lru_cache(256)
-def _one(q: float, r: float, momentum: float, period: float | None) -> SteadyState:
-    return (
-        _with_momentum(settle(q, r, momentum, SETTLED), r, period) if momentum > 0.0 < q else _plain(q, r, period)
-    )
-
-
-def _with_momentum(settled: Settled, r: float, period: float | None) -> SteadyState:
-    return SteadyState(
-        gain=settled.gain,
-        p=settled.gain * r,
-        lag_samples=settled.lag,
-        lag_s=None if period is None else settled.lag * period,
-        noise_reduction_db=0.0 - 10.0 * math.log10(settled.noise),  # 0 rather than -0
-        cutoff_hz=None if period is None else settled.cutoff / period,
-        settle_samples=settled.settling,
-        time_constant_s=None if period is None else settled.time_constant * period,
-        overshoot=settled.overshoot,
-        velocity_gain=settled.velocity_gain,
-    )
-
-
-def _plain(q: float, r: float, period: float | None) -> SteadyState:
+def _plain(q: float, r: float) -> SteadyState:
+    """The settled random walk, for a period of 1."""
     root_q, root_r = math.sqrt(q), math.sqrt(r)
     widest = root_q + math.hypot(root_q, 2.0 * root_r)  # √q + √(q + 4r)
     gain = 2.0 * root_q / widest
@@ -203,16 +185,7 @@ def _plain(q: float, r: float, period: float | None) -> SteadyState:
     constant = math.inf if decay == 0.0 else 1.0 / decay
     reduction = math.inf if gain == 0.0 else 10.0 * math.log10((2.0 - gain) / gain)
     cutoff = math.asin(0.5 * root_q / root_r) / math.pi if 0.5 * root_q <= root_r else math.nan
-    return SteadyState(
-        gain=gain,
-        p=gain * r,
-        lag_samples=lag,
-        lag_s=None if period is None else lag * period,
-        noise_reduction_db=reduction,
-        cutoff_hz=None if period is None else cutoff / period,
-        settle_samples=-math.log(SETTLED) * constant,
-        time_constant_s=None if period is None else constant * period,
-    )
+    return SteadyState(gain, gain * r, lag, lag, reduction, cutoff, -math.log(SETTLED) * constant, constant)
 
 
 # What a device must know about a momentum: the constants of one sample period, which never change.
@@ -296,24 +269,15 @@ class Pole:
         return size if self.z.real > 0.0 else size * (1.0 - 2.0 * np.mod(n, 2.0))
 
 
-@dataclass(frozen=True)
 class Model:
     """All settled filters of one momentum; `kept` is 1 - K, whose digits K near 1 would lose, `product` is P."""
 
-    tau: float
-    """τ in sample periods, above 0."""
-    e: float
-    """Share of the velocity that is left after a sample."""
-    forgotten: float
-    """φ = 1 - e."""
-    bend: float
-    """β, what the spectrum of the signal lacks at high frequencies, over q."""
-
-    @classmethod
-    def of(cls, tau: float) -> Model:
-        """The model of a momentum in sample periods, above 0."""
+    def __init__(self, tau: float) -> None:
+        """Args: τ in sample periods, above 0."""
         h = 1.0 / tau
-        return cls(tau, math.exp(-h), -math.expm1(-h), tau * _bend(h))
+        self.tau, self.e = tau, math.exp(-h)
+        self.forgotten = -math.expm1(-h)  # φ = 1 - e
+        self.bend = tau * _bend(h)  # β, what the spectrum of the signal lacks at high frequencies, over q
 
     def poles(self, ratio: float) -> tuple[Pole, Pole]:
         """The poles of λ = `ratio`, above 0."""
@@ -401,72 +365,47 @@ _FIRST = np.arange(200.0)
 """The first samples, where a fast oscillation has its minimum; that of a slow one is where its slope is 0."""
 
 
-@dataclass(frozen=True)
-class Settled:
-    """The settled filter x += K (z - ahead), v += L (z - ahead), and what it does; times in samples."""
-
-    gain: float
-    """K, the share of each innovation that is added to the estimate, 0 … 1."""
-    velocity_gain: float
-    """L, the share that is added to the velocity, per sample."""
-    lag: float
-    """Lag on a ramp."""
-    noise: float
-    """White noise, variance out to in, 0 … 1."""
-    cutoff: float
-    """-3 dB frequency in cycles per sample; NaN where there is none below ½."""
-    overshoot: float
-    """Overshoot of the step response, as a share of the step."""
-    settling: float
-    """Time after which no more than the share `left` of a step is missing or too much."""
-    time_constant: float
-    """Time until 63 % of a step is reached."""
-
-
-def settle(q: float, r: float, tau: float, left: float) -> Settled:
-    """The settled filter of q > 0, r ≥ 0 and τ > 0; `left` is the share of a step at the settling time."""
-    model = Model.of(tau)
+def _with_momentum(q: float, r: float, tau: float) -> SteadyState:
+    """The settled filter x += K (z - ahead), v += L (z - ahead) of q > 0, r ≥ 0 and τ > 0, for a period of 1."""
+    model = Model(tau)
     if r == 0.0:
         velocity_gain = model.velocity_gain(1.0, model.reach_without_noise())
-        return Settled(1.0, velocity_gain, 0.0, 1.0, math.nan, 0.0, 0.0, 0.0)
-    step = StepError.of(model, q / r)
+        return SteadyState(1.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0, 0.0, velocity_gain)
+    step = StepError(model, q / r)
     gain, kept, product = step.gain, step.kept, step.product
-    u = model.cutoff(gain, kept, product)
-    return Settled(
+    lag, u = model.forgotten * kept / product, model.cutoff(gain, kept, product)
+    return SteadyState(
         gain=gain,
-        velocity_gain=model.velocity_gain(gain, product / model.forgotten),
-        lag=model.forgotten * kept / product,
-        noise=model.noise(gain, kept, product),
-        cutoff=math.asin(0.5 * math.sqrt(u)) / math.pi if u <= 4.0 else math.nan,
+        p=gain * r,
+        lag_samples=lag,
+        lag_s=lag,
+        noise_reduction_db=0.0 - 10.0 * math.log10(model.noise(gain, kept, product)),  # 0 rather than -0
+        cutoff_hz=math.asin(0.5 * math.sqrt(u)) / math.pi if u <= 4.0 else math.nan,
+        settle_samples=step.last_above(SETTLED),
+        time_constant_s=step.first_below(math.exp(-1.0)),
         overshoot=step.overshoot(),
-        settling=step.last_above(left),
-        time_constant=step.first_below(math.exp(-1.0)),
+        velocity_gain=model.velocity_gain(gain, product / model.forgotten),
     )
 
 
 def overshoot_of(ratio: float, tau: float) -> float:
-    """The overshoot of `settle` alone, for q/r = `ratio`."""
-    return StepError.of(Model.of(tau), ratio).overshoot()
+    """The overshoot of `steady_state` alone, for q/r = `ratio`."""
+    return StepError(Model(tau), ratio).overshoot()
 
 
 class StepError:
     """What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1)."""
 
-    def __init__(self, gain: float, kept: float, product: float, poles: tuple[Pole, Pole]) -> None:
-        """Args: K and 1 - K, the product of the distances of the poles from 1, and the poles."""
-        self.gain, self.kept, self.product, self._poles = gain, kept, product, poles
-        total = (poles[0].z + poles[1].z).real
-        after_two = kept - (product - gain * (1.0 - total))
-        self._weights = kept, total * kept - after_two
-
-    @classmethod
-    def of(cls, model: Model, ratio: float) -> StepError:
+    def __init__(self, model: Model, ratio: float) -> None:
         """Args: the momentum, and q/r above 0."""
         ratio = min(max(ratio, MIN_RATIO), MAX_RATIO)
-        first, second = model.poles(ratio)
-        product = (first.d * second.d).real
-        reach = product / model.forgotten
-        return cls(model.gain(reach), min(1.0, reach * reach / ratio), product, (first, second))
+        first, second = self._poles = model.poles(ratio)
+        self.product = (first.d * second.d).real  # of the distances of the poles from 1
+        reach = self.product / model.forgotten
+        self.gain, self.kept = model.gain(reach), min(1.0, reach * reach / ratio)
+        total = (first.z + second.z).real
+        after_two = self.kept - (self.product - self.gain * (1.0 - total))
+        self._weights = self.kept, total * self.kept - after_two
 
     @functools.cached_property
     def _grid(self) -> tuple[Array, Array]:
@@ -545,33 +484,29 @@ class StepError:
 # From a target to the filter with momentum: the ratio at a given momentum, and the momentum of an overshoot.
 
 
-Target = Literal["gain", "lag", "noise", "cutoff"]
-
 MIN_MOMENTUM = 1.0 / 500.0
 """The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
 
 MAX_LOGIT = 700.0
 """Gains are searched for where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
-STEPS = 64
-"""Bisections of an interval: more than a double has bits."""
 
 
-def ratio_with_momentum(target: Target, value: float, momentum: float) -> float:
-    """The ratio λ = q/r of the settled filter that meets a target at a given momentum.
-
-    Args:
-        target: what `value` is: the gain K, 0 < K < 1; the lag on a ramp in samples; the share of white noise that
-            is left, below 1; or 4 sin²(π f) of the -3 dB frequency f in cycles per sample, at most 4.
-        value: above 0.
-        momentum: τ in sample periods, above 0.
-    """
-    model = Model.of(momentum)
-    if target == "lag":
-        return model.ratio_of_lag(value)
-    if target == "gain":
+def _ratio_with_momentum(name: str, value: float, momentum: float) -> float:
+    """The ratio λ = q/r at which the settled filter of a momentum above 0 meets a target of `_in_samples`."""
+    model = Model(momentum)
+    if name == "gain":
         return model.ratio(value, 1.0 - value)
-    seen = model.noise if target == "noise" else model.cutoff
-    return model.ratio(*_gain_where(lambda gain, kept: seen(gain, kept, model.product(gain, kept)) >= value))
+    if name.startswith("lag"):
+        return model.ratio_of_lag(value)
+    reached, least = model.cutoff, value
+    if name == "noise_reduction_db":
+        reached, least = model.noise, 10.0 ** (-value / 10.0)
+
+    def is_below(logit: float) -> bool:
+        gain, kept = _logistic(logit)
+        return reached(gain, kept, model.product(gain, kept)) < least
+
+    return model.ratio(*_logistic(bisect(is_below, -MAX_LOGIT, MAX_LOGIT)[1]))
 
 
 def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float]) -> float:
@@ -604,20 +539,8 @@ def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float])
         raise BadSetting(
             f"overshoot must be at most {possible:.4g} % of a step with this target (got {100.0 * overshoot:g} %)"
         )
-    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if within(math.exp(middle)) else (low, middle)
-    return math.exp(low)
-
-
-def _gain_where(reached: Callable[[float, float], bool]) -> tuple[float, float]:
-    """The least K, and 1 - K, for which `reached` is true, false below and true above."""
-    low, high = -MAX_LOGIT, MAX_LOGIT
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if reached(*_logistic(middle)) else (middle, high)
-    return _logistic(high)
+    ends = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
+    return math.exp(bisect(lambda log_momentum: within(math.exp(log_momentum)), *ends)[0])
 
 
 def _logistic(x: float) -> tuple[float, float]:

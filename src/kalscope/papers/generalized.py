@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from kalscope.common.compiled import compiled
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import FilterResult, KalmanFilter, kalman_filter
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, samples_of, step_of
-from kalscope.filtering.steady import SteadyState, ratio_for, steady_state
+from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, kalman_filter
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, one_sample, step_of
+from kalscope.filtering.steady import SteadyState, params_of_gain, steady_state
 
 
 @compiled(inline="always")
@@ -69,7 +69,7 @@ READINGS = ("printed", "without_slip")
 
 
 @dataclass(frozen=True)
-class GeneralizedParams:
+class GeneralizedParams(Filter):
     """Parameters of the generalized filter, the same for every channel.
 
     Raises:
@@ -100,54 +100,24 @@ class GeneralizedParams:
 
     @property
     def five_line_params(self) -> FilterParams:
-        """The five-line filter that the reading without the slip is: q = 0, r = σM, p0 = σE, x0 = E.
-
-        Raises:
-            BadSetting: the reading is the printed one, which no (q, r) describes.
-        """
-        if self.reading == "printed":
-            raise BadSetting('reading must be "without_slip" to have a q and an r (got "printed")')
+        """The five-line filter that the reading without the slip is: q = 0, r = σM, p0 = σE, x0 = E."""
         return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
-
-    @property
-    def is_standard(self) -> bool:
-        """False: in the printed reading it has no q and r, and it is not exported in either."""
-        return False
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
         """`generalized_filter`."""
         return generalized_filter(z, self, dt)
 
-    def denoise(self, z: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """The filtered signal of `run`."""
-        return self.run(z, dt).x
-
-    def stream(self) -> GeneralizedFilter:
-        """A `GeneralizedFilter`."""
-        return GeneralizedFilter(self)
+    def stream(self) -> KalmanFilter | PrintedStream:
+        """The same filter, sample by sample, equal to `generalized_filter` bit for bit."""
+        return KalmanFilter(self.five_line_params) if self.reading == "without_slip" else PrintedStream(self)
 
     def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
         """The Kalman filter that settles at the last gain of a run: its own gain follows the level."""
-        gain = float(result.k[-1])
-        if gain >= 1.0:
-            params = FilterParams(q=1.0, r=0.0)
-        else:
-            params = FilterParams(q=ratio_for(gain=gain) if gain > 0.0 else 0.0, r=1.0)
-        return steady_state(params, sample_period)
+        return steady_state(params_of_gain(float(result.k[-1])), sample_period)
 
 
-@dataclass(frozen=True)
-class FixedPoint:
-    """Where the printed filter settles on a constant signal."""
-
-    sigma_e: float
-    """Estimated error σE, unit."""
-    gain: float
-    """K = σE/(σE + σM), 0 … 1."""
-
-
-def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
-    """Where equation (3) as printed settles on a signal of constant `level` E: gain from the level alone.
+def printed_gain(level: float, sigma_m: float) -> float:
+    """The gain at which equation (3) as printed settles on a signal of constant `level` E.
 
     σE = (1 − K) E with K = σE/(σE + σM) gives σE² + σM σE − σM E = 0, so
     σE = (−σM + √(σM² + 4 E σM))/2. The map's slope there is −K, so it is reached with alternating sign, and more
@@ -167,7 +137,7 @@ def printed_fixed_point(level: float, sigma_m: float) -> FixedPoint:
     # s = σE/σM solves s² + s = E/σM; this form loses no digits where E is small against σM.
     u = level / sigma_m
     s = 2.0 * u / (1.0 + math.sqrt(1.0 + 4.0 * u))
-    return FixedPoint(sigma_e=sigma_m * s, gain=s / (1.0 + s))
+    return s / (1.0 + s)
 
 
 def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | None = None) -> FilterResult:
@@ -198,31 +168,11 @@ def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | 
     return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
 
 
-class GeneralizedFilter:
-    """The streaming generalized filter: one `update` per sample, equal to `generalized_filter` bit for bit.
-
-    `x`, `p` and `k` are E, σE and K after the last update.
-    """
+class PrintedStream:
+    """The filter of the printed reading with its state."""
 
     def __init__(self, params: GeneralizedParams) -> None:
-        self.params = params
-        self._kalman = KalmanFilter(params.five_line_params) if params.reading == "without_slip" else None
-        self._state = (*_start(params), 0.0)
-
-    @property
-    def x(self) -> float:
-        """Filtered value E, unit."""
-        return self._state[0] if self._kalman is None else self._kalman.x
-
-    @property
-    def p(self) -> float:
-        """Estimated error σE."""
-        return self._state[1] if self._kalman is None else self._kalman.p
-
-    @property
-    def k(self) -> float | Array:
-        """Gain of the last update, 0 … 1."""
-        return self._state[2] if self._kalman is None else self._kalman.k
+        self._params, self._state = params, _start(params)
 
     def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one sample and return the filtered value.
@@ -232,19 +182,15 @@ class GeneralizedFilter:
             dt: checked, ≥ 0, but without effect.
 
         Raises:
-            BadSetting: z is infinite or not one number; dt is negative; in the printed reading an estimate that
-                would not be above 0. The state stays.
+            BadSetting: z is infinite or not one number; dt is negative; an estimate that would not
+                be above 0. The state stays.
         """
-        if self._kalman is not None:
-            return self._kalman.update(z, dt)
         step_of(dt)
-        sample = samples_of(z)
-        if sample.ndim or np.isinf(sample):
-            raise BadSetting(f"z must be one finite number, or NaN where missing (got {z})")
-        e, sigma_e, k, _, _ = _step_printed(float(sample), self.params.sigma_m, *self._state[:2])
+        sample = one_sample(z)
+        e, sigma_e, _, _, _ = _step_printed(sample, self._params.sigma_m, *self._state)
         if e <= 0.0:
-            raise _not_above_zero("now", float(sample))
-        self._state = (e, sigma_e, k)
+            raise _not_above_zero("now", sample)
+        self._state = e, sigma_e
         return e
 
 

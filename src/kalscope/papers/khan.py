@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import ratio_for
-from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_fixed_point
-from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, ResultTable, Settings
+from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
+from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, Settings
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
@@ -42,36 +43,6 @@ RAMP = slice(500, 1300)
 """Samples of the LDR recording in which the brightness rises steadily."""
 
 
-@dataclass(frozen=True)
-class GainRow:
-    """One fixed gain on the LDR ramp."""
-
-    gain: float
-    """K, 0 … 1."""
-    lag: float
-    """Samples by which the output trails the ramp, measured: mean (z − x) over the slope."""
-    lag_theory: float
-    """(1 − K)/K."""
-    noise: float
-    """Standard deviation of the output's second differences over that of the raw signal's: what still jumps."""
-
-
-@dataclass(frozen=True)
-class LevelRow:
-    """The printed filter on a constant level."""
-
-    level: str
-    """The quantity and its unit."""
-    value: float
-    """E in that unit."""
-    sigma_m: float
-    """σM in that unit."""
-    formula: float
-    """Gain from the fixed point."""
-    simulated: float
-    """Gain after 5000 samples of that constant."""
-
-
 def without_slip(params: GeneralizedParams, sigma: float) -> GeneralizedParams:
     """The same start in the reading without the slip, where errors are variances: σM = sigma²."""
     first = params.sigma_e0 if params.sigma_e0 is not None else params.e0
@@ -83,22 +54,25 @@ def fixed_gain(gain: float, x0: float) -> FilterParams:
     return FilterParams(q=ratio_for(gain=gain), r=1.0, p0=gain, x0=x0)
 
 
-def try_gains() -> tuple[GainRow, ...]:
-    """Figure 10's gains on the LDR ramp, against the lag of a settled filter."""
+def try_gains() -> list[dict[str, float]]:
+    """Figure 10's gains on the LDR ramp: the lag in samples, as mean (z − x) over the slope and by theory.
+
+    `noise` is what still jumps: the deviation of the output's second differences over that of the raw ones.
+    """
     z = channel("ldr_pwm")
     ramp = np.arange(len(z))[RAMP]
     slope = float(np.polyfit(ramp, z[RAMP], 1)[0])
-    rows: list[GainRow] = []
+    rows: list[dict[str, float]] = []
     for gain in GAINS:
         x = denoise(z, fixed_gain(gain, float(z[0])))
         jumps = np.diff(x[RAMP], 2).std() / np.diff(z[RAMP], 2).std()
         lag = float(np.mean(z[RAMP] - x[RAMP])) / slope
-        rows.append(GainRow(gain, lag, (1.0 - gain) / gain, float(jumps)))
-    return tuple(rows)
+        rows.append({"gain": gain, "lag": lag, "lag_theory": (1.0 - gain) / gain, "noise": float(jumps)})
+    return rows
 
 
-def try_levels() -> tuple[LevelRow, ...]:
-    """The printed filter's gain at several levels, and for one temperature in three units."""
+def try_levels() -> list[dict[str, Any]]:
+    """The printed filter's gain by formula and by simulation, at several levels and in three units."""
     cases = (
         ("1 count", 1.0, 4.0),
         ("10 counts", 10.0, 4.0),
@@ -108,10 +82,12 @@ def try_levels() -> tuple[LevelRow, ...]:
         ("68 °F, the same", 68.0, 1.44),
         ("293.15 K, the same", 293.15, 0.8),
     )
-    return tuple(
-        LevelRow(name, level, sigma_m, printed_fixed_point(level, sigma_m).gain, _settled_gain(level, sigma_m))
-        for name, level, sigma_m in cases
-    )
+    rows: list[dict[str, Any]] = []
+    for name, level, sigma_m in cases:
+        settled = generalized_filter(np.full(5000, level), GeneralizedParams(sigma_m, e0=level)).k[-1]
+        row = {"level": name, "value": level, "sigma_m": sigma_m}
+        rows.append({**row, "formula": printed_gain(level, sigma_m), "simulated": float(settled)})
+    return rows
 
 
 def samples_to_recover(x: Array, reference: Array, within: float) -> int:
@@ -124,12 +100,12 @@ def expected_recovery(within: float) -> float:
     """Samples in which FLEX forgets its start, if its gain were the settled one at the first reading: linear."""
     first = float(channel("flex_sensor")[0])
     start = generalized_filter(channel("flex_sensor")[:1], FLEX).x[0] - first
-    return math.log(within / start) / math.log1p(-printed_fixed_point(first, FLEX.sigma_m).gain)
+    return math.log(within / start) / math.log1p(-printed_gain(first, FLEX.sigma_m))
 
 
 def expected_water_noise(params: GeneralizedParams) -> float:
     """√(K/(2 − K)) with the gain of the fixed point at 24 °C, the cold water."""
-    gain = printed_fixed_point(24.0, params.sigma_m).gain
+    gain = printed_gain(24.0, params.sigma_m)
     return math.sqrt(gain / (2.0 - gain))
 
 
@@ -148,10 +124,6 @@ def water_noise(params: GeneralizedParams) -> float:
 def channel(sample: str) -> Array:
     """The only channel of a recording of sample_data, shape (n,); shared, so not to be changed."""
     return open_sample(sample).values[:, 0]
-
-
-def _settled_gain(level: float, sigma_m: float) -> float:
-    return float(generalized_filter(np.full(5000, level), GeneralizedParams(sigma_m, e0=level)).k[-1])
 
 
 def _at_all_gains() -> tuple[Recording, tuple[FilterParams, ...]]:
@@ -188,51 +160,46 @@ def chapter(report: OnProgress) -> Chapter:
         blocks=(
             PROSE.figure("figure_1"),
             PROSE.table(
-                "levels", ({**asdict(row), "difference": abs(row.simulated - row.formula)} for row in levels)
+                "levels", ({**row, "difference": abs(row["simulated"] - row["formula"])} for row in levels)
             ),
             _figure_7(recovered),
             _figure_8(),
             _figure_9(smooth, honest),
             _figure_10(),
-            PROSE.table("gains", ({**asdict(row), "jumps": 100 * row.noise} for row in gains)),
+            PROSE.table("gains", ({**row, "jumps": 100 * row["noise"]} for row in gains)),
             _failure_table(),
         ),
         checks=_checks(gains, levels, recovered, smooth),
         results={
-            "fixed_point": [asdict(row) for row in levels],
+            "fixed_point": levels,
             "figure_7": {"samples_to_forget_the_start": recovered},
             "figure_9": {"noise_left_sigma_m_200": smooth, "noise_left_sigma_m_0_8": honest},
-            "figure_10": [asdict(row) for row in gains],
+            "figure_10": gains,
             "frozen_gain_after_1000": frozen_gain(1000),
         },
     )
 
 
 def _checks(
-    gains: Sequence[GainRow], levels: Sequence[LevelRow], recovered: int, smooth: float
+    gains: Sequence[dict[str, float]], levels: Sequence[dict[str, Any]], recovered: int, smooth: float
 ) -> tuple[Check, ...]:
     """What the figures show beside what the theory says."""
+    name, forgotten = "Figure 7: samples until a start at 1500 is forgotten", expected_recovery(3.0)
     return (
-        *(
-            Check(f"Printed filter at {row.level}: settled gain", row.simulated, row.formula, 1e-9, relative=True)
-            for row in levels
-        ),
+        *(_gain_check(row["level"], row["simulated"], row["formula"]) for row in levels),
         Check("Without the slip: gain after 1000 samples", frozen_gain(1000), 1e-3, 1e-12, relative=True),
-        Check(
-            "Figure 7: samples until a start at 1500 is forgotten",
-            recovered,
-            expected_recovery(3.0),
-            0.35,
-            relative=True,
-        ),
+        Check(name, recovered, forgotten, 0.35, relative=True),
         Check("Figure 9: noise left with σM = 200 °C", smooth, expected_water_noise(WATER), 0.15, relative=True),
-        *(
-            Check(
-                f"Figure 10: lag at K = {row.gain:g}, samples", row.lag, row.lag_theory, 0.2 + 0.03 * row.lag_theory
-            )
-            for row in gains
-        ),
+        *(_lag_check(row["gain"], row["lag"], row["lag_theory"]) for row in gains),
     )
+
+
+def _gain_check(level: str, simulated: float, formula: float) -> Check:
+    return Check(f"Printed filter at {level}: settled gain", simulated, formula, 1e-9, relative=True)
+
+
+def _lag_check(gain: float, lag: float, theory: float) -> Check:
+    return Check(f"Figure 10: lag at K = {gain:g}, samples", lag, theory, 0.2 + 0.03 * theory)
 
 
 def _samples_to_forget() -> int:
@@ -294,7 +261,7 @@ def _figure_10() -> Figure:
     return PROSE.figure("figure_10", panels)
 
 
-def _failure_table() -> ResultTable:
+def _failure_table() -> Figure:
     rows: list[dict[str, str]] = []
     cases = (
         ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
@@ -305,4 +272,4 @@ def _failure_table() -> ResultTable:
             generalized_filter(z, params)
         except BadSetting as error:
             rows.append({"signal": name, "answer": str(error)})
-    return PROSE.table("failures", rows, gain=printed_fixed_point(100.0, 4.0).gain)
+    return PROSE.table("failures", rows, gain=printed_gain(100.0, 4.0))

@@ -15,7 +15,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
 
@@ -23,12 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.charts import Line, Mark, Panel, raw_and_filtered
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, bisect
 from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose, ResultTable
+from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
@@ -52,50 +51,6 @@ SIMULATED_FIGURES = ((3, 1.0, 10.0), (4, 1.0, 1.0), (5, 1.0, 0.1), (6, 1.0, 0.01
 """Figure, R, Q of the MATLAB simulations."""
 ROBOT_FIGURES = (("9", 10.0, 0.1), ("10", 100.0, 0.1), ("10_text", 10.0, 0.01))
 """Figure, R, Q on the resting robot; figure 10 by its caption, then by the text."""
-
-
-@dataclass(frozen=True)
-class TableRow:
-    """One row of Table 1, reproduced; all errors in the unit of the signal."""
-
-    r: float
-    """Measurement noise R, unit²."""
-    q: float
-    """Process noise Q, unit²."""
-    printed: float
-    """Mean error as printed."""
-    simulated: float
-    """Mean error, average over draws; start x = 0, p0 = 0 as in the MATLAB appendix."""
-    theoretical: float
-    """c σ (1 − K) √(2/(2 − K)), settled filter, infinitely long signal."""
-    simulated_p0_1: float
-    """As `simulated`, start p0 = 1 as in section 2.3 and the Arduino appendix."""
-    rmse: float
-    """Root mean square of x − truth over the same draws, p0 = 0: what a user wants small."""
-    rmse_theoretical: float
-    """σ √(K/(2 − K)), settled filter."""
-
-
-@dataclass(frozen=True)
-class StartClue:
-    """What rows 3 and 4 of Table 1, with the same ratio, reveal about the start that the paper does not state."""
-
-    printed: float
-    """Printed difference, row 4 − row 3, unit."""
-    p0_zero: float
-    """Largest difference over the draws for p0 = 0: nothing but rounding."""
-    p0_one: float
-    """Mean difference for p0 = 1 over 100 samples."""
-    p0_one_spread: float
-    """Its standard deviation over draws."""
-    share: float
-    """Share of draws in which p0 = 1 comes as close to 0 as the printed difference."""
-    own_signals_spread: float
-    """Standard deviation of the difference if each row had a signal of its own."""
-    p0_needed: float
-    """p0 whose mean difference over 100 samples is the printed one, unit²."""
-    samples_needed: float
-    """Samples after which p0 = 1 leaves the printed difference on average."""
 
 
 def mean_error(z: ArrayLike, x: ArrayLike) -> float:
@@ -136,49 +91,47 @@ def appendix_signal(samples: int = SAMPLES, seed: int = SEED) -> Array:
     return (rng.random(samples) - rng.random(samples)) * 100.0
 
 
-def simulate_table(draws: int) -> tuple[TableRow, ...]:
-    """Table 1 over `draws` signals of 100 samples of white noise, σ = 72 around 0; the same ones for all rows."""
+def simulate_table(draws: int) -> list[dict[str, float]]:
+    """Table 1 over `draws` signals of 100 samples of white noise, σ = 72 around 0; the same ones for all rows.
+
+    The mean error is that of the start x = 0, p0 = 0 of the MATLAB appendix, and of p0 = 1 as in section 2.3.
+    """
     z = white_noise(draws)
-    rows: list[TableRow] = []
+    rows: list[dict[str, float]] = []
     for r, q, printed in PRINTED:
         x = kalman_filter(z, FilterParams(q=q, r=r, p0=0.0, x0=0.0)).x
         started_at_1 = kalman_filter(z, FilterParams(q=q, r=r, p0=1.0, x0=0.0)).x
-        row = TableRow(
-            r=r,
-            q=q,
-            printed=printed,
-            simulated=mean_error(z, x),
-            theoretical=theoretical_mean_error(q / r, SIGMA),
-            simulated_p0_1=mean_error(z, started_at_1),
-            rmse=float(np.sqrt(np.mean(x * x))),
-            rmse_theoretical=theoretical_rmse(q / r, SIGMA),
-        )
-        rows.append(row)
-    return tuple(rows)
+        row = {"r": r, "q": q, "printed": printed}
+        row |= {"simulated": mean_error(z, x), "theoretical": theoretical_mean_error(q / r, SIGMA)}
+        row |= {"simulated_p0_1": mean_error(z, started_at_1), "rmse": float(np.sqrt(np.mean(x * x)))}
+        rows.append({**row, "rmse_theoretical": theoretical_rmse(q / r, SIGMA)})
+    return rows
 
 
-def question_the_start(draws: int) -> StartClue:
-    """Rows 3 and 4 under different starts, over `draws` signals."""
+def question_the_start(draws: int) -> dict[str, Any]:
+    """What rows 3 and 4, of one ratio, reveal about the start that the paper does not state, over `draws` signals.
+
+    The difference row 4 − row 3 as printed, and for both starts; p0 = 1 comes as close to 0 as printed in a `share`
+    of the draws, and `p0_needed`, or p0 = 1 and `samples_needed`, give the printed one on average.
+    """
     z = white_noise(draws)
     printed = PRINTED[3][2] - PRINTED[2][2]
     zero, one = _row_difference(z, 0.0), _row_difference(z, 1.0)
-    some, low, high = z[:, :400], 0.0, 1.0
-    for _ in range(16):  # the difference grows with p0
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _row_difference(some, middle).mean() < printed else (low, middle)
+    some = z[:, :400]
+    low, high = bisect(lambda p0: bool(_row_difference(some, p0).mean() < printed), 0.0, 1.0, 16)  # grows with p0
     # What the start adds to the sum of |z − x| is spent after a few time constants; the mean dilutes it as 1/n.
     longer = white_noise(max(draws // 10, 20), samples=1000, seed=SEED + 1)
     errors = np.abs(z - kalman_filter(z, FilterParams(q=0.01, r=1.0, p0=0.0, x0=0.0)).x).mean(axis=0)
-    return StartClue(
-        printed=printed,
-        p0_zero=float(np.abs(zero).max()),
-        p0_one=float(one.mean()),
-        p0_one_spread=float(one.std()),
-        share=float(np.mean(np.abs(one) <= printed)),
-        own_signals_spread=math.sqrt(2.0) * float(errors.std()),
-        p0_needed=0.5 * (low + high),
-        samples_needed=1000.0 * float(_row_difference(longer, 1.0).mean()) / printed,
-    )
+    return {
+        "printed": printed,
+        "p0_zero": float(np.abs(zero).max()),  # nothing but rounding
+        "p0_one": float(one.mean()),
+        "p0_one_spread": float(one.std()),
+        "share": float(np.mean(np.abs(one) <= printed)),
+        "own_signals_spread": math.sqrt(2.0) * float(errors.std()),  # if each row had a signal of its own
+        "p0_needed": 0.5 * (low + high),
+        "samples_needed": 1000.0 * float(_row_difference(longer, 1.0).mean()) / printed,
+    }
 
 
 def _row_difference(z: Array, p0: float) -> Array:
@@ -205,11 +158,6 @@ def robot_recording() -> Recording:
 def robot_signal() -> Array:
     """Its readings, counts, shape (2000,); shared, so not to be changed."""
     return robot_recording().values[:, 0]
-
-
-def robot_filtered(r: float, q: float) -> Array:
-    """The resting robot as the Arduino appendix filters it: Xt_prev = 0, Pt_prev = 1; shape (2000,)."""
-    return denoise(robot_signal(), FilterParams(q=q, r=r, p0=1.0, x0=0.0))
 
 
 def _simulation(figure: int, r: float, q: float) -> Experiment:
@@ -245,54 +193,6 @@ EXPERIMENTS = (
 """What opens from this paper."""
 
 
-def matlab_appendix(zk: ArrayLike, r: float = 100.0, q: float = 1.0) -> Array:
-    """Appendix a of Ma'arif et al. (2019): xk = 0, Pk = 0, then predict, gain, update.
-
-    Args:
-        zk: the numbers that the appendix draws as (rand − rand)·100, shape (n,).
-        r: its R, unit².
-        q: its Q, unit².
-
-    Returns:
-        buff_xk, shape (n,).
-    """
-    xk, pk = 0.0, 0.0
-    buff_xk: list[float] = []
-    for z in np.asarray(zk, dtype=np.float64).tolist():
-        pk = pk + q
-        kk = pk / (pk + r)
-        xk = xk + (kk * (z - xk))
-        pk = (1 - kk) * pk
-        buff_xk.append(xk)
-    return np.array(buff_xk)
-
-
-def arduino_appendix(sensor_data: ArrayLike, r: float = 100.0, q: float = 1.0, number: Any = np.float64) -> Array:
-    """Appendix b of Ma'arif et al. (2019): Xt_prev = 0 as a global, Pt_prev = 1.
-
-    Args:
-        sensor_data: readings, shape (n,).
-        r: its R, unit².
-        q: its Q, unit².
-        number: np.float32, as a `float` on the board, or np.float64.
-
-    Returns:
-        KalmanFilterData after each reading, shape (n,), of the kind `number`.
-    """
-    one, noise, drift = number(1), number(r), number(q)
-    xt_prev, pt_prev = number(0), number(1)
-    kalman_filter_data: list[Any] = []
-    for reading in np.asarray(sensor_data, dtype=number):
-        xt_update = xt_prev
-        pt_update = pt_prev + drift
-        kt = pt_update / (pt_update + noise)
-        xt = xt_update + (kt * (reading - xt_update))
-        pt = (one - kt) * pt_update
-        xt_prev, pt_prev = xt, pt
-        kalman_filter_data.append(xt)
-    return np.array(kalman_filter_data, dtype=number)
-
-
 ADVISED = 100.0
 """The paper's recommended r/q."""
 RULE = (40.0, 55.0)
@@ -305,52 +205,6 @@ SWING, SWING_PERIOD = 300.0, 60
 """Amplitude in u and period in samples of the fast signal."""
 
 
-@dataclass(frozen=True)
-class AdviceTest:
-    """One kind of signal, filtered with each of RATIOS; errors in u, averages over draws."""
-
-    kind: str
-    """"stationary", "wandering" or "swinging"."""
-    best_ratio: float
-    """r/q of the smallest RMSE; 1e5 means: the largest one tried."""
-    best_rmse: float
-    """RMSE there."""
-    advised_rmse: float
-    """RMSE at r/q = 100."""
-    raw_rmse: float
-    """RMSE of the raw signal, no filter at all; its mean error is 0."""
-    ratios: list[float]
-    """RATIOS."""
-    rmse: list[float]
-    """Root mean square of x − truth at each of them."""
-    mean_error: list[float]
-    """Mean |z − x| at each."""
-
-    @property
-    def loss(self) -> float:
-        """How many times larger the RMSE is at the advised ratio than at the best one."""
-        return self.advised_rmse / self.best_rmse
-
-
-@dataclass(frozen=True)
-class RuleTest:
-    """Which settled filters the rule "mean error 40 to 55" admits on pure noise."""
-
-    ratios: tuple[float, float]
-    """Lowest and highest r/q that it admits at σ = 72."""
-    row_2: float
-    """Mean error of Table 1's row 2 (ratio 10), which the text calls too aggressive."""
-    sigma_too_small: float
-    """Below this σ, u, no filter at all reaches 40."""
-    sigma_too_large: float
-    """At this σ, u, ratio 100 exceeds the rule."""
-
-
-def try_advice(draws: int) -> tuple[AdviceTest, ...]:
-    """The three kinds of signal over `draws` draws each (the noise, and the walk)."""
-    return tuple(_test_one(kind, draws) for kind in ("stationary", "wandering", "swinging"))
-
-
 def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
     """The noise-free signals of a kind, shape (LENGTH, draws)."""
     if kind == "stationary":
@@ -361,7 +215,8 @@ def truth_of(kind: str, draws: int, rng: np.random.Generator) -> Array:
     return np.repeat(swing[:, None], draws, axis=1)
 
 
-def _test_one(kind: str, draws: int) -> AdviceTest:
+def try_advice(kind: str, draws: int) -> dict[str, Any]:
+    """A kind of signal, filtered with each of RATIOS; errors in u, averages over draws of noise and walk."""
     rng = np.random.default_rng(100)
     truth = truth_of(kind, draws, rng)
     z = truth + SIGMA * rng.standard_normal(truth.shape)
@@ -371,16 +226,21 @@ def _test_one(kind: str, draws: int) -> AdviceTest:
         rmse[i] = np.sqrt(np.mean((x - truth)[SETTLING:] ** 2))
         mean_error[i] = np.mean(np.abs(x - z)[SETTLING:])
     best = int(np.argmin(rmse))
-    return AdviceTest(
-        kind=kind,
-        ratios=RATIOS.tolist(),
-        rmse=rmse.tolist(),
-        mean_error=mean_error.tolist(),
-        best_ratio=float(RATIOS[best]),
-        best_rmse=float(rmse[best]),
-        advised_rmse=float(rmse[np.argmin(np.abs(np.log(RATIOS / ADVISED)))]),
-        raw_rmse=float(np.sqrt(np.mean((z - truth)[SETTLING:] ** 2))),
-    )
+    return {
+        "kind": kind,
+        "best_ratio": float(RATIOS[best]),  # 1e5 means: the largest one tried
+        "best_rmse": float(rmse[best]),
+        "advised_rmse": float(rmse[np.argmin(np.abs(np.log(RATIOS / ADVISED)))]),
+        "raw_rmse": float(np.sqrt(np.mean((z - truth)[SETTLING:] ** 2))),  # no filter at all; its mean error is 0
+        "ratios": RATIOS.tolist(),
+        "rmse": rmse.tolist(),
+        "mean_error": mean_error.tolist(),
+    }
+
+
+def loss(test: dict[str, Any]) -> float:
+    """How many times larger the RMSE is at the advised ratio than at the best one."""
+    return test["advised_rmse"] / test["best_rmse"]
 
 
 def swinging_rmse(ratio: float) -> float:
@@ -394,27 +254,24 @@ def swinging_rmse(ratio: float) -> float:
     return math.sqrt((SWING * lost) ** 2 / 2.0 + SIGMA**2 * gain / (2.0 - gain))
 
 
-def judge_rule() -> RuleTest:
-    """The rule of thumb on white noise around a constant, by the formula of the mean error."""
+def judge_rule() -> dict[str, Any]:
+    """Which settled filters the rule of thumb admits on white noise around a constant.
+
+    The lowest and the highest r/q at σ = 72; the mean error of Table 1's row 2, which the text calls too
+    aggressive; the σ below which no filter reaches 40, and the one at which ratio 100 exceeds the rule.
+    """
     low, high = RULE
-    per_sigma = theoretical_mean_error(1.0 / ADVISED, 1.0)
-    return RuleTest(
-        ratios=(_ratio_of(low, SIGMA), _ratio_of(high, SIGMA)),
-        row_2=theoretical_mean_error(0.1, SIGMA),
-        sigma_too_small=low / math.sqrt(2.0 / math.pi),  # K → 0: the mean error is c σ at most
-        sigma_too_large=high / per_sigma,
-    )
+    return {
+        "ratios": (_ratio_of(low, SIGMA), _ratio_of(high, SIGMA)),
+        "row_2": theoretical_mean_error(0.1, SIGMA),
+        "sigma_too_small": low / math.sqrt(2.0 / math.pi),  # K → 0: the mean error is c σ at most
+        "sigma_too_large": high / theoretical_mean_error(1.0 / ADVISED, 1.0),
+    }
 
 
 def _ratio_of(mean_error: float, sigma: float) -> float:
     """The r/q whose settled filter has this mean error on white noise; it grows with the ratio."""
-    low, high = -6.0, 12.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        if theoretical_mean_error(10.0**-middle, sigma) < mean_error:
-            low = middle
-        else:
-            high = middle
+    low, high = bisect(lambda place: theoretical_mean_error(10.0**-place, sigma) < mean_error, -6.0, 12.0)
     return 10.0 ** (0.5 * (low + high))
 
 
@@ -445,7 +302,7 @@ def figures_9_and_10() -> Figure:
     panels: list[Panel] = []
     words: list[str] = []
     for label, r, q in ROBOT_FIGURES:
-        x = robot_filtered(r, q)
+        x = denoise(z, FilterParams(q=q, r=r, p0=1.0, x0=0.0))  # Pt_prev = 1 and Xt_prev = 0, as on the Arduino
         source = {"9": "Figure 9", "10": "Figure 10, caption", "10_text": "Figure 10, text"}[label]
         title = f"{source}: R = {r:g}, Q = {q:g}"
         for start, stop, limits in ((0, 500, (0.0, 400.0)), (1000, 1500, (290.0, 390.0))):
@@ -457,13 +314,13 @@ def figures_9_and_10() -> Figure:
     return PROSE.figure("figures_9_and_10", panels, numbers="; ".join(words))
 
 
-def advice_figure(tests: Sequence[AdviceTest]) -> Figure:
+def advice_figure(tests: Sequence[dict[str, Any]]) -> Figure:
     """RMSE and mean error over the ratio for the three kinds of signal."""
     panels: list[Panel] = []
     for test, title in zip(tests, ("stationary", "wandering, true r/q = 100", "swinging, 60 samples"), strict=True):
         lines = (
-            Line(RATIOS, test.rmse, "RMSE against the truth", "s1"),
-            Line(RATIOS, test.mean_error, "mean error against the raw signal", "s2"),
+            Line(RATIOS, test["rmse"], "RMSE against the truth", "s1"),
+            Line(RATIOS, test["mean_error"], "mean error against the raw signal", "s2"),
         )
         marks = (Mark(ADVISED, "100"), Mark(RULE[0], "40", "y"), Mark(RULE[1], "55", "y"))
         panels.append(Panel(title, lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
@@ -481,99 +338,73 @@ def chapter(effort: Effort, report: OnProgress) -> Chapter:
     report(0.2, "rows 3 and 4 of Table 1")
     clue = question_the_start(effort.table_draws)
     report(0.5, "the advice on three kinds of signal")
-    advice, rule = try_advice(effort.limit_draws), judge_rule()
+    advice = [try_advice(kind, effort.limit_draws) for kind in ("stationary", "wandering", "swinging")]
+    rule = judge_rule()
     report(0.9, "figures 1 to 10")
-    same = compare_appendices()
     return PROSE.chapter(
         blocks=(
             figure_1(),
             PROSE.figure("figure_2"),
             figures_3_to_8(),
             table_1(table, effort.table_draws),
-            PROSE.table("start", percent=100 * clue.share, about=round(clue.samples_needed, -2), **asdict(clue)),
+            PROSE.table("start", percent=100 * clue["share"], about=round(clue["samples_needed"], -2), **clue),
             advice_figure(advice),
             _advice_table(advice),
-            PROSE.table("rule", **asdict(rule)),
+            PROSE.table("rule", **rule),
             figures_9_and_10(),
-            PROSE.table("appendix", [{}], **same),
         ),
-        checks=checks(table, clue, advice, rule, same),
+        checks=checks(table, clue, advice, rule),
         results={
             "sigma": SIGMA,
-            "table_1": [asdict(row) for row in table],
-            "rows_3_and_4": asdict(clue),
-            "ratio_100": [asdict(test) for test in advice],
-            "mean_error_40_to_55": asdict(rule),
-            "appendices": same,
+            "table_1": table,
+            "rows_3_and_4": clue,
+            "ratio_100": advice,
+            "mean_error_40_to_55": rule,
         },
     )
 
 
 def checks(
-    table: Sequence[TableRow], clue: StartClue, advice: Sequence[AdviceTest], rule: RuleTest, same: dict[str, float]
+    table: Sequence[dict[str, float]],
+    clue: dict[str, float],
+    advice: Sequence[dict[str, Any]],
+    rule: dict[str, Any],
 ) -> tuple[Check, ...]:
     """Every number of this chapter that must hold, with its tolerance."""
     rows: list[Check] = []
     for i, row in enumerate(table, 1):
-        name = f"Table 1, row {i} (R = {row.r:g}, Q = {row.q:g}): mean error"
-        rows.append(Check(f"{name}, simulated", row.simulated, row.printed, TABLE_TOLERANCE, relative=True))
-        rows.append(Check(f"{name}, theory", row.theoretical, row.printed, TABLE_TOLERANCE, relative=True))
+        name = f"Table 1, row {i} (R = {row['r']:g}, Q = {row['q']:g}): mean error"
+        for word, key in (("simulated", "simulated"), ("theory", "theoretical")):
+            rows.append(Check(f"{name}, {word}", row[key], row["printed"], TABLE_TOLERANCE, relative=True))
     still, wander, swing = advice
+    swing_theory, still_theory = swinging_rmse(ADVISED), theoretical_rmse(1.0 / ADVISED, SIGMA)
+    middle, half = 0.5 * sum(RULE), 0.5 * (RULE[1] - RULE[0])
     return (
         *rows,
-        Check("Rows 3 and 4 from p0 = 0: difference", clue.p0_zero, 0.0, 1e-9),
-        Check("Rows 3 and 4 from p0 = 1, 100 samples: difference", clue.p0_one, 0.45, 0.03),
-        Check("Stationary signal: best ratio is the largest tried", still.best_ratio, 1e5, 0.0),
-        Check("Signal that wanders with r/q = 100: RMSE at 100 over the best", wander.loss, 1.0, 0.01),
-        Check(
-            "Signal that swings: RMSE at ratio 100", swing.advised_rmse, swinging_rmse(ADVISED), 0.02, relative=True
-        ),
-        Check(
-            "Stationary signal: RMSE at ratio 100",
-            still.advised_rmse,
-            theoretical_rmse(1.0 / ADVISED, SIGMA),
-            0.03,
-            relative=True,
-        ),
-        Check("Rule 40 to 55 admits ratio 10: its mean error", rule.row_2, sum(RULE) / 2, (RULE[1] - RULE[0]) / 2),
-        Check("MATLAB appendix, largest difference", same["matlab"], 0.0, 1e-12),
-        Check("Arduino appendix in double, largest difference / 338", same["arduino_double"] / 338.0, 0.0, 1e-12),
-        Check("Arduino appendix in float, largest difference in counts", same["arduino_float"], 0.0, 1e-3),
+        Check("Rows 3 and 4 from p0 = 0: difference", clue["p0_zero"], 0.0, 1e-9),
+        Check("Rows 3 and 4 from p0 = 1, 100 samples: difference", clue["p0_one"], 0.45, 0.03),
+        Check("Stationary signal: best ratio is the largest tried", still["best_ratio"], 1e5, 0.0),
+        Check("Signal that wanders with r/q = 100: RMSE at 100 over the best", loss(wander), 1.0, 0.01),
+        Check("Signal that swings: RMSE at ratio 100", swing["advised_rmse"], swing_theory, 0.02, relative=True),
+        Check("Stationary signal: RMSE at ratio 100", still["advised_rmse"], still_theory, 0.03, relative=True),
+        Check("Rule 40 to 55 admits ratio 10: its mean error", rule["row_2"], middle, half),
     )
 
 
-def compare_appendices() -> dict[str, float]:
-    """Largest |appendix − kalman_filter|, in the unit of the signal: u, and counts for the Arduino."""
-    z, counts = appendix_signal(), robot_signal()
-    matlab = kalman_filter(z, FilterParams(q=1.0, r=100.0, p0=0.0, x0=0.0)).x
-    arduino = kalman_filter(counts, FilterParams(q=1.0, r=100.0, p0=1.0, x0=0.0)).x
-    return {
-        "matlab": _largest(matlab_appendix(z) - matlab),
-        "arduino_double": _largest(arduino_appendix(counts) - arduino),
-        "arduino_float": _largest(arduino_appendix(counts, number=np.float32) - arduino),
-        "matlab_sigma": 100.0 / 6.0**0.5,
-        "matlab_mean_error": mean_error(z, matlab),
-    }
-
-
-def table_1(rows: Sequence[TableRow], draws: int) -> ResultTable:
+def table_1(rows: Sequence[dict[str, float]], draws: int) -> Figure:
     """Table 1 with the printed, simulated and theoretical mean error side by side."""
-    off = [100 * (row.simulated / row.printed - 1) for row in rows]
+    off = [100 * (row["simulated"] / row["printed"] - 1) for row in rows]
     cells = [
-        {**asdict(row), "i": i + 1, "ratio": row.r / row.q, "off": f"{off[i]:+.2f}".replace("-", "−")}
+        {**row, "i": i + 1, "ratio": row["r"] / row["q"], "off": f"{off[i]:+.2f}".replace("-", "−")}
         for i, row in enumerate(rows)
     ]
     worst = max(map(abs, off))
     return PROSE.table("table_1", cells, sigma=SIGMA, samples=SAMPLES, draws=draws, worst=worst)
 
 
-def _advice_table(tests: Sequence[AdviceTest]) -> ResultTable:
+def _advice_table(tests: Sequence[dict[str, Any]]) -> Figure:
     def best(ratio: float) -> str:
         return "≥ 100,000" if ratio >= RATIOS[-1] else f"{ratio:.3g}"
 
-    rows = ({**vars(test), "loss": test.loss, "best": best(test.best_ratio)} for test in tests)
+    rows = ({**test, "loss": loss(test), "best": best(test["best_ratio"])} for test in tests)
     return PROSE.table("advice", rows)
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values)))

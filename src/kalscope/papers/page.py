@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 from kalscope.common.charts import document, markup_of_table
-from kalscope.papers.parts import Chapter, Check, Figure, ResultTable
+from kalscope.papers.parts import Chapter, Check, Figure
 
 
-def page(chapters: Sequence[Chapter], disagreements: Sequence[Disagreement], version: str) -> str:
+def page(chapters: Sequence[Chapter], disagreements: Sequence[dict[str, str]], version: str) -> str:
     """The whole page as text.
 
     Args:
@@ -49,7 +48,7 @@ def _summary(checks: Sequence[Check]) -> str:
 
 
 def _chapter(chapter: Chapter) -> str:
-    blocks = "".join(_figure(b) if isinstance(b, Figure) else _table(b) for b in chapter.blocks)
+    blocks = "".join(map(_figure, chapter.blocks))
     intro = "".join(f"<p>{escape(text)}</p>" for text in chapter.intro)
     return (
         f'<section id="{chapter.key}"><h2>{escape(chapter.title)}</h2>'
@@ -57,23 +56,15 @@ def _chapter(chapter: Chapter) -> str:
     )
 
 
-def _figure(figure: Figure) -> str:
+def _figure(one: Figure) -> str:
     return (
-        f'<h3>{escape(figure.title)}</h3><figure><div class="wide">{figure.svg}</div>'
-        f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
-        f'<p class="verdict">{escape(figure.verdict)}</p>'
+        f"<h3>{escape(one.title)}</h3><figure>{one.body}<figcaption>{escape(one.caption)}</figcaption></figure>"
+        f'<p class="verdict">{escape(one.verdict)}</p>'
     )
 
 
-def _table(one: ResultTable) -> str:
-    return (
-        f"<h3>{escape(one.title)}</h3>{markup_of_table(one.head, one.rows, 'words' if one.words else '')}"
-        f'<p class="caption">{escape(one.caption)}</p><p class="verdict">{escape(one.verdict)}</p>'
-    )
-
-
-def _disagreements(disagreements: Sequence[Disagreement]) -> str:
-    rows = [(d.document, d.where, d.one, d.other, d.here) for d in disagreements]
+def _disagreements(disagreements: Sequence[dict[str, str]]) -> str:
+    rows = [[d[key] for key in ("document", "where", "one", "other", "here")] for d in disagreements]
     head = ("document", "where", "it says", "it also says", "done here")
     return (
         '<section id="disagreements"><h2>Where a paper disagrees with itself</h2>'
@@ -99,23 +90,6 @@ def _checks(checks: Sequence[Check]) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """Two statements of one document that cannot both hold."""
-
-    document: str
-    """Which document, in short."""
-    where: str
-    """Equations, figures, sections."""
-    one: str
-    """The one statement."""
-    other: str
-    """The other."""
-    here: str
-    """What Kalscope does."""
-
-
-def list_disagreements() -> tuple[Disagreement, ...]:
-    """All of them, in the order of the documents."""
-    texts = tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))
-    return tuple(Disagreement(**one) for one in texts["disagreement"])
+def list_disagreements() -> list[dict[str, str]]:
+    """Pairs of statements of one document that cannot both hold, and what is done here."""
+    return tomllib.loads((Path(__file__).parent / "disagreements.toml").read_text(encoding="utf-8"))["disagreement"]

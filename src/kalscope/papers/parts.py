@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from kalscope.common.charts import Panel, draw_svg
+from kalscope.common.charts import Panel, draw_svg, markup_of_table
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.recording import Recording
@@ -64,34 +64,16 @@ class Check:
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture with its words."""
+    """A picture or a table with its words."""
 
     title: str
-    """The document's own number and what is drawn."""
-    svg: str
-    """The picture, an inline <svg> element."""
+    """The document's own number and what is drawn, or what the table holds."""
+    body: str
+    """The picture or the table, HTML."""
     caption: str
-    """What was drawn, and with which settings."""
+    """What was drawn, and with which settings; how the numbers were made."""
     verdict: str
-    """One sentence: does it look as the document says?"""
-
-
-@dataclass(frozen=True)
-class ResultTable:
-    """Numbers with their words."""
-
-    title: str
-    """What the table holds."""
-    head: tuple[str, ...]
-    """Column headings."""
-    rows: tuple[tuple[str, ...], ...]
-    """Cells, as text; one per heading."""
-    caption: str
-    """How the numbers were made."""
-    verdict: str
-    """One sentence: what they say."""
-    words: bool = False
-    """Whether the cells are sentences, not numbers."""
+    """One sentence: does it look as the document says? What do the numbers say?"""
 
 
 @dataclass(frozen=True)
@@ -106,7 +88,7 @@ class Chapter:
     """Authors, place and year."""
     intro: tuple[str, ...]
     """Paragraphs before the first figure."""
-    blocks: tuple[Figure | ResultTable, ...]
+    blocks: tuple[Figure, ...]
     """Figures and tables, in the order of the document."""
     checks: tuple[Check, ...]
     """What must stay within its tolerance."""
@@ -153,18 +135,18 @@ class Prose:
             svg = draw_svg(panels, one["alt"], one.get("columns", 1), one.get("height", 250))
         else:
             svg = _file(one["drawing"]).strip()
-        return Figure(one["title"], svg, one["caption"].format(**numbers), one["verdict"].format(**numbers))
+        return self._block(one, f'<div class="wide">{svg}</div>', numbers)
 
-    def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> ResultTable:
+    def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> Figure:
         """The table of this name: its rows once for each of `rows`, whose numbers they take beside `numbers`."""
         one = self._texts[name]
-        texts = (one["caption"].format(**numbers), one["verdict"].format(**numbers))
-        cells = tuple(tuple(cell.format(**row, **numbers) for cell in line) for row in rows for line in one["rows"])
-        return ResultTable(one["title"], tuple(one["head"]), cells, *texts, one.get("words", False))
+        cells = [[cell.format(**row, **numbers) for cell in line] for row in rows for line in one["rows"]]
+        return self._block(one, markup_of_table(one["head"], cells, "words" if one.get("words") else ""), numbers)
 
-    def chapter(
-        self, blocks: tuple[Figure | ResultTable, ...], checks: tuple[Check, ...], results: dict[str, Any]
-    ) -> Chapter:
+    def _block(self, one: dict[str, Any], body: str, numbers: dict[str, Any]) -> Figure:
+        return Figure(one["title"], body, one["caption"].format(**numbers), one["verdict"].format(**numbers))
+
+    def chapter(self, blocks: tuple[Figure, ...], checks: tuple[Check, ...], results: dict[str, Any]) -> Chapter:
         """The whole chapter."""
         key, title, citation = (self._texts[name] for name in ("key", "title", "citation"))
         return Chapter(key, title, citation, tuple(self._texts["intro"]), blocks, checks, results)

@@ -117,7 +117,7 @@ def reproduce(
     results: dict[str, Any] = {"kalscope": installed, "quick": quick}
     results["passed"] = all(check.passed for chapter in chapters for check in chapter.checks)
     results |= {chapter.key: chapter.results for chapter in chapters}
-    results["disagreements"] = [asdict(one) for one in disagreements]
+    results["disagreements"] = disagreements
     results["checks"] = [
         {**asdict(check), "passed": check.passed} for chapter in chapters for check in chapter.checks
     ]

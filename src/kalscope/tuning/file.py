@@ -19,8 +19,6 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 FUSION = "[fusion]"
 """How messages name the table of the fusion."""
-_LATER_KEYS = (("momentum", "momentum", 2), ("the chain", "chain", 4))
-"""Keys of a channel that an older format does not have: as messages name them, and their format."""
 
 
 def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
@@ -132,11 +130,11 @@ def _filter(entry: object, here: str, file_format: int) -> ChannelTuning:
     """A channel, or the fusion."""
     fuses = here == FUSION
     table, name, where = _named(entry, here, "fusion" if fuses else "channel")
-    needed = [(here, 3, fuses)]
-    needed += [(f"{one} of {where}", least, not fuses and key in table) for one, key, least in _LATER_KEYS]
-    for what, least, is_there in needed:
-        if is_there and file_format < least:
-            raise BadFile(f"{what} needs format = {least} at the top of the file (got format = {file_format})")
+    least, what = (2, f"momentum of {where}") if "momentum" in table else (1, where)
+    if fuses or "chain" in table:
+        least, what = (3, here) if fuses else (4, f"the chain of {where}")
+    if file_format < least:
+        raise BadFile(f"{what} needs format = {least} at the top of the file (got format = {file_format})")
     try:
         r: dict[str, Any] = _sensors(table) if fuses else {"r": toml.number_of(table, "r", where)}
         return ChannelTuning(

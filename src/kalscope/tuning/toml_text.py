@@ -19,16 +19,7 @@ import tomlkit
 
 from kalscope.common.text import CONTROL, escaped
 from kalscope.errors import BadFile
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    Stage,
-)
+from kalscope.filtering import classic
 
 if TYPE_CHECKING:
     from tomlkit.items import Item, Table
@@ -284,13 +275,13 @@ def one_line(value: object) -> str:
 
 KALMAN = "kalman"
 """What the file calls the channel's own Kalman filter behind a median."""
-STAGES: dict[str, type[Stage]] = {
-    "moving-average": MovingAverage,
-    "exponential": Exponential,
-    "power-of-two": PowerOfTwo,
-    "median": Median,
-    "butterworth": Butterworth,
-    "one-euro": OneEuro,
+STAGES: dict[str, type[classic.Stage]] = {
+    "moving-average": classic.MovingAverage,
+    "exponential": classic.Exponential,
+    "power-of-two": classic.PowerOfTwo,
+    "median": classic.Median,
+    "butterworth": classic.Butterworth,
+    "one-euro": classic.OneEuro,
 }
 """What the file calls each classic filter."""
 
@@ -298,7 +289,7 @@ _SETTINGS = dict.fromkeys(one.name for stage in STAGES.values() for one in field
 """Every key that a classic filter has, with None: those of another filter are removed from the file."""
 
 
-def plain_chain(chain: Chain | None) -> dict[str, Any] | None:
+def plain_chain(chain: classic.Chain | None) -> dict[str, Any] | None:
     """The chain as a table; None = the key is absent."""
     if chain is None:
         return None
@@ -309,7 +300,7 @@ def plain_chain(chain: Chain | None) -> dict[str, Any] | None:
     return {"median": chain.median if chain.median > 1 else None, "filter": name, **_SETTINGS, **settings}
 
 
-def chain_in(value: object, where: str) -> Chain:
+def chain_in(value: object, where: str) -> classic.Chain:
     """The chain in a table of the file.
 
     Args:
@@ -328,6 +319,6 @@ def chain_in(value: object, where: str) -> Chain:
         raise BadFile(f'filter of {here} must be {known} or "{KALMAN}" (got {shown(name)})')
     median: Any = number_of({"median": 1, **table}, "median", here)
     if name == KALMAN:
-        return Chain(median)
+        return classic.Chain(median)
     settings: Any = {one.name: number_of(table, one.name, here) for one in fields(STAGES[name])}
-    return Chain(median, STAGES[name](**settings))
+    return classic.Chain(median, STAGES[name](**settings))

@@ -13,7 +13,8 @@ import pytest
 from feed import Board
 from waiting import PATIENCE, wait_until
 
-from kalscope import BadSetting, Chain, OneEuro, Recording, kalman_filter
+from kalscope import BadSetting, Recording, kalman_filter
+from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.sources.live.status import RecordingStatus
 from kalscope.sources.recorder import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning

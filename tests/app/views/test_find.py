@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, compare_methods, estimate, open_source, steady_state
+from kalscope import BadSetting, FilterParams, Recording, estimate, open_source, steady_state
+from kalscope.analysis.estimators import compare_methods
 from kalscope.analysis.findings import as_sentences
 from kalscope.cli.tune_answer import answer_for
 from kalscope.cli.tune_options import TuneOptions

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
+from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
+from kalscope.errors import Cancelled
 from kalscope.estimation import fit, likelihood, many_kernels, verdict
 from kalscope.estimation import many as estimate_many_module
 from kalscope.estimation.kernels import suspect_each

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Cancelled, FilterParams, estimate, estimate_fusion, fuse
+from kalscope import BadSetting, FilterParams, estimate, estimate_fusion, fuse
+from kalscope.errors import Cancelled
 from kalscope.estimation.likelihood import DROP
 
 PLAIN = {"momentum": 0.0, "robust": False}

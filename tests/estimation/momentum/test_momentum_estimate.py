@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, Cancelled, FilterParams, estimate, kalman_filter
+from kalscope import BadSetting, FilterParams, estimate, kalman_filter
+from kalscope.errors import Cancelled
 from kalscope.estimation import kernels
 from kalscope.estimation.likelihood import log_likelihood
 from kalscope.filtering.kernels import transition

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FilterParams, estimate, likelihood_profile, log_likelihood
+from kalscope import BadSetting, FilterParams, estimate, log_likelihood
 from kalscope.estimation.likelihood import DROP_95, likelihood_contour, loglik_map
+from kalscope.estimation.momentum import likelihood_profile
 
 
 def moving(n, momentum=20.0, ratio=0.3, seed=0, missing=0.0):

@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import (
-    BadSetting,
-    Cancelled,
-    estimate,
-    estimate_fixed_r,
-    estimate_fixed_ratio,
-    kalman_filter,
-    steady_state,
-)
+from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, kalman_filter, steady_state
 from kalscope.common.text import number
+from kalscope.errors import Cancelled
 from kalscope.estimation.kernels import LONGEST, SIGMAS
 from kalscope.estimation.spikes import MAX_SHARE, far_from_median, unpredicted
 

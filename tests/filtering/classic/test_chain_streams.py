@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    ChainFilter,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    RunningStages,
-)
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import ChainFilter, RunningStages
 from kalscope.filtering.filter import GrowingRun
 
 STAGES = (
@@ -57,7 +48,6 @@ def test_a_stream_gives_the_bits_of_the_record():
             whole, stream = used.run(z, steps), used.stream()
             found = [stream.update(z[i], None if steps is None else steps[i]) for i in range(len(z))]
             assert np.array(found).tobytes() == whole.x.tobytes(), chain
-            np.testing.assert_array_equal([stream.p, stream.k], [whole.p[-1], whole.k[-1]])
 
 
 @pytest.mark.slow
@@ -77,7 +67,7 @@ def test_a_record_that_grows_has_the_run_of_the_whole():
     for chain in CHAINS:
         for steps in (None, dt):
             used = ChainFilter(chain, PARAMS)
-            whole, grown = used.run(z, steps), GrowingRun(used.start())
+            whole, grown = used.run(z, steps), GrowingRun(used.stream())
             for at in (slice(0, 1), slice(1, 1), slice(1, 57), slice(57, None)):
                 grown.extend(z[at], None if steps is None else steps[at])
             for name in ("x", "p", "k", "innovation", "s", "velocity", "velocity_p", "rejected"):

@@ -8,16 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kalscope.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 from kalscope.filtering import classic
-from kalscope.filtering.classic import (
-    Butterworth,
-    Exponential,
-    Median,
-    MovingAverage,
-    OneEuro,
-    PowerOfTwo,
-    RunningStage,
-)
+from kalscope.filtering.classic import RunningStage
 
 ONE_EURO = Path(__file__).parents[3] / "../shared/data/one_euro_truth/groundTruth.csv"
 EVEN = np.empty(0)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kalscope import FilterParams, diagnose_held_out, kalman_filter
-from kalscope.analysis.diagnostics import Diagnostics, diagnose
+from kalscope import FilterParams, kalman_filter
+from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.judge import Judgement, judge
 
 N = 1600

@@ -12,13 +12,8 @@ import numpy as np
 import warm_program  # noqa: F401  # the loops of the dashboard
 
 from kalscope import (
-    Butterworth,
-    Exponential,
     FilterParams,
     KalmanFilter,
-    Median,
-    MovingAverage,
-    OneEuro,
     denoise,
     estimate,
     estimate_fusion,
@@ -31,7 +26,7 @@ from kalscope import (
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.estimation.pool import held_out, pool_of
 from kalscope.export.float32 import filter_float32, fuse_float32
-from kalscope.filtering.classic import RunningStages
+from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, RunningStages
 from kalscope.filtering.filter import filter_at
 from kalscope.papers import generalized
 

@@ -76,10 +76,10 @@ def _classes(job: ExportJob) -> str:
 
 
 def _names(job: ExportJob) -> str:
-    """What the export takes from Kalscope."""
+    """What the export takes from `kalscope.classic`."""
     chains = (channel.chain for channel in job.channels if channel.chain is not None)
     names = {type(chain.then).__name__ for chain in chains if chain.then is not None}
-    return ", ".join(sorted(names | {"Chain", "ChannelTuning"}))
+    return ", ".join(sorted(names | {"Chain"}))
 
 
 def _entries(job: ExportJob, made: Callable[[ChannelTuning], str]) -> str:
