@@ -9,7 +9,7 @@ import pytest
 from board import FLAT_OUT, read_lines
 
 from kalscope import ChannelTuning, Tuning, export_tuning
-from kalscope.export.float32 import fuse_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.export.limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
 
 pytestmark = pytest.mark.device
@@ -53,7 +53,7 @@ def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, wo
     printed = np.array([[float(cell) for cell in line.split(b",")] for line in rows], dtype=np.float32)
     z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
     np.testing.assert_array_equal(printed[:, :3], z.astype(np.float32))
-    np.testing.assert_array_equal(printed[:, 3], fuse_float32(z, fusion.params))
+    np.testing.assert_array_equal(printed[:, 3], filter_float32(z, fusion.params))
 
 
 TIMING = r"""

@@ -203,8 +203,7 @@ def test_above_the_stalling_gain_float32_settles_within_one_percent_and_below_it
     assert abs(settled_gain(told_nothing, 10_000_000) / wanted - 1) > 0.1
 
 
-def test_one_channel_only_and_one_dimension_only():
-    with pytest.raises(BadSetting, match="one sensor"):
-        filter_float32([1.0], FilterParams(1.0, [1.0]))
+@pytest.mark.parametrize(("z", "r"), [([1.0], [1.0]), ([[1.0]], 1.0), ([[1.0]], [1.0, 2.0])])
+def test_samples_of_another_shape_than_the_sensors_are_refused(z, r):
     with pytest.raises(BadSetting, match="shape"):
-        filter_float32([[1.0]], FilterParams(1.0, 1.0))
+        filter_float32(z, FilterParams(1.0, r))

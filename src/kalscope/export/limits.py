@@ -12,7 +12,7 @@ import numpy as np
 
 from kalscope.common.numbers import above_zero
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import STALLING_GAIN, float32_params, float32_tuning, fusion_on_board, runs_kalman
+from kalscope.export.float32 import STALLING_GAIN, float32_params, float32_tuning, runs_kalman
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo, Stage
 from kalscope.filtering.params import FilterParams, require_one_sensor
 from kalscope.filtering.steady import steady_state
@@ -160,7 +160,7 @@ def _fusion_limits(
     fusion: ChannelTuning, levels: Sequence[float], sample_period: float | None
 ) -> tuple[DeviceLimit, ...]:
     try:
-        fusion_on_board(fusion.params)
+        float32_params(fusion.params)
     except BadSetting as error:
         return (_refusal(error),)
     scaled = (level / abs(gain) for level, gain in zip(levels, fusion.gain, strict=True))

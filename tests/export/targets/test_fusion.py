@@ -18,7 +18,7 @@ from required import node, not_here
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, fuse
-from kalscope.export.float32 import fuse_float32, fusion_on_board
+from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 
@@ -179,7 +179,7 @@ def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, t
     expected = fuse(z, fusion.params)
     np.testing.assert_array_equal(answers, np.column_stack([expected.x, expected.p]))
     answers = in_both_ways(compiled(tmp_path, {}, main, *command, "-DKALSCOPE_FLOAT"), z, np.float32)
-    np.testing.assert_array_equal(answers[:, 0], fuse_float32(z, fusion.params))
+    np.testing.assert_array_equal(answers[:, 0], filter_float32(z, fusion.params))
 
 
 @EACH
@@ -188,7 +188,7 @@ def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_
     command = (program("g++"), "-std=c++11", *STRICT, "main.cpp")
     main = CPP_MAIN.replace("NAME", fusion.name.upper())
     x = in_both_ways(compiled(tmp_path, exported(case, "arduino"), main, *command), z, np.float32)[:, 0]
-    np.testing.assert_array_equal(x, fuse_float32(z, fusion.params))
+    np.testing.assert_array_equal(x, filter_float32(z, fusion.params))
     np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
 
 
@@ -228,7 +228,7 @@ def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_
     command = (program("g++"), "-std=c++11", "-trigraphs", *flags, "main.cpp")
     main = CPP_MAIN.replace("NAME", "DEFINE_X")
     x = compiled(tmp_path, cpp, main, *command)(z, np.full(ROWS, -1.0), np.float32)
-    np.testing.assert_array_equal(x[:, 0], fuse_float32(z, fusion.params))
+    np.testing.assert_array_equal(x[:, 0], filter_float32(z, fusion.params))
 
 
 def test_octave_gives_the_bits_of_fuse(tmp_path):
@@ -260,7 +260,7 @@ def test_one_sensor_on_a_board_is_the_single_filter():
     for start in ({}, {"p0": 4.0, "x0": 19.0, "gate": 9.0}, {"p0": 4.0, "momentum": 7.0}):
         single = FilterParams(0.09, 1.0, **start)
         one = replace(CASES["one"], **start).params
-        np.testing.assert_array_equal(fuse_float32(z, one), filter_float32(z[:, 0], single))
+        np.testing.assert_array_equal(filter_float32(z, one), filter_float32(z[:, 0], single))
 
 
 # ---- parameters
@@ -374,7 +374,7 @@ def test_other_refusals_say_what_helps(tmp_path):
     with pytest.raises(BadSetting, match=r"^level: r / gain² must fit float32"):
         export_tuning(tuned(tiny), "arduino")
     with pytest.raises(BadSetting, match=r"^q \+ r / gain² \+ p0 must fit float32"):
-        fusion_on_board(replace(PAIR, q=3e38, r=(3e38, 1.0)).params)
+        float32_params(replace(PAIR, q=3e38, r=(3e38, 1.0)).params)
     command = (program("gcc"), "-std=c99", *STRICT, "-DKALSCOPE_FLOAT", "main.c", "kalscope_fusion.c")
     with pytest.raises(subprocess.CalledProcessError) as failed:
         compiled(tmp_path, export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level"), *command)

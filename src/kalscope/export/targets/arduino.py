@@ -11,9 +11,9 @@ from kalscope.errors import BadSetting
 from kalscope.export.board import LAST_POWER
 from kalscope.export.float32 import (
     Float32Params,
+    float32_params,
     float32_text,
     float32_tuning,
-    fusion_on_board,
     to_float32,
     without_momentum,
 )
@@ -200,7 +200,7 @@ def fused_files(job: ExportJob) -> dict[str, str]:
 
 def _fused_header(job: ExportJob) -> str:
     try:
-        held = fusion_on_board(job.fusion.params)
+        held = float32_params(job.fusion.params)
     except BadSetting as error:
         raise BadSetting(f"{comment_text(job.fusion.name)}: {error}") from None
     values = [float32_text(value) for value in (held.q, held.p0, held.x0, held.gate)]

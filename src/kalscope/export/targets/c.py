@@ -11,9 +11,9 @@ from kalscope.errors import BadSetting
 from kalscope.export.float32 import (
     MIN_NORMAL,
     Float32Params,
+    float32_params,
     float32_text,
     float32_tuning,
-    fusion_on_board,
     runs_kalman,
 )
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template, step_of
@@ -92,7 +92,7 @@ def _fusion_constant(job: ExportJob) -> str:
         fields += f"    .{field} = {{{listed}}},\n"
     guard = ""
     try:
-        fusion_on_board(fusion.params)
+        float32_params(fusion.params)
     except BadSetting:
         guard = _float_guard(job.identifiers[-1])
     said, name = _commented(about_channel(job, job.fusion)), f"kalscope_fusion_tuning_{job.identifiers[-1]}"
