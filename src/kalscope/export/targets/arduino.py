@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
 
 from kalscope.common.text import plural
 from kalscope.errors import BadSetting
+from kalscope.estimation.noise import SPIKE
+from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
 from kalscope.export.board import LAST_POWER
 from kalscope.export.float32 import (
     Float32Params,
@@ -20,7 +23,6 @@ from kalscope.export.float32 import (
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.limits import not_in_counts
 from kalscope.export.names import comment_text
-from kalscope.export.still_rule import template_texts
 from kalscope.export.targets.stages import (
     KALMAN_FIELDS,
     MOMENTUM_FIELDS,
@@ -86,9 +88,22 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
         "KalscopeFilter.h": _header(job),
         "kalscope_filter.ino": _sketch(job, calibration=True),
         "KalscopeCalibration.h": fill_template(
-            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **template_texts()
+            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
         ),
     }
+
+
+def _limits_of_stillness() -> dict[str, str]:
+    """Those of `find_still_stretch`, for the means and variances of as many groups."""
+    sizes = {
+        "spike": SPIKE,
+        "wander_sure": GROUPS - 2 + SURE * math.sqrt(2.0 * (GROUPS - 2)) + 3.0,
+        "drift_squared": MAX_DRIFT**2,
+        "uneven_sure": GROUPS * (2.0 * SURE) ** 2,
+        "sure_squared": SURE**2,
+    }
+    texts = {name: float32_text(np.float32(size)) for name, size in sizes.items()}
+    return {"groups": str(GROUPS), "min_readings": str(MIN_SAMPLES), **texts}
 
 
 def _held(channel: ChannelTuning) -> Float32Params | None:
