@@ -11,7 +11,7 @@ from waiting import PATIENCE
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
 from kalscope.export.float32 import filter_channel_float32, float32_tuning
 from kalscope.export.job import ExportJob
-from kalscope.export.limits import UNO_CLASSIC, update_us
+from kalscope.export.limits import update_us
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.stages import channel_bytes
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
@@ -103,10 +103,10 @@ def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_boa
     channels = (
         ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342))),
     )  # the longest that fits
-    z, cost = counts(200, 1), UNO_CLASSIC[MovingAverage]
+    z = counts(200, 1)
     firmware = workshop.sketch(saved(tmp_path, channels), *FAST, MISSING)
-    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(cost.ram + 4 * 342, abs=20)
+    assert firmware.flash == pytest.approx(4972, rel=0.05)
+    assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)
     board = start_board(firmware, z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         port.write(b"q 0.5\r\n")

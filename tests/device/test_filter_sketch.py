@@ -14,7 +14,7 @@ from kalscope import FilterParams
 from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params, without_momentum
 from kalscope.export.job import ExportJob
-from kalscope.export.limits import UNO, UNO_FIXED_US, UNO_FIXED_WITH_MOMENTUM_US, UNO_READ_US, UNO_WITH_MOMENTUM
+from kalscope.export.limits import READ_US, update_us
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.c import arduino_files
 from kalscope.sources.reading.line_parser import LineParser
@@ -312,19 +312,19 @@ void loop() {}
 """
 
 
-@pytest.mark.parametrize(("momentum", "cost"), [(0.0, UNO), (20.0, UNO_WITH_MOMENTUM)])
-def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, cost):
+@pytest.mark.parametrize(("momentum", "flash", "ram"), [(0.0, 7738, 314), (20.0, 9916, 386)])
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, flash, ram):
     channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
     firmware = exported(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(cost.ram, rel=0.05)
+    assert firmware.flash == pytest.approx(flash, rel=0.05)
+    assert firmware.ram == pytest.approx(ram, rel=0.05)
     header = files(ExportJob((channel,)))["KalscopeFilter.h"]
     (tmp_path / "KalscopeFilter.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
     thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
-    assert thousand_updates_us / 1000 == pytest.approx(cost.update_us, rel=0.05)
-    assert hundred_reads_us / 100 == pytest.approx(UNO_READ_US, rel=0.05)
+    assert thousand_updates_us / 1000 == pytest.approx(update_us(channel), rel=0.05)
+    assert hundred_reads_us / 100 == pytest.approx(READ_US, rel=0.05)
 
 
 FIXED_TIMING = (
@@ -334,14 +334,14 @@ FIXED_TIMING = (
 )
 
 
-@pytest.mark.parametrize(("momentum", "update_us"), [(0.0, UNO_FIXED_US), (20.0, UNO_FIXED_WITH_MOMENTUM_US)])
-def test_fixed_gains_take_the_time_that_we_say(start_board, workshop, tmp_path, momentum, update_us):
+@pytest.mark.parametrize(("momentum", "time"), [(0.0, 34), (20.0, 70)])
+def test_fixed_gains_take_the_time_that_we_say(start_board, workshop, tmp_path, momentum, time):
     channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
     (header,) = arduino_files(ExportJob((channel,))).values()
     (tmp_path / "kalscope_fixed_gains.h").write_text(header)
     (tmp_path / "timing.ino").write_text(FIXED_TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(update_us, rel=0.05)
+    assert int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(time, rel=0.05)
 
 
 def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():

@@ -10,9 +10,16 @@ import pytest
 from kalscope import ChannelTuning, FilterParams, Tuning
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import filter_float32
-from kalscope.export.limits import UNO, UNO_READ_US, UNO_WITH_MOMENTUM, device_limits, tuning_limits, update_us
+from kalscope.export.limits import READ_US, UPDATE_US, tuning_limits, update_us
 from kalscope.export.registry import limits_of
 from kalscope.filtering.classic import Butterworth, Chain, OneEuro
+
+
+def device_limits(params, level, sample_period=None, channels=1):
+    """The limits of so many equal channels."""
+    given = {name: getattr(params, name) for name in ("q", "r", "p0", "x0", "gate", "momentum")}
+    filters = [ChannelTuning(f"c{i}", "", **given) for i in range(channels)]
+    return tuning_limits(filters, levels=[level] * channels, sample_period=sample_period)
 
 
 def kinds(*args, **settings):
@@ -60,9 +67,9 @@ def test_what_float32_cannot_hold_is_told_by_name():
 
 
 def test_too_many_channels_for_the_time_of_an_uno_are_told():
-    for momentum, cost in ((0.0, UNO), (20.0, UNO_WITH_MOMENTUM)):
+    for momentum, cost in zip((0.0, 20.0), UPDATE_US, strict=True):
         params = FilterParams(0.01, 4.0, momentum=momentum)
-        per_channel = (UNO_READ_US + cost.update_us) * 1e-6
+        per_channel = (READ_US + cost) * 1e-6
         assert device_limits(params, level=1023.0, sample_period=3.01 * per_channel, channels=3) == ()
         (limit,) = device_limits(params, level=1023.0, sample_period=2.99 * per_channel, channels=3)
         assert limit.kind == "time"
@@ -90,7 +97,7 @@ def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_
     assert "steps by 6.1e-05 at 1000," in tuning_limits((gained,), levels=(1.0, 1.0))[0].message
     costs = ((fusion, 2 * 113), (replace(fusion, gain=(1.0, 2.0)), 2 * 142), (replace(fusion, momentum=9.0), 522))
     for one, us in costs:
-        needed = 1e-6 * (us + 2 * UNO_READ_US)
+        needed = 1e-6 * (us + 2 * READ_US)
         assert tuning_limits((one,), levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
         (limit,) = tuning_limits((one,), levels=(1023.0, 1023.0), sample_period=0.999 * needed)
         assert (limit.kind, "to read and fuse 2 sensors" in limit.message) == ("time", True)
@@ -99,9 +106,9 @@ def test_the_limits_of_a_fusion_are_those_of_the_filter_it_settles_into_and_its_
 def test_chains_are_told_their_own_time_and_what_float32_cannot_hold_of_them():
     kalman, steep = ChannelTuning("a", "", 0.01, 4.0, chain=Chain(5)), OneEuro(0.01, 1e60, 0.05)
     channels = (kalman, ChannelTuning("b", "", 1e-60, 1.0, chain=Chain(then=Butterworth(0.02))))
-    needed = 1e-6 * (sum(update_us(one) for one in channels) + 2 * UNO_READ_US)
-    assert update_us(kalman) > UNO.update_us + 40
-    assert update_us(kalman, (replace(kalman, momentum=9.0),)) > UNO_WITH_MOMENTUM.update_us
+    needed = 1e-6 * (sum(update_us(one) for one in channels) + 2 * READ_US)
+    assert update_us(kalman) > UPDATE_US[0] + 40
+    assert update_us(kalman, (replace(kalman, momentum=9.0),)) > UPDATE_US[1]
     assert tuning_limits(channels, levels=(1023.0, 1023.0), sample_period=1.001 * needed) == ()
     (limit,) = tuning_limits(channels, levels=(1023.0, 1023.0), sample_period=0.999 * needed)
     assert limit.message.endswith("Take fewer samples, and export for that period.")
