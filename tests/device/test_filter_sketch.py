@@ -16,7 +16,6 @@ from kalscope.export.float32 import filter_float32, float32_params, without_mome
 from kalscope.export.job import ExportJob
 from kalscope.export.limits import READ_US, update_us
 from kalscope.export.targets.arduino import files
-from kalscope.export.targets.c import arduino_files
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -325,23 +324,6 @@ def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, 
     thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
     assert thousand_updates_us / 1000 == pytest.approx(update_us(channel), rel=0.05)
     assert hundred_reads_us / 100 == pytest.approx(READ_US, rel=0.05)
-
-
-FIXED_TIMING = (
-    TIMING.replace("KalscopeFilter.h", "kalscope_fixed_gains.h")
-    .replace("KalscopeFilter filter(KALSCOPE_TUNING_LIGHT)", "kalscope_fixed filter = KALSCOPE_FIXED_LIGHT")
-    .replace("filter.update(z)", "kalscope_fixed_update(&filter, z)")
-)
-
-
-@pytest.mark.parametrize(("momentum", "time"), [(0.0, 34), (20.0, 70)])
-def test_fixed_gains_take_the_time_that_we_say(start_board, workshop, tmp_path, momentum, time):
-    channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
-    (header,) = arduino_files(ExportJob((channel,))).values()
-    (tmp_path / "kalscope_fixed_gains.h").write_text(header)
-    (tmp_path / "timing.ino").write_text(FIXED_TIMING)
-    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(time, rel=0.05)
 
 
 def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():

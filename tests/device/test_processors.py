@@ -105,18 +105,14 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
 
 
 @pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
-def test_the_cpp_class_and_fixed_gains_compile_without_a_warning(processor, tmp_path, channels):
+def test_the_cpp_class_compiles_without_a_warning(processor, tmp_path, channels):
     sketch = tmp_path / "sketch.cpp"
     (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(channels))["KalscopeFilter.h"])
-    (tmp_path / "kalscope_fixed_gains.h").write_text(c.c_files(ExportJob(channels[:1]))["kalscope_fixed_gains.h"])
     sketch.write_text(
         '#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_PLAIN);\n'
         "float update(float z);\nfloat update(float z) { return filter.update(z); }\n"
     )
     processor.compile(sketch)
-    gains = tmp_path / "gains.c"
-    gains.write_text('#include "kalscope_fixed_gains.h"\ntypedef int not_empty;\n')
-    processor.compile(gains, "-DKALSCOPE_FLOAT", "-Wno-unused-function")
 
 
 def test_the_stated_costs_are_true(processor, tmp_path):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import configparser
 import json
 import math
 import random
 import re
 import runpy
-import shlex
 import shutil
 import subprocess
 import sys
@@ -19,7 +17,6 @@ import pytest
 import yaml
 from effort import FUZZ
 from required import REQUIRE_ALL
-from ruamel.yaml import YAML
 from waiting import PATIENCE
 
 from kalscope import ChannelTuning, Tuning, export_tuning
@@ -63,13 +60,6 @@ def numbers(tuning):
     return [getattr(channel, name) for channel in tuning.channels for name in NAMES]
 
 
-def without_subnormals(tuning):
-    """ROS 2 refuses them (test_targets)."""
-    smallest = sys.float_info.min
-    channels = [c for c in tuning.channels if all(abs(getattr(c, name)) >= smallest for name in NAMES)]
-    return Tuning(tuple(channels), sample_period=0.01)
-
-
 def identical(found, expected):
     assert len(found) == len(expected) >= 500
     assert [value.hex() for value in found] == [value.hex() for value in expected]
@@ -101,52 +91,6 @@ def test_python_reads_them_back(tuning, numbers, tmp_path):
     identical([getattr(f, name) for f in filters for name in ("q", "r", "p", "x", "gate")], numbers)
     params = runpy.run_path(str(tmp_path / "with_kalscope.py"))["PARAMS"].values()
     identical([getattr(p, name) for p in params for name in NAMES], numbers)
-
-
-@pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load], ids=["PyYAML", "ruamel"])
-def test_ros2_reads_them_back_as_doubles(tuning, load):
-    smaller = without_subnormals(tuning)
-    (text,) = export_tuning(smaller, "ros2").values()
-    entries = load(text)["/**"]["ros__parameters"]["kalscope"]
-    keys = ("process_noise_q", "measurement_noise_r", "start_variance_p0", "start_value_x0", "outlier_gate")
-    found = [entries[f"channel_{word}"][key] for word in entries["channels"] for key in keys]
-    identical(found, [getattr(channel, name) for channel in smaller.channels for name in NAMES])
-    assert all(type(value) is float for value in found)
-
-
-def test_ros2_numbers_are_doubles_to_the_rules_of_its_parser(tuning):
-    """rcl: an integer if strtol takes all of it; then a double if strtod does (C syntax) within its range."""
-    (text,) = export_tuning(without_subnormals(tuning), "ros2").values()
-    values = re.findall(r"(?:_q|_r|_p0|_x0|_gate|_period): (\S+)$", text, re.MULTILINE)
-    assert len(values) > len(NAMES) * CHANNELS / 2
-    for value in values:
-        assert re.fullmatch(r"[-+]?(0[xX][0-9a-fA-F]+|[0-9]+)", value) is None
-        assert re.fullmatch(r"[-+]?[0-9]+\.[0-9]+(e[-+][0-9]+)?", value), value
-
-
-@needs("gcc")
-def test_platformio_flags_read_back_through_gcc(tuning, numbers, tmp_path):
-    (text,) = export_tuning(tuning, "platformio").values()
-    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"), strict=True)
-    parser.read_string(text)
-    flags = shlex.split(parser["kalscope"]["build_flags"])[2:]  # without the sample period
-    values = [
-        value for start in range(0, len(flags), 4000) for value in compiled(flags[start : start + 4000], tmp_path)
-    ]
-    identical(values, numbers)
-
-
-def compiled(flags, folder):
-    """What a C program finds under the macros; some at once: an argument list has limits."""
-    macros = ",\n".join(flag.partition("=")[0] for flag in flags[1::2])
-    (folder / "print.c").write_text(
-        f"#include <stdio.h>\nstatic const double values[] = {{{macros}}};\nint main(void) {{"
-        ' for (unsigned i = 0; i < sizeof values / sizeof *values; i++) printf("%a\\n", values[i]); return 0; }\n'
-    )
-    command = ["gcc", "-std=c99", "-Wall", "-Werror", "-O0", *flags, "print.c", "-o", "print"]
-    subprocess.run(command, check=True, cwd=folder)
-    out = subprocess.run([folder / "print"], check=True, capture_output=True, text=True).stdout
-    return [float.fromhex(line) for line in out.split()]
 
 
 @needs("g++")

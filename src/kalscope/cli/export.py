@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, ros2, platformio, esphome, bachagas, kalmanjs, linuxcnc"
-"""The targets that write something; repeated here, so that --help need not import the filter."""
+CHOICES = "arduino, c, python, matlab, javascript, json, esphome, bachagas, kalmanjs"
+"""The targets; repeated here, so that --help need not import the filter."""
 
 
 @reads_source
@@ -39,9 +39,6 @@ def export_command(
     sample_period: Annotated[
         float | None, number_option("Sample period of the device, s; rescales q and momentum.")
     ] = None,
-    fixed: Annotated[
-        bool, typer.Option("--fixed-gains", help="Write only the settled filter, with constant gains (c, arduino).")
-    ] = False,
     calibration: Annotated[
         bool, typer.Option("--calibration", help="Write a sketch that can measure r on command (arduino).")
     ] = False,
@@ -63,11 +60,11 @@ def export_command(
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed, calibration=calibration)
+    files = export_tuning(tuned, target, vectors=recording, calibration=calibration)
     for message in [
         *_what(tuned),
         *_other_rate(recording, tuned),
-        *limits_of(tuned, None, target, fixed_gains=fixed),
+        *limits_of(tuned, None, target),
     ]:
         say(f"note: {message}")
     _write(files, output, force=force)

@@ -141,13 +141,13 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
         BadSetting: z has another shape; float32 cannot hold a parameter.
     """
     held = params if isinstance(params, Float32Params) else float32_params(params)
-    samples = np.ascontiguousarray(z, dtype=np.float32)
+    samples: Floats = np.ascontiguousarray(z, dtype=np.float32)
     if samples.ndim != 1 + np.ndim(held.r) or samples.shape[1:] != np.shape(held.r):
         raise BadSetting(f"z must have shape {('n', *np.shape(held.r))} (got {samples.shape})")
     if held.median > 1:
         middle = RunningStage(Median(held.median), np.float32).take(samples, samples[:0])
         samples = np.where(np.isnan(samples), samples, middle)
-    if held.offset is not None:
+    if held.offset is not None and held.gain is not None:
         samples = (samples - held.offset) / held.gain  # as the board does, a rounding each
     m, out = held.momentum or without_momentum(held.q), np.empty(len(samples), np.float32)
     over = m.e, m.f, m.q11, m.q12, m.q22

@@ -70,8 +70,8 @@ class ExportJob:
 
     @property
     def named_channels(self) -> tuple[tuple[str, ChannelTuning], ...]:
-        """Each channel with its identifier, in their order."""
-        return tuple(zip(self.identifiers, self.channels, strict=True))
+        """Each channel with its identifier, in their order; or the fused value with its own."""
+        return tuple(zip(self.identifiers[-len(self.channels) :], self.channels, strict=True))
 
     @property
     def sensor_identifiers(self) -> tuple[str, ...]:
@@ -118,21 +118,20 @@ class ExportJob:
         return frozenset(name for name, it_has in has.items() if it_has)
 
     @property
-    def noise(self) -> tuple[float, ...]:
-        """Measurement-noise variance of each sensor on the scale of the fused value, r / gain²."""
-        return tuple(self.fusion.params.scaled_r.tolist())
+    def sensor_values(self) -> dict[str, tuple[float, ...]]:
+        """Offset and gain of each sensor of a fusion, and its noise variance on the scale of x, r / gain²."""
+        fusion = self.fusion
+        return {"r": tuple(fusion.params.scaled_r.tolist()), "offset": fusion.offset, "gain": fusion.gain}
 
-    @property
-    def arguments(self) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
-        """What makes a filter that fuses: numbers, without the automatic ones, and those of each sensor."""
-        start = {name: getattr(self.fusion, name) for name in ("q", "p0", "x0", "gate")}
-        single = {name: value for name, value in start.items() if value is not None} | step_of(self.fusion)
-        return single, {"r": self.noise, "offset": self.fusion.offset, "gain": self.fusion.gain}
+    def reading(self, tuning: str) -> str:
+        """How code takes offset and gain out of a reading; `tuning` precedes the name of each."""
+        offset = f"readings[i] - {tuning}offset[i]"
+        return f"({offset}) / {tuning}gain[i]" if self.fusion.has_gains else offset
 
     @property
     def as_single(self) -> ExportJob:
         """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
-        return replace(self, channels=(self.fusion.as_channel,))
+        return replace(self, channels=tuple(one.as_channel for one in self.channels))
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels; while all of its sensors answer."""
@@ -142,6 +141,12 @@ class ExportJob:
 def step_of(channel: ChannelTuning) -> dict[str, float]:
     """The constants of a filter with momentum by the names of `StepConstants`; {} without momentum."""
     return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
+
+
+def start_of(one: ChannelTuning) -> dict[str, float | None]:
+    """q, r of one sensor, and how the filter starts; None = automatic, or a gate that is off."""
+    names = ("q", "p0", "x0", "gate") if one.sensors else ("q", "r", "p0", "x0", "gate")
+    return {name: getattr(one, name) for name in names}
 
 
 def job_of(tuning: Tuning) -> ExportJob:
@@ -176,12 +181,11 @@ def fill_sections(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
     return dict(zip(pieces[::2], pieces[1::2], strict=True))
 
 
-def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
+def about(job: ExportJob) -> tuple[str, ...]:
     """Where the export comes from and which sample period it holds for: only for that one, or with another q.
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
-    one_period = for_one_period or job.for_one_period
     lines = [f"{job.title}, tuned and exported by Kalscope."]
     origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
     if job.sha256:
@@ -198,10 +202,10 @@ def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
         lines.append(
             "for another period export again: the constants below hold for this one only."
-            if one_period
+            if job.for_one_period
             else "with another period T multiply q by T / this period; r and p0 stay."
         )
-    if one_period:
+    if job.for_one_period:
         lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time advances.")
     return tuple(lines)
 

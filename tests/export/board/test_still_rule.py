@@ -119,7 +119,6 @@ def test_a_sketch_that_measures_is_for_filters_with_an_r_on_an_arduino():
     fused = Tuning(tuning.channels, fusion=ChannelTuning("level", "", 0.1, (1.0, 1.0), sensors=("a", "b")))
     for other, target, options, refusal in (
         (tuning, "c", {}, "target must be arduino for calibration"),
-        (tuning, "arduino", {"fixed_gains": True}, "must be without fixed gains"),
         (exact, "arduino", {}, "r of light must be above 0"),
         (six, "arduino", {}, "1 to 5 channels with momentum that measure r, for which an Uno has memory .got 6."),
         (behind, "arduino", {}, "light must have the Kalman filter alone .* .got median of 5"),

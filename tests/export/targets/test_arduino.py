@@ -43,7 +43,6 @@ def test_a_unit_that_analogread_does_not_return_stops_the_compiler_and_is_said(u
     assert sketch.count("return analogRead(PINS[channel]);") == 1
     said = " ".join(limits_of(tuning, None, "arduino"))
     assert ("you have written readSensor()" not in said) == in_counts
-    assert limits_of(tuning, None, "arduino", fixed_gains=True) == []
 
 
 def test_what_float_or_a_board_cannot_hold_is_refused():

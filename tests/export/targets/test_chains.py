@@ -213,7 +213,7 @@ def test_vectors_are_those_of_the_chain():
 def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_run_them():
     tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, PowerOfTwo(3)))
     tuning = Tuning((*KALMAN, tilt), sample_period=0.01)
-    for target in TARGETS:
+    for target in (*TARGETS, "gyverfilters"):
         if target in ABLE:
             assert export_tuning(replace(tuning, channels=tuning.channels[-3:]), target)
             continue
@@ -224,8 +224,6 @@ def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_ru
             "target must run the filter of tilt, median of 5, then power-of-two gain (alpha = 1/8) "
         )
         assert f"(got {target}, which does not). Export arduino, c, python, json; or use the Kalman filter" in said
-    with pytest.raises(BadSetting, match=r"got fixed gains for c, .* Export arduino or c without that option;"):
-        export_tuning(tuning, "c", fixed_gains=True)
     alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=PowerOfTwo(3))),))
     with pytest.raises(BadSetting, match=r"exponential_moving_average: \{alpha: 0.125, send_every: 1\}"):
         export_tuning(alone, "esphome")
