@@ -87,7 +87,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
     job, z = ExportJob(CHAINS), samples()[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
     fusion = ExportJob((FUSION,))
-    for name, text in c.fused_files(fusion).items():
+    for name, text in c.files(fusion).items():
         (tmp_path / name).write_text(text, encoding="ascii")
     fused = processor.compile(tmp_path / "kalscope_fusion.c", "-DKALSCOPE_FLOAT")
     sketch = tmp_path / "sketch.cpp"
