@@ -31,7 +31,7 @@ from kalscope.export.registry import (
     sketch_name,
     write_files,
 )
-from kalscope.export.report import Report, as_html, as_png, make_report
+from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps, load_tuning, save_tuning
 from kalscope.tuning.tuning import PaperTuning, Tuning, meeting_goal, rescaled_to_period, same_period
@@ -486,7 +486,7 @@ def shell_word(source: str) -> str:
     return shlex.quote(source) if source and printable else "FILE"
 
 
-# The one-page report for the lab book, HTML or PNG, and the filtered signal as CSV.
+# The one-page report for the lab book, HTML, and the filtered signal as CSV.
 
 
 PAGE = "One page on what is on screen: chart, parameters, tests, pinned settings, and how to reopen it."
@@ -506,19 +506,13 @@ class ReportView:
             )
 
         with gui.add_folder("Report and data"):
-            add("Download report (HTML)", f"{PAGE} Prints on one sheet.", "report.html", html_report)
-            add("Download report (PNG)", PAGE, "report.png", png_report)
+            add("Download report", f"{PAGE} Prints on one sheet.", "report.html", html_report)
             add("Download filtered CSV", "Time, raw, filtered and variance of every channel.", "filtered.csv", csv)
 
 
 def html_report(state: State) -> bytes:
     """The page as HTML."""
     return as_html(_report(state)).encode()
-
-
-def png_report(state: State) -> bytes:
-    """The page as a picture."""
-    return as_png(_report(state))
 
 
 def csv(state: State) -> bytes:

@@ -19,16 +19,14 @@ if TYPE_CHECKING:
     from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
-# `kalscope report`: one page on a recording and its tuning, HTML or PNG.
+# `kalscope report`: one page of HTML on a recording and its tuning.
 
 
 @reads_source
 def report_command(
     source: Source,
     config: Annotated[Path, typer.Option(metavar="FILE", help="Tuning file with q and r.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
-    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file, .html.")],
     channel: Annotated[
         str | None,
         typer.Option(
@@ -59,12 +57,13 @@ def report_command(
 
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
-    from kalscope.export.report import as_html, as_png, make_report
+    from kalscope.export.report import as_html, make_report
     from kalscope.tuning.choose import filters_for
     from kalscope.tuning.file import load_tuning
 
     tell_compiling()
-    kind = _kind_of(output)
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise BadSetting(f"-o must end with .html (got {str(output)!r})")
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
@@ -84,16 +83,9 @@ def report_command(
         report = make_report(recording, tuning, fusion=fusion, config=str(config))
     else:
         report, notes = _of_channel(recording, tuning, config, channel, (momentum, overshoot))
-    write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
+    write_atomic(output, as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
-
-
-def _kind_of(output: Path) -> str:
-    kind = output.suffix.lower()
-    if kind not in (".html", ".htm", ".png"):
-        raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
-    return kind
 
 
 def _of_channel(
