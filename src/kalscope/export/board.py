@@ -18,7 +18,6 @@ from kalscope.common.text import count, number, percent, plural, squared
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.estimation.noise import StillNoise, noise_from_still
 from kalscope.export.float32 import Float32Momentum, Float32Params, filter_float32
-from kalscope.sources.live import commands as command_channel
 from kalscope.sources.live.commands import BoardGone
 
 if TYPE_CHECKING:
@@ -174,8 +173,9 @@ def momentum_on_board(q: np.float32, tau: np.float32) -> Float32Momentum | None:
 MAX_LETTERS = 200
 """Maximum length of an answer that is read, characters; a live source cuts its lines there."""
 
+Kind = Literal["kept", "not kept", "forgotten", "started", "not understood"]
 _NAME, _COUNT = r"([A-Za-z_]\w*)", r"(\d{1,9})"
-_REPLIES: dict[Literal["kept", "not kept", "forgotten", "started", "not understood"], re.Pattern[str]] = {
+_REPLIES: dict[Kind, re.Pattern[str]] = {
     "kept": re.compile(r"kept \d{1,9} channels?"),
     "not kept": re.compile(r"not kept: (.+)"),
     "forgotten": re.compile(r"forgotten"),
@@ -253,41 +253,26 @@ class NotCalibrated:
 class Reply:
     """An answer for the whole board."""
 
-    kind: Literal["kept", "not kept", "forgotten", "started", "not understood"]
+    kind: Kind
     """It starts with its present values from now on; it could not store them; it starts with the values of its
     export; it has just started, and something was stored; the sketch does not know the command."""
     reason: str = ""
     """Why, in the words of the board; "" where there is nothing to explain."""
 
 
-KEEP = "k"
-"""The line that stores the values of all channels: the board starts with them."""
-FORGET = "f"
-"""The line that removes what was stored: the board starts with the values of its export."""
-
-
-def start(seconds: float, channel: int | None = None) -> str:
+def calibration_command(seconds: float | None, channel: int | None = None) -> str:
     """The line that lets a board measure.
 
     Args:
-        seconds: For how long, > 0.
+        seconds: For how long, > 0; None = cancel it: the board keeps the values that it had.
         channel: Which channel of the board, from 1; None = all.
 
     Raises:
         BadSetting: This is not a valid time to measure for.
     """
-    if not 0.0 < seconds < 1e6:
+    if seconds is not None and not 0.0 < seconds < 1e6:
         raise BadSetting(f"the time to measure for must be above 0 s and below 1e6 s (got {seconds:.6g})")
-    return _for(channel, f"c {seconds:.6g}")
-
-
-def cancel_calibration(channel: int | None = None) -> str:
-    """The line that ends it: the board keeps the values that it had."""
-    return _for(channel, "c 0")
-
-
-def _for(channel: int | None, command: str) -> str:
-    return command if channel is None else f"{channel} {command}"
+    return f"{'' if channel is None else f'{channel} '}c {seconds or 0.0:.6g}"
 
 
 def read_calibration(line: str) -> Calibrating | Calibrated | NotCalibrated | Reply | None:
@@ -460,7 +445,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     with source.commands.listen() as remarks:
         run = _Run(source, remarks, len(names), channels)
         try:
-            run.begin(start(seconds, number), progress)
+            run.begin(calibration_command(seconds, number), progress)
             return run.until_done(progress)
         except Cancelled:
             raise Cancelled(run.cancel(number)) from None
@@ -496,21 +481,18 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
     Raises:
         BadDevice: it cannot, did not answer, or its memory is worn.
     """
-    with source.commands.listen() as remarks:
-        source.send(KEEP if kept else FORGET)
-        end = time.monotonic() + command_channel.ANSWER_S
-        while (left := end - time.monotonic()) > 0.0:
-            with suppress(Empty):
-                answer = read_calibration(remarks.get(timeout=left).text)
-                if not isinstance(answer, Reply):
-                    continue
-                if answer.kind == ("kept" if kept else "forgotten"):
-                    return
-                if answer.kind == "not understood":
-                    raise BadDevice(CANNOT)
-                if answer.kind == "not kept":
-                    raise BadDevice(f"the board could not store its values: {answer.reason}")
-    raise BadDevice(f"the board did not confirm the command within {command_channel.ANSWER_S:g} s")
+    wanted = "kept" if kept else "forgotten"
+
+    def is_reply(line: str) -> bool:
+        answer = read_calibration(line)
+        return isinstance(answer, Reply) and answer.kind in (wanted, "not kept", "not understood")
+
+    replies = map(read_calibration, source.commands.send("k" if kept else "f", is_reply=is_reply))
+    answer = next(reply for reply in replies if isinstance(reply, Reply))
+    if answer.kind == "not understood":
+        raise BadDevice(CANNOT)
+    if answer.kind == "not kept":
+        raise BadDevice(f"the board could not store its values: {answer.reason}")
 
 
 class _Run:
@@ -547,7 +529,7 @@ class _Run:
     def cancel(self, number: int | None) -> str:
         """Cancel the measurement on the board; returns which values the board then uses, in words."""
         try:
-            self._source.send(cancel_calibration(number), _CANCEL_S)
+            self._source.send(calibration_command(None, number), _CANCEL_S)
         except BadDevice:
             return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
         self._read_remarks(0.0)
@@ -569,11 +551,8 @@ class _Run:
             raise BadDevice(CANNOT)
         if kind == "started" or self._is_header(remark.text):
             raise BadDevice(f"the board was reset while it measured. {_STARTS_WITH}")
-        if (
-            answer is None
-            or isinstance(answer, Reply)
-            or answer.name not in self._channels.keys() - self._done.keys()
-        ):
+        waiting = self._channels.keys() - self._done.keys()
+        if answer is None or isinstance(answer, Reply) or answer.name not in waiting:
             return
         channel = self._channels[answer.name]
         if isinstance(answer, Calibrating):
@@ -790,10 +769,7 @@ def _compared(z: NDArray[np.float32], x: NDArray[np.float32], params: Float32Par
     steps = np.abs(_ordered(ours) - _ordered(theirs))
     far = np.abs(ours.astype(np.float64) - theirs)
     return BoardCheck(
-        rows=len(steps),
-        different=int(np.count_nonzero(steps)),
-        largest_steps=int(steps.max(initial=0)),
-        largest=float(far.max(initial=0.0)),
+        len(steps), int(np.count_nonzero(steps)), int(steps.max(initial=0)), float(far.max(initial=0.0))
     )
 
 

@@ -57,13 +57,6 @@ class ExportJob:
         return bool(self.fusion.sensors)
 
     @property
-    def title(self) -> str:
-        """What is exported, for its first line."""
-        if self.fuses:
-            return "Kalman filter that fuses several sensors of one quantity"
-        return "Noise filters" if self.has_chain else "Scalar Kalman noise filter"
-
-    @property
     def identifiers(self) -> tuple[str, ...]:
         """A distinct identifier [a-z][a-z0-9_]* for each channel in order, or each sensor and the fused value."""
         return identifiers(name for one in self.channels for name in (*one.sensors, one.name))
@@ -87,11 +80,6 @@ class ExportJob:
     def has_chain(self) -> bool:
         """Whether any filter is a chain: each channel then says which filter it has."""
         return any(channel.chain is not None for channel in self.channels)
-
-    @property
-    def for_one_period(self) -> bool:
-        """Whether the user cannot convert the export to another sample period."""
-        return self.has_momentum or self.has_chain
 
     @property
     def has_median(self) -> bool:
@@ -186,7 +174,10 @@ def about(job: ExportJob) -> tuple[str, ...]:
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
-    lines = [f"{job.title}, tuned and exported by Kalscope."]
+    one_period = job.has_momentum or job.has_chain  # no user can convert these
+    title = "Noise filters" if job.has_chain else "Scalar Kalman noise filter"
+    title = "Kalman filter that fuses several sensors of one quantity" if job.fuses else title
+    lines = [f"{title}, tuned and exported by Kalscope."]
     origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
     if job.sha256:
         origin.append(f"SHA-256 {comment_text(job.sha256, 64)[:16]}")
@@ -202,10 +193,10 @@ def about(job: ExportJob) -> tuple[str, ...]:
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
         lines.append(
             "for another period export again: the constants below hold for this one only."
-            if job.for_one_period
+            if one_period
             else "with another period T multiply q by T / this period; r and p0 stay."
         )
-    if job.for_one_period:
+    if one_period:
         lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time advances.")
     return tuple(lines)
 
@@ -237,13 +228,14 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
             f"  momentum tau = {number_text(channel.momentum)} samples{seconds}:"
             " how long the signal keeps its direction"
         )
+    lag = f"{steady.lag_samples:.4g} samples" + ("" if steady.lag_s is None else f" = {steady.lag_s:.4g} s")
     lines += [
         f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
         f"  start: {start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
         f"  settled{', while all sensors answer' if fuses else ''}: gain K = {steady.gain:.6g},"
-        f" lag behind a ramp {_lag_words(steady)}{'' if channel.chain is None else ', and that of the median'}",
+        f" lag behind a ramp {lag}{'' if channel.chain is None else ', and that of the median'}",
     ]
     if fuses:
         return (*lines, *_about_sensors(channel))
@@ -285,11 +277,6 @@ def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
 def chain_words(chain: Chain) -> str:
     """A chain in ASCII: median of 5, then one-euro (cut-off 0.02, beta 0.1)."""
     return comment_text(chain.words.replace("α", "alpha").replace("β", "beta"), 100)
-
-
-def _lag_words(steady: SteadyState) -> str:
-    seconds = "" if steady.lag_s is None else f" = {steady.lag_s:.4g} s"
-    return f"{steady.lag_samples:.4g} samples{seconds}"
 
 
 def ascii_squared(unit: str) -> str:

@@ -31,8 +31,6 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 DEFAULT_ROWS = 1000
 """Rows of a vector file: the start is among them, and more rows would prove no more."""
 
-HEADER = "time,raw,filtered,gain"
-
 
 def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
@@ -52,15 +50,14 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
     """
     if rows < 1 or not len(recording):
         raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
-    if job.fuses:
-        header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
-        return {"groundtruth.csv": _text(job.fusion, recording, header, rows)}
-    if len(job.channels) == 1:
-        (channel,) = job.channels
-        name = recording.names[0] if len(recording.names) == 1 else channel.name
-        return {"groundtruth.csv": _text(replace(channel, name=name), recording, HEADER, rows)}
+    read, last = (job.sensor_identifiers, "variance") if job.fuses else (("raw",), "gain")
+    header, channels = ",".join(("time", *read, "filtered", last)), job.channels
+    if len(channels) == len(recording.names) == 1:
+        channels = (replace(channels[0], name=recording.names[0]),)
+    endings = [f"_{word}" for word, _ in job.named_channels] if len(channels) > 1 else [""]
     return {
-        f"groundtruth_{word}.csv": _text(channel, recording, HEADER, rows) for word, channel in job.named_channels
+        f"groundtruth{ending}.csv": _text(channel, recording, header, rows)
+        for ending, channel in zip(endings, channels, strict=True)
     }
 
 

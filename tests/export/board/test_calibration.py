@@ -105,11 +105,11 @@ def test_no_damaged_answer_is_an_error_or_another_number():
 
 
 def test_commands_name_their_channel_and_an_impossible_time_is_refused():
-    assert (calibration.start(10.0), calibration.start(0.64, 2)) == ("c 10", "2 c 0.64")
-    assert (calibration.cancel_calibration(), calibration.cancel_calibration(3)) == ("c 0", "3 c 0")
+    assert (calibration.calibration_command(10.0), calibration.calibration_command(0.64, 2)) == ("c 10", "2 c 0.64")
+    assert (calibration.calibration_command(None), calibration.calibration_command(None, 3)) == ("c 0", "3 c 0")
     for seconds in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
-            calibration.start(seconds)
+            calibration.calibration_command(seconds)
 
 
 @pytest.fixture
