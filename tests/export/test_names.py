@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
-from kalscope.export.names import comment_text, identifier, identifiers, quoted
+from kalscope.export.names import comment_text, identifier, identifiers
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets.arduino import UNIT_CHECK
 
@@ -184,14 +184,6 @@ def test_a_comment_keeps_what_a_person_needs():
     assert comment_text("Temp °C, 50 % (lab)") == "Temp degC, 50 % (lab)"
     assert comment_text("m/s²") == "m/s^2"
     assert comment_text("y" * 300) == "y" * 57 + "..."
-
-
-@given(st.text(max_size=60))
-def test_quoted_text_comes_back_from_python_and_yaml(text):
-    whole = text.encode("utf-8", "replace").decode()
-    assert ast.literal_eval(quoted(text)) == whole
-    assert yaml.safe_load(quoted(text)) == whole
-    assert quoted(text).isascii()
 
 
 def test_no_name_is_substituted():

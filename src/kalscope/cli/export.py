@@ -61,11 +61,10 @@ def export_command(
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
     files = export_tuning(tuned, target, vectors=recording, calibration=calibration)
-    for message in [
-        *_what(tuned),
-        *_other_rate(recording, tuned),
-        *limits_of(tuned, None, target),
-    ]:
+    if tuned.fusion is not None:
+        fused = ", ".join(tuned.fusion.sensors)
+        say(f"note: this is the filter that fuses {fused}; --channel NAME exports that of one channel")
+    for message in (*_other_rate(recording, tuned), *limits_of(tuned, None, target)):
         say(f"note: {message}")
     _write(files, output, force=force)
 
@@ -86,16 +85,6 @@ def _write(files: dict[str, str], output: Path | None, *, force: bool) -> None:
     if sketch and output.resolve().name != sketch:
         say(f"note: the Arduino IDE opens a sketch only from a folder of its name, as with -o {output / sketch}")
     write_output((f"{path}\n" for path in written), None)
-
-
-def _what(tuning: Tuning) -> list[str]:
-    """A sentence where a fusion is exported and not the channels."""
-    if tuning.fusion is None:
-        return []
-    return [
-        f"this is the filter that fuses {', '.join(tuning.fusion.sensors)};"
-        " --channel NAME exports that of one channel"
-    ]
 
 
 def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kalscope.export.report import Report
     from kalscope.papers.reproduction import Reproduction
     from kalscope.recording import Recording
-    from kalscope.tuning.tuning import ChannelTuning, Tuning
+    from kalscope.tuning.tuning import Tuning
 
 
 # `kalscope report`: one page of HTML on a recording and its tuning.
@@ -51,14 +51,9 @@ def report_command(
 
     It shows the chart, the parameters, what they do, whether they fit, and the command that reopens it.
     """
-    from dataclasses import replace
-
-    import numpy as np
-
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
-    from kalscope.export.report import as_html, make_report
-    from kalscope.tuning.choose import filters_for
+    from kalscope.export.report import as_html
     from kalscope.tuning.file import load_tuning
 
     tell_compiling()
@@ -67,52 +62,48 @@ def report_command(
     if momentum is not None and overshoot is not None:
         raise BadSetting("--overshoot must be used without --momentum, which follows from it (got both)")
     tuning = load_tuning(config)
-    fused = tuning.fusion is not None and channel is None
-    if fused and (momentum is not None or overshoot is not None):
+    if tuning.fusion is not None and channel is None and (momentum is not None or overshoot is not None):
         raise BadSetting(
             "--momentum and --overshoot need --channel: a fusion has the momentum of --config (got none)"
         )
     check_new(output, force=force)
     with progress_line() as progress:
         recording = open_source(source, reading, sample_period=sample_period, progress=progress)
-    if recording.sample_period is None and tuning.sample_period is not None:
-        moments = np.arange(len(recording)) * tuning.sample_period
-        recording = replace(recording, time=moments, sample_period=tuning.sample_period)
-    if fused:
-        (fusion,), notes = filters_for(recording, config, {})
-        report = make_report(recording, tuning, fusion=fusion, config=str(config))
-    else:
-        report, notes = _of_channel(recording, tuning, config, channel, (momentum, overshoot))
+    report, notes = _report(recording, tuning, config, channel, (momentum, overshoot))
     write_atomic(output, as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
 
 
-def _of_channel(
+def _report(
     recording: Recording,
     tuning: Tuning,
     config: Path,
     channel: str | None,
     change: tuple[float | None, float | None],
 ) -> tuple[Report, list[str]]:
-    """The page on one channel, its filter with another momentum or overshoot; and notes on the choice."""
+    """The page on the fusion or on one channel, its filter with another momentum or overshoot; and notes."""
     from dataclasses import replace
 
-    from kalscope.export.report import make_report
-    from kalscope.tuning.choose import adapt_tuning, with_momentum
+    import numpy as np
 
+    from kalscope.export.report import make_report
+    from kalscope.tuning.choose import adapt_tuning, filters_for, with_momentum
+
+    if recording.sample_period is None and tuning.sample_period is not None:
+        moments = np.arange(len(recording)) * tuning.sample_period
+        recording = replace(recording, time=moments, sample_period=tuning.sample_period)
+    if tuning.fusion is not None and channel is None:
+        (fusion,), notes = filters_for(recording, config, {})
+        return make_report(recording, tuning, fusion=fusion, config=str(config)), notes
     chosen, notes = adapt_tuning(recording, tuning, channel=channel)
     selected = channel or (tuning.selected if tuning.selected in chosen else next(iter(chosen)))
-    changed = with_momentum(chosen[selected], *change)
-    options = [] if changed == chosen[selected] else _options(selected, changed)
+    changed, options = with_momentum(chosen[selected], *change), list[str]()
+    if changed != chosen[selected]:
+        options = ["--channel", selected, "--q", repr(changed.q), "--momentum", repr(changed.momentum)]
     own = tuple(replace(entry, name=name) for name, entry in {**chosen, selected: changed}.items())
     fitted = replace(tuning, channels=own, selected=selected)
     return make_report(recording, fitted, config=str(config), options=options), notes
-
-
-def _options(channel: str, changed: ChannelTuning) -> list[str]:
-    """The options of `kalscope open` that change the filter of the tuning file to this one."""
-    return ["--channel", channel, "--q", repr(changed.q), "--momentum", repr(changed.momentum)]
 
 
 # `kalscope reproduce`: the source documents' figures and tables as one page, and its numbers as JSON.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
@@ -81,7 +81,7 @@ def parameters(own: ChannelTuning, period: float | None) -> Rows:
     return (*rows, ("found", own.how))
 
 
-def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: float | None, error: str) -> Rows:
+def meaning(steady: SteadyState, result: FilterResult, period: float | None, error: str) -> Rows:
     """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
     lag, settle = steady.lag_samples, steady.settle_samples
     rows = [
@@ -175,7 +175,7 @@ STYLES = ("raw", "s1", "s3", "s4")
 """Of the sensors, from the first; the fused value is s2."""
 
 _MAX_BRIDGED = 10
-"""A sensor's line is broken where it has no reading for this many of its usual steps."""
+"""The line of a sensor that misses rows is broken where it has no reading for this many of its usual steps."""
 
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of less than twice as many has none."""
@@ -344,62 +344,39 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 def _charts(
     recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
-    if own.sensors:
-
-        def fused(x: Array, part: slice) -> list[Line]:
-            sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
-            return [*sensors, _line(x, result.x[part], own.name, "s2")]
-
-        return panels_of(recording, (own.name, own.unit), [z], fused)
+    """The whole recording, and a detail from the middle of a long one; a wild start of x may leave them."""
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
-
-    def lines(x: Array, part: slice) -> list[Line]:
-        at = chosen_samples(z[part])
-        x, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
-        return [Line(x, y[part][at], name, style) for name, y, style in (*measured, ("filtered", result.x, "s2"))]
-
-    return panels_of(recording, (own.name, own.unit), [y for _, y, _ in measured], lines)
-
-
-def panels_of(
-    recording: Recording,
-    labels: tuple[str, str],
-    measured: list[Array],
-    lines: Callable[[Array, slice], list[Line]],
-) -> tuple[Panel, ...]:
-    """The whole recording, and a detail from the middle of a long one.
-
-    Args:
-        recording: gives the abscissae.
-        labels: name and unit of the ordinate.
-        measured: what must be in the picture, each of shape (n, …); a wild start of the filter may leave it.
-        lines: makes the curves of a part from its abscissae and its rows.
-    """
+    if own.sensors:
+        measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
+    curves = (*measured, (own.name if own.sensors else "filtered", result.x, "s2"))
     n, timed = len(recording), recording.sample_period is not None
     x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
     first = (n - MAX_DETAIL_SAMPLES) // 2
     last = first + MAX_DETAIL_SAMPLES - 1
     parts = {"The whole recording": slice(0, n), f"Detail: samples {first} to {last}": slice(first, last + 1)}
+    short = own.name if len(own.name) <= 10 else f"{own.name[:9]}…"  # fits beside a low chart
     return tuple(
         Panel(
             title,
-            tuple(lines(x[part], part)),
+            tuple(_line(x[part], y[part], name, style) for name, y, style in curves),
             "time (s)" if timed else "sample",
-            _label(*labels),
-            _y_range(np.concatenate([y[part].ravel() for y in measured])),
+            f"{short} ({own.unit[:8]})" if own.unit else short,
+            _y_range(np.concatenate([y[part] for _, y, _ in measured])),
         )
         for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
     )
 
 
 def _line(x: Array, y: Array, name: str, style: str) -> Line:
-    """A curve through its readings, from one to the next however slow the sensor is; broken in long gaps."""
+    """A curve through its readings, from one to the next however slow a sensor is; broken where one is missing."""
     at = np.flatnonzero(np.isfinite(y))
     if len(at) < 2:  # a line needs two points
         return Line(x[0] + np.arange(2.0), np.full(2, y[at[0]] if len(at) else np.nan), name, style)
     steps = np.diff(at)
-    gaps = np.flatnonzero(steps > _MAX_BRIDGED * np.median(steps)) + 1
-    x, y = np.insert(x[at], gaps, x[at][gaps]), np.insert(y[at], gaps, np.nan)
+    usual = np.median(steps)
+    gaps = np.flatnonzero(steps > (usual if usual == 1.0 else _MAX_BRIDGED * usual)) + 1
+    between = 0.5 * (x[at[gaps - 1]] + x[at[gaps]])
+    x, y = np.insert(x[at], gaps, between), np.insert(y[at], gaps, np.nan)
     kept = chosen_samples(y)
     return Line(x[kept], y[kept], name, style)
 
@@ -409,12 +386,6 @@ def _y_range(seen: Array) -> tuple[float, float]:
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
     room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
-
-
-def _label(name: str, unit: str) -> str:
-    """Name and unit, short enough to fit beside a low chart."""
-    short = name if len(name) <= 10 else f"{name[:9]}…"
-    return f"{short} ({unit[:8]})" if unit else short
 
 
 def chosen_samples(z: Array) -> NDArray[np.intp]:

@@ -12,7 +12,7 @@ import numpy as np
 from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, about, about_channel, chain_words, commented, fill_template
-from kalscope.export.names import comment_text, number_text, quoted
+from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.classic import Chain, Exponential, MovingAverage, PowerOfTwo
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady import ratio_for, steady_state
@@ -256,7 +256,7 @@ def _combination(job: ExportJob, word: str, one: ChannelTuning) -> str:
     return scaled + _SENSOR.format(
         about=commented(about_channel(job, one), "  #"),
         word=word + ending.replace(" ", "_"),
-        name=quoted(f"{comment_text(one.name, 40)}{ending}"),  # harmless: "${…}" would be substituted
+        name=f'"{comment_text(one.name, 40)}{ending}"',  # harmless: "${…}" would be substituted
         process=number_text(process),
         sources=sources,
     )
