@@ -12,7 +12,7 @@ from processor import PROCESSORS, Processor
 from required import not_here
 
 from kalscope import ChannelTuning
-from kalscope.export.float32 import filter_channel_float32, filter_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
@@ -99,7 +99,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
         constant = f"kalscope_fusion_tuning_{fusion.identifiers[-1]}"
         answers, _ = processor.emulate(made, names, z, (fused, constant))
         for answer, channel in zip(answers[:-1], CHAINS, strict=True):
-            np.testing.assert_array_equal(answer, filter_channel_float32(z, channel), err_msg=channel.name)
+            np.testing.assert_array_equal(answer, filter_float32(z, channel), err_msg=channel.name)
         rows = np.column_stack([np.roll(z, -sensor) for sensor in range(len(FUSION.sensors))])
         np.testing.assert_array_equal(answers[-1], filter_float32(rows, FUSION.params))
 

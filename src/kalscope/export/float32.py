@@ -126,13 +126,13 @@ def float32_text(value: np.float32) -> str:
     return f"{digits}f" if "." in digits or "e" in digits else f"{digits}.0f"
 
 
-def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats:
+def filter_float32(z: ArrayLike, params: FilterParams | Float32Params | ChannelTuning) -> Floats:
     """The filtered signal as a board with float32 computes it, bit for bit.
 
     Args:
         z: Samples since the filter was (re)started, shape (n,), or (n, sensors) of sensors that are fused; rounded
             to float32; NaN where missing.
-        params: The parameters, or those that a board reported.
+        params: The parameters, those that a board reported, or a channel with its chain.
 
     Returns:
         x, float32, shape (n,).
@@ -140,8 +140,13 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params) -> Floats
     Raises:
         BadSetting: z has another shape; float32 cannot hold a parameter.
     """
-    held = params if isinstance(params, Float32Params) else float32_params(params)
     samples: Floats = np.ascontiguousarray(z, dtype=np.float32)
+    if isinstance(params, ChannelTuning):
+        kalman = float32_tuning(params)
+        if params.chain is not None and kalman is None:
+            return RunningStages(params.chain.stages, np.float32).take(samples, np.empty(0))
+        params = kalman or params.params
+    held = params if isinstance(params, Float32Params) else float32_params(params)
     if samples.ndim != 1 + np.ndim(held.r) or samples.shape[1:] != np.shape(held.r):
         raise BadSetting(f"z must have shape {('n', *np.shape(held.r))} (got {samples.shape})")
     if held.median > 1:
@@ -260,22 +265,3 @@ def float32_tuning(channel: ChannelTuning) -> Float32Params | None:
                 f" {number(value)}, {chain.then.words})"
             ) from None
     return None
-
-
-def filter_channel_float32(z: ArrayLike, channel: ChannelTuning) -> Floats:
-    """The filtered signal of a channel as a board with float32 computes it, bit for bit.
-
-    Args:
-        z: Samples since the start, shape (n,), rounded to float32; NaN where missing.
-        channel: The filter.
-
-    Returns:
-        x, float32, shape (n,).
-
-    Raises:
-        BadSetting: float32 cannot hold a value.
-    """
-    held = float32_tuning(channel)
-    if held is not None or channel.chain is None:
-        return filter_float32(z, held or channel.params)
-    return RunningStages(channel.chain.stages, np.float32).take(np.asarray(z, dtype=np.float32), np.empty(0))

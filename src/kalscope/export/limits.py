@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -44,25 +42,14 @@ COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "di
 """Units of what analogRead() returns."""
 
 
-@dataclass(frozen=True)
-class DeviceLimit:
-    """One thing that differs on the board."""
-
-    kind: Literal["refused", "gain", "estimate", "time"]
-    """"refused": float32 cannot hold a value; "gain": the export uses a constant gain once settled; "estimate":
-    the filtered value stops short of the signal; "time": an Uno is too slow."""
-    message: str
-    """One or two sentences: what happens, and what helps."""
-
-
 def tuning_limits(
     filters: Sequence[ChannelTuning],
     *,
     levels: Iterable[float],
     sample_period: float | None = None,
     constant_gain: bool = True,
-) -> tuple[DeviceLimit, ...]:
-    """The limits of the filters of a board that computes in float32; none where it runs them as shown.
+) -> list[str]:
+    """The limits of the filters of a board that computes in float32, a sentence or two each.
 
     Args:
         filters: The channels, or one filter that fuses sensors.
@@ -75,7 +62,7 @@ def tuning_limits(
     Raises:
         BadSetting: A level or the sample period is not positive.
     """
-    found: list[DeviceLimit] = []
+    found: list[str] = []
     remaining, inputs = iter(levels), sum(one.params.sensors for one in filters)
     for one in filters:
         level = max(
@@ -85,7 +72,7 @@ def tuning_limits(
         try:
             float32_tuning(one)
         except BadSetting as error:
-            found.append(DeviceLimit("refused", f"{error}. Scale the signal, or export to a target with double."))
+            found.append(f"{error}. Scale the signal, or export to a target with double.")
             continue
         if runs_kalman(one):
             instead = _NO_CONSTANT_OF_FUSION if one.sensors else "" if constant_gain else _NO_CONSTANT
@@ -96,13 +83,10 @@ def tuning_limits(
         has_chain = any(one.chain is not None for one in filters)
         then = "and export for that period" if has_chain else "with q multiplied by as much"
         found.append(
-            DeviceLimit(
-                "time",
-                f"an Uno needs {needed:g} µs to read and {'filter one channel' if inputs == 1 else work}, more than"
-                f" the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, {then}.",
-            )
+            f"an Uno needs {needed:g} µs to read and {'filter one channel' if inputs == 1 else work}, more than"
+            f" the sample period of {sample_period * 1e6:.4g} µs. Take fewer samples, {then}."
         )
-    return tuple(found)
+    return found
 
 
 def update_us(one: ChannelTuning, beside: Iterable[ChannelTuning] = ()) -> float:
@@ -127,7 +111,7 @@ _NO_CONSTANT = "This target has no constant gain to continue with: use the code 
 _NO_CONSTANT_OF_FUSION = "A fusion has no constant gain to continue with: export c, in double, or take a larger q."
 
 
-def _stalls(params: FilterParams, level: float, instead: str) -> Iterator[DeviceLimit]:
+def _stalls(params: FilterParams, level: float, instead: str) -> Iterator[str]:
     """A gain that float32 does not settle to, and an estimate that stops moving.
 
     A correction below half the distance of two floats is lost: x no longer moves. With momentum the velocity
@@ -142,10 +126,9 @@ def _stalls(params: FilterParams, level: float, instead: str) -> Iterator[Device
     gain = float(steady.gain)
     if 0.0 < gain < STALLING_GAIN:
         settled = f"some {1.0 / gain:.2g} samples after the start."
-        yield DeviceLimit(
-            "gain",
+        yield (
             f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early."
-            f" {instead or f'The exported code then continues with exactly this gain, {settled}'}",
+            f" {instead or f'The exported code then continues with exactly this gain, {settled}'}"
         )
     spread = math.sqrt(params.q if gain == 1.0 else r / (1.0 - gain))  # of the innovation: s = r / (1 - K)
     gain = max(gain, params.momentum * float(steady.velocity_gain))
@@ -156,8 +139,7 @@ def _stalls(params: FilterParams, level: float, instead: str) -> Iterator[Device
         where = f"the board's filtered value does not move while the signal is within {half_ulp / gain:.3g} of it"
     else:
         where = f"after {spread / half_ulp:.2g} samples the board's filtered value stops moving"
-    yield DeviceLimit(
-        "estimate",
+    yield (
         f"float32 steps by {2.0 * half_ulp:.2g} at {level:.4g}, more than a usual correction: {where}. Subtract "
-        "the level before filtering, filter every n-th sample with n times q, or use a board with double.",
+        "the level before filtering, filter every n-th sample with n times q, or use a board with double."
     )

@@ -250,13 +250,12 @@ def limits_of(
 
     chosen = tuning.only(channel)
     filters = chosen.channels if chosen.fusion is None else (chosen.fusion,)
-    found = tuning_limits(
+    said = tuning_limits(
         filters,
         levels=[level(name) for one in filters for name in one.sensors or (one.name,)],
         sample_period=chosen.sample_period,
         constant_gain=precision == "float32, gain kept",
     )
-    said = [limit.message for limit in found]
     others = " and ".join(f"{one.name} is in {one.unit}" for one in not_in_counts(filters))
     if target == "arduino" and others:
         said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")

@@ -252,13 +252,15 @@ def make_report(
         tables = (*judged, ReportTable("While all sensors answer", effect), values, pinned)
     else:
         tables = (values, ReportTable("Resulting filter", effect), *judged, pinned)
+    source = recording.source or "FILE"
+    reopened = ["kalscope", "open", source, *recording.report.options, "--config", config, *options]
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(sources)}",
         subtitle=_subtitle(recording, result.x if shown.sensors else z),
         charts=_charts(recording, shown, z, result, truth),
         tables=tables,
         texts=texts,
-        command=command or _command(recording, config, options),
+        command=command or shlex.join(reopened),
         origin=_origin(recording, tuning, now),
     )
 
@@ -318,12 +320,6 @@ def _subtitle(recording: Recording, z: Array) -> str:
     if missing:
         parts.append(f"{count(missing)} missing")
     return ", ".join(parts)
-
-
-def _command(recording: Recording, config: str, options: Sequence[str]) -> str:
-    """What reopens the recording with a tuning file."""
-    source = recording.source or "FILE"
-    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config, *options])
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:

@@ -31,7 +31,6 @@ from kalscope_app.views.export import (
     html_report,
     limits_text,
     packed,
-    png_report,
     toggled,
 )
 
@@ -194,7 +193,7 @@ def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(sta
     assert "<td>A</td><td>0.0200</td>" in text
     assert "Pinned settings" not in html_report(state).decode()
     with pytest.raises(BadSetting, match="choose the Kalman filter"):
-        png_report(opened_experiment("generalized_figure_8"))
+        html_report(opened_experiment("generalized_figure_8"))
 
 
 def test_undo_brings_no_earlier_sending_back(state):

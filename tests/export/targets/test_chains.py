@@ -14,7 +14,7 @@ import pytest
 from required import not_here
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
-from kalscope.export.float32 import filter_channel_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets import arduino, c
@@ -147,7 +147,7 @@ def in_double():
 
 @pytest.fixture(scope="module")
 def in_float():
-    return [filter_channel_float32(signal(np.float32), channel) for channel in CHANNELS]
+    return [filter_float32(signal(np.float32), channel) for channel in CHANNELS]
 
 
 def test_c_in_double_has_the_bits_of_the_core(tmp_path, in_double):
