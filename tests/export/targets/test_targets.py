@@ -397,56 +397,6 @@ def test_an_unknown_target_names_the_choices(shared):
         export_tuning(shared.tuning, "cobol")
 
 
-def everything_said(target):
-    channel = ChannelTuning("temp", "degC", 0.01, 0.25, 0.5, 20.0, gate=9.0)
-    tuning = Tuning((channel,), sample_period=0.01, source_name="oven.csv")
-    return "\n".join(export_tuning(tuning, target).values())
-
-
-@pytest.mark.parametrize("target", list(TARGETS))
-def test_every_export_says_what_it_holds(target):
-    text = everything_said(target)
-    gain = steady_state(ChannelTuning("temp", "", 0.01, 0.25).params).gain
-    said = (
-        "process noise q = 0.01",
-        "measurement noise r = 0.25",
-        "start variance p0 = 0.5",
-        "variances (not standard deviations) in degC^2",
-        "sample period of 0.01 s",
-        f"gain K = {gain:.6g}",
-        "lag behind a ramp",
-        "x0 = 20.0 before the first predict",
-        "oven.csv",
-    )
-    assert [words for words in said if words not in text] == []
-
-
-@pytest.mark.parametrize("target", ["arduino", "c", "python", "javascript", "matlab", "json"])
-def test_every_export_with_momentum_says_what_it_holds(target):
-    channel = ChannelTuning("temp", "degC", 0.01, 0.25, momentum=20.0)
-    text = "\n".join(export_tuning(Tuning((channel,), sample_period=0.01), target).values())
-    steady = steady_state(channel.params)
-    said = (
-        "momentum tau = 20.0 samples = 0.2 s",
-        f"velocity gain L = {steady.velocity_gain:.6g} per sample",
-        f"overshoot on a step {100 * steady.overshoot:.3g} %",
-        f"lag behind a ramp {steady.lag_samples:.4g} samples",
-        "for another period export again",
-        "pass a missing sample as NaN",
-    )
-    assert [words for words in said if words not in text] == []
-
-
-def test_a_channel_without_momentum_is_exported_as_before_beside_one_with_it():
-    """Only a script a channel can do so: other targets have one filter for all."""
-    plain, other = ChannelTuning("plain", "V", 0.01, 0.25), ChannelTuning("other", "V", 0.01, 0.25, momentum=20.0)
-    alone = export_tuning(Tuning((plain,), tool="", date=""), "matlab")
-    assert (
-        export_tuning(Tuning((plain, other), tool="", date=""), "matlab")["kalman_plain.m"]
-        == alone["kalman_plain.m"]
-    )
-
-
 @pytest.mark.parametrize("target", list(TARGETS))
 def test_without_momentum_no_export_speaks_of_it(target):
     tuning = Tuning((ChannelTuning("temp", "degC", 0.01, 0.25),), sample_period=0.01)
