@@ -6,15 +6,14 @@ import json
 import math
 import re
 import runpy
-import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from required import node, not_here
+from exported_program import FUSED, build, program
+from required import node
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, fuse
@@ -79,13 +78,6 @@ def write(files, folder):
         (folder / name).write_text(text, encoding="ascii")
 
 
-def program(name):
-    found = shutil.which(name)
-    if found is None:
-        not_here(f"{name} is not installed")
-    return found
-
-
 def test_the_cases_are_hard_enough():
     """Readings are refused at the gate, rows have nobody, and an exact value meets an exact reading."""
     results = {name: fuse(readings(4, fusion), fusion.params) for name, fusion in CASES.items()}
@@ -138,25 +130,21 @@ int main() {
   KalscopeFusion fusion(KALSCOPE_FUSION_NAME);
   float row[KALSCOPE_SENSORS + 1], out[2];
   while (fread(row, sizeof row, 1, stdin) == 1) {
-    out[0] = row[0] < 0 ? fusion.update(row + 1) : fusion.update(row + 1, row[0]);
+    out[0] = row[0] < 0 ? fusion.update(row + 1) : fusion.update(row + 1, (uint32_t)row[0]);
     out[1] = fusion.p;
     if (fwrite(out, sizeof out, 1, stdout) != 1) return 1;
   }
 }
 """
-CPUINFO = Path("/proc/cpuinfo")
-WITH_FMA = CPUINFO.is_file() and " fma " in CPUINFO.read_text()
-STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
 
 
-def compiled(folder, files, main, *command):
-    write({**files, next(word for word in command if word.startswith("main.")): main}, folder)
-    subprocess.run([*command, "-o", "fuse", "-lm"], cwd=folder, check=True, capture_output=True, text=True)
+def compiled(folder, compiler, files, main, *flags):
+    texts = {name: text for name, text in files.items() if not name.endswith(".ino")}
+    bytes_of = build(folder, compiler, texts, main, *flags)
 
     def run(z, mask, dtype):
         rows = np.column_stack([mask, z]).astype(dtype)
-        done = subprocess.run([folder / "fuse"], input=rows.tobytes(), check=True, capture_output=True)
-        return np.frombuffer(done.stdout, dtype).reshape(-1, 2)
+        return np.frombuffer(bytes_of(rows.tobytes()), dtype).reshape(-1, 2)
 
     return run
 
@@ -172,22 +160,22 @@ def in_both_ways(run, z, dtype):
 
 @EACH
 def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, tmp_path):
-    gcc, fusion, z = program("gcc"), CASES[case], readings(4, CASES[case])
+    fusion, z, files = CASES[case], readings(4, CASES[case]), exported(case, "c")
     main = C_MAIN.replace("NAME", fusion.name)
-    command = (gcc, "-std=c99", *STRICT, "main.c", "kalscope_fusion.c")
-    answers = in_both_ways(compiled(tmp_path, exported(case, "c"), main, *command), z, np.float64)
+    answers = in_both_ways(compiled(tmp_path, "gcc", files, main, "-std=c99"), z, np.float64)
     expected = fuse(z, fusion.params)
     np.testing.assert_array_equal(answers, np.column_stack([expected.x, expected.p]))
-    answers = in_both_ways(compiled(tmp_path, {}, main, *command, "-DKALSCOPE_FLOAT"), z, np.float32)
+    answers = in_both_ways(compiled(tmp_path, "gcc", files, main, "-std=c99", "-DKALSCOPE_FLOAT"), z, np.float32)
     np.testing.assert_array_equal(answers[:, 0], filter_float32(z, fusion.params))
 
 
 @EACH
 def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_path):
     fusion, z = CASES[case], readings(4, CASES[case])
-    command = (program("g++"), "-std=c++11", *STRICT, "main.cpp")
     main = CPP_MAIN.replace("NAME", fusion.name.upper())
-    x = in_both_ways(compiled(tmp_path, exported(case, "arduino"), main, *command), z, np.float32)[:, 0]
+    x = in_both_ways(
+        compiled(tmp_path, "g++", exported(case, "arduino"), main, "-std=c++11", "-Wno-conversion"), z, np.float32
+    )[:, 0]
     np.testing.assert_array_equal(x, filter_float32(z, fusion.params))
     np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
 
@@ -221,13 +209,14 @@ def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_
         CASES["momentum, gains and start"], name='*/ #define x\n??/"\\', sensors=("int", "*/ #error"), unit="??/"
     )
     z, (c, cpp) = readings(4, fusion), (export_tuning(tuned(fusion), target) for target in ("c", "arduino"))
-    flags = (*STRICT, "-O3", *(("-mfma",) if WITH_FMA else ()))
-    command = (program("gcc"), "-std=c99", "-trigraphs", *flags, "main.c", "kalscope_fusion.c")
-    x = compiled(tmp_path, c, C_MAIN.replace("NAME", "define_x"), *command)(z, np.full(ROWS, -1.0), np.float64)
+    flags = ("-trigraphs", "-O3", *FUSED)
+    run = compiled(tmp_path, "gcc", c, C_MAIN.replace("NAME", "define_x"), "-std=c99", *flags)
+    x = run(z, np.full(ROWS, -1.0), np.float64)
     np.testing.assert_array_equal(x[:, 0], fuse(z, fusion.params).x)
-    command = (program("g++"), "-std=c++11", "-trigraphs", *flags, "main.cpp")
     main = CPP_MAIN.replace("NAME", "DEFINE_X")
-    x = compiled(tmp_path, cpp, main, *command)(z, np.full(ROWS, -1.0), np.float32)
+    x = compiled(tmp_path, "g++", cpp, main, "-std=c++11", "-Wno-conversion", *flags)(
+        z, np.full(ROWS, -1.0), np.float32
+    )
     np.testing.assert_array_equal(x[:, 0], filter_float32(z, fusion.params))
 
 
@@ -362,9 +351,9 @@ def test_other_refusals_say_what_helps(tmp_path):
         export_tuning(tuned(tiny), "arduino")
     with pytest.raises(BadSetting, match=r"^q \+ r / gain² \+ p0 must fit float32"):
         float32_params(replace(PAIR, q=3e38, r=(3e38, 1.0)).params)
-    command = (program("gcc"), "-std=c99", *STRICT, "-DKALSCOPE_FLOAT", "main.c", "kalscope_fusion.c")
+    files, main = export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level")
     with pytest.raises(subprocess.CalledProcessError) as failed:
-        compiled(tmp_path, export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level"), *command)
+        compiled(tmp_path, "gcc", files, main, "-std=c99", "-DKALSCOPE_FLOAT")
     assert "float cannot hold the values of level" in failed.value.stderr
 
 
