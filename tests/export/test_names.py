@@ -112,29 +112,24 @@ def test_any_text_stays_in_comments_and_strings(target, hostile):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", WRITING)
-def test_hostile_channel_names_are_only_identifiers_and_plain_file_names(target):
-    """The code with hostile names is the code with the names that they become."""
-    for names in SIXES:
-        found = export_tuning(tuning_of(*names), target)
-        calm = export_tuning(tuning_of(*identifiers(names)), target)
-        assert list(found) == list(calm)
-        for file, text in found.items():
-            assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", file), file
-            assert text.isascii()
-            assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", WITH_MOMENTUM)
-def test_hostile_names_and_texts_do_no_more_with_momentum(target):
+@pytest.mark.parametrize(
+    ("target", "momentum", "options"),
+    [
+        *((target, 0.0, {}) for target in WRITING),
+        *((target, 20.0, {}) for target in WITH_MOMENTUM),
+        ("arduino", 0.0, {"calibration": True}),
+    ],
+)
+def test_hostile_channel_names_are_only_identifiers_and_plain_file_names(target, momentum, options):
+    """The code with hostile names and texts is the code with the names that they become."""
     for names in SIXES:
         found, calm = (
-            export_tuning(tuning_of(*words, text=text, momentum=20.0), target)
+            export_tuning(tuning_of(*words, text=text, momentum=momentum), target, **options)
             for words, text in ((names, names[0]), (identifiers(names), "calm"))
         )
         assert list(found) == list(calm)
         for file, text in found.items():
+            assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", file), file
             assert text.isascii()
             assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
 
@@ -199,17 +194,3 @@ def test_a_refusal_is_one_line_whatever_the_names():
             export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
         assert str(caught.value).isascii()
         assert str(caught.value).isprintable()
-
-
-def test_hostile_names_and_texts_do_no_more_in_a_sketch_that_measures():
-    for names in SIXES:
-        found, calm = (
-            export_tuning(tuning_of(*words, text=text), "arduino", calibration=True)
-            for words, text in ((names, names[0]), (identifiers(names), "calm"))
-        )
-        assert list(found) == list(calm)
-        for file, text in found.items():
-            assert text.isascii()
-            assert without_names(code_of("arduino", file, text)) == without_names(
-                code_of("arduino", file, calm[file])
-            )

@@ -766,7 +766,9 @@ def _compared(z: NDArray[np.float32], x: NDArray[np.float32], params: Float32Par
     ours, theirs = filter_float32(z, params), x
     sent = np.isfinite(theirs) & np.isfinite(ours)
     ours, theirs = ours[sent], theirs[sent]
-    steps = np.abs(_ordered(ours) - _ordered(theirs))
+    bits = np.stack([ours, theirs]).view(np.int32).astype(np.int64)
+    order = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)  # counts the float32 values
+    steps = np.abs(order[0] - order[1])
     far = np.abs(ours.astype(np.float64) - theirs)
     return BoardCheck(
         len(steps), int(np.count_nonzero(steps)), int(steps.max(initial=0)), float(far.max(initial=0.0))
@@ -783,9 +785,3 @@ def find_restarts(raw: NDArray[np.float32], board: NDArray[np.float32], params: 
             begins[i] = filter_float32(raw[i : i + 1], params)[0] == board[i]
     same = np.flatnonzero(begins)
     return same[: np.searchsorted(same, same[0] + MAX_ROWS_TO_RESTART)].tolist() if len(same) else []
-
-
-def _ordered(values: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Numbers that count the float32 values in their order, so that differences count steps."""
-    bits = values.view(np.int32).astype(np.int64)
-    return np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)

@@ -298,28 +298,21 @@ def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None
         return (), (("Does the filter fit?", UNJUDGED),)
     checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
+    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
+    advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
     texts = (
-        ("Does the filter fit?", _fits(own, checks, period)),
+        ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
         ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
     )
     return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
 
 
-def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
-    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
-    advice = f" {as_sentences(advice_words(judgement))}" if judgement.findings else ""
-    return f"{judgement.headline}{advice}"
-
-
 def _subtitle(recording: Recording, z: Array) -> str:
     """How much there is of the samples z, in a few words."""
-    parts = [f"{count(len(z))} samples"]
-    if recording.sample_period is not None:
-        parts.append(sample_rate(recording.sample_period))
     missing = int(np.isnan(z).sum())
-    if missing:
-        parts.append(f"{count(missing)} missing")
-    return ", ".join(parts)
+    period = recording.sample_period
+    parts = (f"{count(len(z))} samples", "" if period is None else sample_rate(period))
+    return ", ".join(filter(None, (*parts, f"{count(missing)} missing" if missing else "")))
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:

@@ -51,10 +51,6 @@ def _entries(job: ExportJob, mark: str, entry: str, made: Callable[[ChannelTunin
 # A hostile name could form an encoding line: the first two lines, where Python looks for one, are constant.
 
 
-HEADING = "The scalar Kalman noise filter as it was tuned"
-"""First line of the file where no channel has a chain."""
-
-
 def python_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.py` and `with_kalscope.py`; or `kalscope_fusion.py` and `fusion_with_kalscope.py`."""
     if job.fuses:
@@ -80,7 +76,7 @@ def python_files(job: ExportJob) -> dict[str, str]:
     own = fill_template(
         "python/kalscope_filter.py.txt",
         job.marks,
-        heading="The noise filters as they were tuned" if job.has_chain else HEADING,
+        heading="noise filters as they were" if job.has_chain else "scalar Kalman noise filter as it was",
         about=head,
         classes=_classes(job),
         filters=_entries(job, "    #", entry, _own),
