@@ -358,26 +358,6 @@ def test_other_refusals_say_what_helps(tmp_path):
 
 
 @pytest.mark.parametrize("target", ABLE)
-def test_every_export_says_what_it_holds(target):
-    fusion = replace(CASES["gains"], how="by hand", q=0.07, p0=0.5, x0=21.0)
-    text = "\n".join(export_tuning(replace(tuned(fusion), source_name="oven.csv"), target).values())
-    said = (
-        "Kalman filter that fuses several sensors of one quantity, tuned and exported by Kalscope.",
-        "oven.csv",
-        "sample period of 0.01 s",
-        "variances (not standard deviations), q and p0 in deg^2",
-        "process noise q = 0.07 per sample",
-        "start variance p0 = 0.5",
-        "x0 = 21.0 before the first predict",
-        "whose v^2/s exceeds 6.0 is not used",
-        "settled, while all sensors answer: gain K = ",
-        "2 b: offset -3.0, gain -4.1, r = 16.0, share ",
-    )
-    assert [words for words in said if words not in text] == []
-    assert "@" not in re.sub(r"@momentum|@gains|@plain", "@", text)
-
-
-@pytest.mark.parametrize("target", ABLE)
 def test_a_name_from_outside_stays_in_comments_and_strings(target):
     name = '*/ #define x\n"); system("\\'
     plain = replace(PAIR, name="level", sensors=("sonar", "float"))
@@ -408,12 +388,3 @@ def test_vectors_have_a_column_a_sensor_and_read_back_bit_for_bit():
     other = Recording(recording.time, ("float",), ("",), values[:, :1], 0.01)
     with pytest.raises(BadSetting, match="sonar"):
         export_tuning(tuned(fusion), "json", vectors=other)
-
-
-def test_a_fusion_is_exported_unless_a_channel_is_named():
-    tuning = tuned(PAIR)
-    alone = replace(tuning, fusion=None)
-    assert "KalscopeFusion.h" in export_tuning(tuning, "arduino")
-    assert export_tuning(tuning, "arduino", channel="sonar") == export_tuning(alone, "arduino")
-    moved = export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
-    assert json.loads(moved)["fusion"]["process_noise_q"] == 0.18
