@@ -12,7 +12,7 @@ from effort import FUZZ
 from waiting import PATIENCE
 
 from kalscope import Recording
-from kalscope.export.report import as_html, as_png, make_report
+from kalscope.export.report import as_html, make_report
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app import dashboard as dashboard_module
 from kalscope_app.dashboard import Dashboard
@@ -165,14 +165,9 @@ def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
     assert [chart.handle.visible for chart in charts[:3]] == [False] * 3
 
 
-DRAWN = ("nothing but missing", "sixteen channels")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in RECORDINGS if name not in ("huge", "tiny")])
 def test_every_odd_recording_has_its_report(name):
     state = opened(RECORDINGS[name])
     report = make_report(state.recording, state.as_tuning(), state.channel)
     assert "kalscope open" in as_html(report)
-    if name in DRAWN or FUZZ > 1:  # the picture has the page's texts and chart, and takes ten times as long
-        assert as_png(report).startswith(b"\x89PNG")

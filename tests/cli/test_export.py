@@ -70,19 +70,6 @@ def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd
     assert sorted(contents(out)) == ["KalscopeFusion.h", "kalscope_fusion.ino"]
 
 
-def test_fixed_gains_are_written_and_their_limits_named(tmp_path, capfd):
-    path = tmp_path / "tuning.toml"
-    save_tuning(Tuning((ChannelTuning("raw", "V", 1e-14, 1.0, momentum=20.0),), sample_period=1e-4), path)
-    assert cli.run(["export", str(path), "--to", "arduino", "--fixed-gains"]) == 0
-    shown = capfd.readouterr()
-    assert shown.out == export_tuning(load_tuning(path), "arduino", fixed_gains=True)["kalscope_fixed_gains.h"]
-    assert "float32 steps by" in shown.err
-    assert "settle to a gain" not in shown.err
-    assert "an Uno needs" not in shown.err
-    assert cli.run(["export", str(path), "--to", "json", "--fixed-gains"]) == 2
-    assert "target must be arduino or c for fixed gains (got json)" in capfd.readouterr().err
-
-
 def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     command = ["export", str(tuning_file), "--to", "json", "--sample-period"]
     assert cli.run([*command, "0.04"]) == 0
@@ -165,8 +152,8 @@ def test_a_sketch_gets_a_folder_of_its_name_and_other_files_none():
     tuning = Tuning((ChannelTuning("raw", "", 0.01, 0.25),))
     sketch = export_tuning(tuning, "arduino")
     assert in_sketch_folder(sketch) == {f"kalscope_filter/{name}": text for name, text in sketch.items()}
-    for other in (export_tuning(tuning, "c"), export_tuning(tuning, "arduino", fixed_gains=True)):
-        assert in_sketch_folder(other) == other
+    other = export_tuning(tuning, "c")
+    assert in_sketch_folder(other) == other
 
 
 def test_where_one_file_cannot_be_written_none_is(tmp_path):
@@ -209,10 +196,8 @@ def test_a_file_that_is_no_tuning_is_refused(tmp_path, capfd):
     )
 
 
-def test_the_help_names_every_target_that_writes():
-    refused = [name for name, entry in TARGETS.items() if not entry.is_offered]
-    assert CHOICES.split(", ") == [name for name in TARGETS if name not in refused]
-    assert refused == ["simplekalmanfilter", "gyverfilters"]
+def test_the_help_names_every_target():
+    assert CHOICES.split(", ") == list(TARGETS)
 
 
 def test_no_name_leaves_the_folder(tmp_path):

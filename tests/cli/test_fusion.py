@@ -338,8 +338,6 @@ def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_pa
         assert words in text
     assert "The fused value has an error of" in text
     assert all(f">{name}<" in text for name in ("a", "b", "c", "level"))
-    assert run(["report", SOURCE, "--config", str(config), "-o", str(tmp_path / "report.png")]) == 0
-    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ from board import FLAT_OUT, read_lines
 from waiting import PATIENCE
 
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
-from kalscope.export.float32 import filter_channel_float32, float32_tuning
+from kalscope.export.float32 import filter_float32, float32_tuning
 from kalscope.export.job import ExportJob
-from kalscope.export.limits import UNO_CLASSIC, update_us
+from kalscope.export.limits import update_us
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.stages import channel_bytes
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
@@ -91,7 +91,7 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
     np.testing.assert_array_equal(printed[:, ::2], samples)
     for c, channel in enumerate(CHANNELS):
         rows = len(printed) if isinstance(first[c], FixedFilter) else before
-        expected = filter_channel_float32(samples[:rows, c], channel)
+        expected = filter_float32(samples[:rows, c], channel)
         np.testing.assert_array_equal(printed[:rows, 2 * c + 1], expected, err_msg=channel.name)
     for c in (0, 3):
         params = last[c].applied_to(float32_tuning(CHANNELS[c]))
@@ -103,17 +103,17 @@ def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_boa
     channels = (
         ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342))),
     )  # the longest that fits
-    z, cost = counts(200, 1), UNO_CLASSIC[MovingAverage]
+    z = counts(200, 1)
     firmware = workshop.sketch(saved(tmp_path, channels), *FAST, MISSING)
-    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(cost.ram + 4 * 342, abs=20)
+    assert firmware.flash == pytest.approx(4972, rel=0.05)
+    assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)
     board = start_board(firmware, z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         port.write(b"q 0.5\r\n")
         lines = [port.readline().decode() for _ in range(80)]
     assert sum(map(is_refusal, lines)) == 1
     printed = np.array([[float(c) for c in line.split(",")] for line in lines if line[0] != "#"], np.float32)
-    np.testing.assert_array_equal(printed[:, 1], filter_channel_float32(printed[:, 0], channels[0]))
+    np.testing.assert_array_equal(printed[:, 1], filter_float32(printed[:, 0], channels[0]))
 
 
 TIMED = {

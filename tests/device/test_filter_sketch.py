@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from float32_by_hand import ByHand
 from waiting import PATIENCE
 
 from kalscope import FilterParams
 from kalscope.export.board import commands, is_refusal, read_answer
-from kalscope.export.float32 import filter_float32, float32_params, without_momentum
+from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.export.job import ExportJob
-from kalscope.export.limits import UNO, UNO_FIXED_US, UNO_FIXED_WITH_MOMENTUM_US, UNO_READ_US, UNO_WITH_MOMENTUM
+from kalscope.export.limits import READ_US, update_us
 from kalscope.export.targets.arduino import files
-from kalscope.export.targets.c import arduino_files
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -42,51 +43,6 @@ TRIPLES = [
     (2e-37, 1e-36, 2e-38),
     (1e36, 1e37, 1e38),
 ]
-
-
-class Float32Oracle:
-    """The five lines in numpy's float32, one operation a rounding, as one would write them by hand."""
-
-    def __init__(self, q, r, p0):
-        self.q, self.r, self.x, self.p = np.float32(q), np.float32(r), np.float32(np.nan), np.float32(p0)
-
-    def update(self, z):
-        z, p = np.float32(z), self.p + self.q
-        k = p / (p + self.r) if np.isfinite(p) else np.float32(1.0)
-        self.p = k * self.r
-        self.x = z if np.isnan(self.x) else self.x + k * (z - self.x)
-        return self.x
-
-
-class MomentumOracle:
-    """The two-state filter in numpy's float32, in the order of the exported code; goes on when values change."""
-
-    def __init__(self, params):
-        self.use(params)
-        self.x, self.v, self.p, self.g = np.float32(np.nan), np.float32(0), params.p0, np.float32(0)
-        self.w = self.m.w0
-
-    def use(self, params):
-        self.r, self.m = params.r, params.momentum or without_momentum(params.q)
-
-    def update(self, z):
-        z, m, two = np.float32(z), self.m, np.float32(2)
-        carried = m.f * self.w
-        self.p = self.p + m.f * (two * self.g + carried) + m.q11
-        self.g = m.e * (self.g + carried) + m.q12
-        self.w = m.e * m.e * self.w + m.q22
-        self.x, self.v = self.x + m.f * self.v, m.e * self.v
-        s, innovation = self.p + self.r, z - self.x
-        if np.isinf(self.p):
-            self.x, self.p, self.g = z, self.r, np.float32(0)
-            return self.x
-        k, ell = self.p / s, self.g / s
-        self.p, self.g, self.w = k * self.r, ell * self.r, self.w - ell * self.g
-        if np.isnan(self.x):
-            self.x = z
-        else:
-            self.x, self.v = self.x + k * innovation, self.v + ell * innovation
-        return self.x
 
 
 def noisy_counts(n, seed=8):
@@ -141,36 +97,60 @@ class Conversation:
         self.rows += 1
 
 
-def test_the_board_prints_the_bits_of_the_host_also_after_changes_while_it_runs(start_board, workshop):
+MOMENTA = [(0.01, 4.0, None, 20.0), (0.3, 25.0, 1000.0, 0.0), (0.05, 30.0, None, 1e5), (2.0, 2.0, 1.0, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("momentum", "settings"), [(0.0, [(*one, 0.0) for one in TRIPLES]), (7.0, MOMENTA)], ids=["plain", "momentum"]
+)
+def test_a_board_gives_the_bits_of_the_host_also_after_changes_while_it_runs(
+    start_board, workshop, momentum, settings
+):
+    """After each command the filter goes on, with constants that the board computed itself; p restarts it."""
     counts = noisy_counts(1_500)
-    firmware = exported(workshop, ChannelTuning("raw", "", *TRIPLES[0]))
+    params = float32_params(FilterParams(0.5, 9.0, momentum=momentum))
+    firmware = exported(workshop, ChannelTuning("raw", "", 0.5, 9.0, momentum=momentum))
     board = start_board(firmware, counts, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         assert port.readline() == b"# raw,filtered\r\n"
-        talk = Conversation(port, counts, Float32Oracle(*TRIPLES[0][:2], np.inf))
-        for q, r, p0 in TRIPLES[1:]:
+        talk = Conversation(port, counts, ByHand(params))
+        for q, r, p0, tau in settings:
             talk.follow(60)
-            for text in commands(float32_params(FilterParams(q, r, p0))):
-                used = talk.ask(text)
-                talk.oracle.q, talk.oracle.r = used.q, used.r
-            said = (used.q, used.r, used.p0)
-            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0], rtol=3e-7)
-            talk.oracle = Float32Oracle(*said)  # the last command, p, restarts the filter
+            wanted = float32_params(FilterParams(q, r, p0, momentum=tau))
+            for text in commands(wanted, knows_momentum=momentum > 0.0):
+                params = talk.ask(text).applied_to(params)
+                talk.oracle.use(params)
+                if text.startswith("t"):
+                    talk.follow(50)
+            said = (params.q, params.r, params.p0, params.momentum.momentum if params.momentum else 0.0)
+            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0, tau], rtol=3e-7)
+            talk.oracle = ByHand(params)
         talk.follow(300)
 
 
-def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_three_channels(start_board, workshop):
+GATED = ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0)
+THREE = {
+    "plain": (
+        GATED,
+        ChannelTuning("temp", "", 1e-3, 25.0, 1000.0),
+        ChannelTuning("temp ", "", 3e-15, 30.0, 1.2e-6, 0.5),  # a gain that float32 cannot settle to
+    ),
+    "momentum": (
+        replace(GATED, momentum=30.0),
+        ChannelTuning("begun", "", 1e-3, 25.0, 1000.0, 400.0, momentum=1e4),
+        GATED,
+    ),
+}
+
+
+@pytest.mark.parametrize("channels", THREE.values(), ids=list(THREE))
+def test_gate_start_and_missing_samples_on_three_channels(start_board, workshop, channels):
     counts = noisy_counts(1000 * 3).reshape(-1, 3)
     rng = np.random.default_rng(9)
     counts[rng.random(counts.shape) < 0.02] = 1023  # spikes for the gate
     counts[100:130, 0] = 1000  # a step: the gate gives in after five
     counts[rng.random(counts.shape) < 0.01] = 0  # no sample
     counts[:4, 1] = 0
-    channels = (
-        ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0),
-        ChannelTuning("temp", "", 1e-3, 25.0, 1000.0),
-        ChannelTuning("temp ", "", 3e-15, 30.0, 1.2e-6, 0.5),
-    )
     missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
     firmware = exported(workshop, *channels, edits=(*FAST, missing, OTHER_UNIT))
     board = start_board(firmware, counts, *FLAT_OUT)
@@ -179,51 +159,6 @@ def test_gate_start_missing_samples_and_a_gain_that_float_cannot_settle_to_on_th
     printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
     z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
     np.testing.assert_array_equal(printed[:, ::2], z.astype(np.float32))
-    for c, channel in enumerate(channels):
-        np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
-
-
-MOMENTA = [(0.01, 4.0, None, 20.0), (0.3, 25.0, 1000.0, 0.0), (0.05, 30.0, None, 1e5), (2.0, 2.0, 1.0, 0.4)]
-
-
-def test_a_board_with_momentum_obeys_bit_for_bit_while_it_runs(start_board, workshop):
-    """After each command the filter goes on with constants that the board computed itself; p restarts it."""
-    counts = noisy_counts(1500, seed=3)
-    params = float32_params(FilterParams(0.5, 9.0, momentum=7.0))
-    board = start_board(exported(workshop, ChannelTuning("raw", "", 0.5, 9.0, momentum=7.0)), counts, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
-        assert port.readline() == b"# raw,filtered\r\n"
-        talk = Conversation(port, counts, MomentumOracle(params))
-        for q, r, p0, momentum in MOMENTA:
-            talk.follow(100)
-            for text in commands(float32_params(FilterParams(q, r, p0, momentum=momentum)), knows_momentum=True):
-                params = talk.ask(text).applied_to(params)
-                talk.oracle.use(params)
-                if text.startswith("t"):
-                    talk.follow(50)
-            said = (params.q, params.r, params.p0, params.momentum.momentum if params.momentum else 0.0)
-            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0, momentum], rtol=3e-7)
-            talk.oracle = MomentumOracle(params)
-        talk.follow(200)
-
-
-def test_momentum_with_gate_start_and_missing_samples_beside_a_channel_without(start_board, workshop):
-    counts = noisy_counts(800 * 3, seed=4).reshape(-1, 3)
-    rng = np.random.default_rng(9)
-    counts[rng.random(counts.shape) < 0.02] = 1023
-    counts[rng.random(counts.shape) < 0.02] = 0  # no sample
-    counts[:4, 1] = 0
-    channels = (
-        ChannelTuning("gated", "mV", 0.5, 40.0, gate=9.0, momentum=30.0),
-        ChannelTuning("begun", "", 1e-3, 25.0, 1000.0, 400.0, momentum=1e4),
-        ChannelTuning("plain", "", 0.01, 40.0, gate=9.0),
-    )
-    missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
-    board = start_board(exported(workshop, *channels, edits=(*FAST, missing, OTHER_UNIT)), counts, *FLAT_OUT)
-    lines = [line for line in read_lines(board.port, 600, 1_000_000) if not line.startswith(b"#")]
-    board.stop()
-    printed = np.array([[float(cell) for cell in line.split(b",")] for line in lines], dtype=np.float32)
-    z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
     for c, channel in enumerate(channels):
         np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
 
@@ -262,8 +197,22 @@ def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
     assert [column.name for column in parser.layout.columns] == ["raw", "filtered"]
 
 
-def refused(start_board, firmware, lines):
-    """What a board answers to `?` after each line that it cannot take, and how often it says so."""
+REFUSED = {
+    0.0: (
+        ("q", "q x", "q -1", "r nan", "q inf", "x 1", "", "q 0.5 7", "3 q 1", "q" * 10 + " 1", "q 1" + "0" * 40),
+        b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n",
+    ),
+    0.25: (
+        ("t", "t -1", "t 1e-4", "t 100001", "t nan", "t inf", "q 3e38", "r x"),
+        b"# light q=2.500000e-1 r=4.000000 p=inf t=2.500000e-1 bits=3E800000,40800000,7F800000,3E800000\r\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("momentum", REFUSED)
+def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, momentum):
+    lines, used = REFUSED[momentum]
+    firmware = exported(workshop, ChannelTuning("light", "", 0.25, 4.0, momentum=momentum))
     board = start_board(firmware, 500, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         port.readline()
@@ -272,21 +221,7 @@ def refused(start_board, firmware, lines):
             refusals = 0
             while b"bits=" not in (answer := port.readline()):
                 refusals += is_refusal(answer.decode())
-            yield line, answer, refusals
-
-
-def test_what_a_board_with_momentum_cannot_take_changes_nothing(start_board, workshop):
-    lines = ("t", "t -1", "t 1e-4", "t 100001", "t nan", "t inf", "q 3e38", "r x")
-    firmware = exported(workshop, ChannelTuning("light", "", 0.25, 4.0, momentum=0.25))
-    used = b"# light q=2.500000e-1 r=4.000000 p=inf t=2.500000e-1 bits=3E800000,40800000,7F800000,3E800000\r\n"
-    assert list(refused(start_board, firmware, lines)) == [(line, used, 1) for line in lines]
-
-
-def test_what_a_board_cannot_take_changes_nothing(start_board, workshop):
-    lines = ("q", "q x", "q -1", "r nan", "q inf", "x 1", "", "q 0.5 7", "3 q 1", "q" * 10 + " 1", "q 1" + "0" * 40)
-    firmware = exported(workshop, ChannelTuning("light", "", 0.25, 4.0))
-    used = b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n"
-    assert list(refused(start_board, firmware, lines)) == [(line, used, int(line != "")) for line in lines]
+            assert (answer, refusals) == (used, int(line != "")), line
 
 
 TIMING = r"""
@@ -312,36 +247,19 @@ void loop() {}
 """
 
 
-@pytest.mark.parametrize(("momentum", "cost"), [(0.0, UNO), (20.0, UNO_WITH_MOMENTUM)])
-def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, cost):
+@pytest.mark.parametrize(("momentum", "flash", "ram"), [(0.0, 7738, 314), (20.0, 9916, 386)])
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, flash, ram):
     channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
     firmware = exported(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(cost.ram, rel=0.05)
+    assert firmware.flash == pytest.approx(flash, rel=0.05)
+    assert firmware.ram == pytest.approx(ram, rel=0.05)
     header = files(ExportJob((channel,)))["KalscopeFilter.h"]
     (tmp_path / "KalscopeFilter.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
     thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
-    assert thousand_updates_us / 1000 == pytest.approx(cost.update_us, rel=0.05)
-    assert hundred_reads_us / 100 == pytest.approx(UNO_READ_US, rel=0.05)
-
-
-FIXED_TIMING = (
-    TIMING.replace("KalscopeFilter.h", "kalscope_fixed_gains.h")
-    .replace("KalscopeFilter filter(KALSCOPE_TUNING_LIGHT)", "kalscope_fixed filter = KALSCOPE_FIXED_LIGHT")
-    .replace("filter.update(z)", "kalscope_fixed_update(&filter, z)")
-)
-
-
-@pytest.mark.parametrize(("momentum", "update_us"), [(0.0, UNO_FIXED_US), (20.0, UNO_FIXED_WITH_MOMENTUM_US)])
-def test_fixed_gains_take_the_time_that_we_say(start_board, workshop, tmp_path, momentum, update_us):
-    channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
-    (header,) = arduino_files(ExportJob((channel,))).values()
-    (tmp_path / "kalscope_fixed_gains.h").write_text(header)
-    (tmp_path / "timing.ino").write_text(FIXED_TIMING)
-    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(update_us, rel=0.05)
+    assert thousand_updates_us / 1000 == pytest.approx(update_us(channel), rel=0.05)
+    assert hundred_reads_us / 100 == pytest.approx(READ_US, rel=0.05)
 
 
 def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():

@@ -9,8 +9,8 @@ import pytest
 from board import FLAT_OUT, read_lines
 
 from kalscope import ChannelTuning, Tuning, export_tuning
-from kalscope.export.float32 import fuse_float32
-from kalscope.export.limits import UNO_FUSION, UNO_FUSION_WITH_MOMENTUM, fusion_us
+from kalscope.export.float32 import filter_float32
+from kalscope.export.limits import update_us
 
 pytestmark = pytest.mark.device
 
@@ -53,7 +53,7 @@ def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, wo
     printed = np.array([[float(cell) for cell in line.split(b",")] for line in rows], dtype=np.float32)
     z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
     np.testing.assert_array_equal(printed[:, :3], z.astype(np.float32))
-    np.testing.assert_array_equal(printed[:, 3], fuse_float32(z, fusion.params))
+    np.testing.assert_array_equal(printed[:, 3], filter_float32(z, fusion.params))
 
 
 TIMING = r"""
@@ -78,17 +78,17 @@ void loop() {}
 
 
 @pytest.mark.parametrize(
-    ("momentum", "gain", "cost"),
-    [(0.0, 1.0, UNO_FUSION), (20.0, 1.05, UNO_FUSION_WITH_MOMENTUM)],
+    ("momentum", "gain", "flash", "ram"),
+    [(0.0, 1.0, 5152, 317), (20.0, 1.05, 5942, 385)],
     ids=["five lines", "momentum and gains"],
 )
-def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, gain, cost):
+def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, gain, flash, ram):
     plain = ChannelTuning("level", "", 0.5, (9.0, 18.0, 27.0), sensors=("a", "b", "c"), momentum=momentum)
     firmware = workshop.sketch(saved(tmp_path, plain))
-    assert firmware.flash == pytest.approx(cost.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(cost.ram, rel=0.05)
+    assert firmware.flash == pytest.approx(flash, rel=0.05)
+    assert firmware.ram == pytest.approx(ram, rel=0.05)
     timed = replace(plain, offset=(0.0, 1.0, 2.0), gain=(1.0, gain, 1.0))
     saved(tmp_path, timed)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert int(read_lines(board.port, 1)[0]) / 500 == pytest.approx(fusion_us(timed), rel=0.05)
+    assert int(read_lines(board.port, 1)[0]) / 500 == pytest.approx(update_us(timed), rel=0.05)

@@ -1,4 +1,4 @@
-"""A sketch that measures r itself, run in a simulated Uno: the bits of the model, its refusals, its EEPROM."""
+"""A sketch that measures r itself, run in a simulated Uno: the bits of the same code here, refusals, EEPROM."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import serial
 from board import EEPROM, FLAT_OUT, read_lines
+from exported_rule import compiled_rule, rows_of
 from waiting import PATIENCE
 
 from kalscope.cli.app import run
@@ -15,8 +16,7 @@ from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import Calibrated, Calibrating, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
 from kalscope.export.job import ExportJob
-from kalscope.export.limits import UNO, UNO_MEASURING
-from kalscope.export.still_rule import BoardRange, measure_on_board, rows_of
+from kalscope.export.limits import update_us
 from kalscope.export.targets.arduino import calibrated_files
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.device
 
 FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
 MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
-COUNTS = BoardRange(1.0, 0.0, 1023.0)
+COUNTS = (1.0, 0.0, 1023.0)
 SECONDS = 0.4
 ROWS = rows_of(SECONDS, 0.001)
 
@@ -108,9 +108,12 @@ def four_channels(workshop):
     return measuring(workshop, *FOUR, edits=(*FAST, MISSING)), counts
 
 
-def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_within_one_percent(talk, four_channels):
+def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts_figure_within_one_percent(
+    talk, four_channels, tmp_path
+):
     """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
     board, _ = talk(*four_channels)
+    measure = compiled_rule(tmp_path)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
     begun = [read_calibration(text) for _, text in board.said[-4:]]
     assert begun == [Calibrating(channel.name, ROWS) for channel in FOUR]
@@ -125,7 +128,7 @@ def test_what_it_measures_is_the_model_to_the_last_bit_and_the_hosts_figure_with
     for i, channel in enumerate(FOUR):
         name = channel.name
         row, found = answers[name]
-        expected = measure_on_board(z[first:row, i], COUNTS)
+        expected = measure(z[first:row, i], *COUNTS)
         assert found.r.view(np.uint32) == expected.r.view(np.uint32), name
         assert (found.samples, found.spikes, found.missing) == (expected.used, expected.spikes, expected.missing)
         assert found.q == np.float32(channel.q / channel.r) * found.r
@@ -261,12 +264,10 @@ void loop() {}
 def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start_board, workshop, tmp_path):
     channel = ChannelTuning("light", "", 0.01, 4.0)
     firmware = measuring(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(UNO_MEASURING.flash, rel=0.05)
-    assert firmware.ram == pytest.approx(UNO_MEASURING.ram, rel=0.05)
+    assert firmware.flash == pytest.approx(15092, rel=0.05)
+    assert firmware.ram == pytest.approx(494, rel=0.05)
     header = calibrated_files(ExportJob((channel,)))["KalscopeCalibration.h"]
     (tmp_path / "KalscopeCalibration.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert UNO.update_us + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(
-        UNO_MEASURING.update_us, rel=0.05
-    )
+    assert update_us(channel) + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(496, rel=0.05)

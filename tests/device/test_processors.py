@@ -12,7 +12,7 @@ from processor import PROCESSORS, Processor
 from required import not_here
 
 from kalscope import ChannelTuning
-from kalscope.export.float32 import filter_channel_float32, filter_float32, fuse_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
@@ -87,7 +87,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
     job, z = ExportJob(CHAINS), samples()[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
     fusion = ExportJob((FUSION,))
-    for name, text in c.fused_files(fusion).items():
+    for name, text in c.files(fusion).items():
         (tmp_path / name).write_text(text, encoding="ascii")
     fused = processor.compile(tmp_path / "kalscope_fusion.c", "-DKALSCOPE_FLOAT")
     sketch = tmp_path / "sketch.cpp"
@@ -99,24 +99,20 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
         constant = f"kalscope_fusion_tuning_{fusion.identifiers[-1]}"
         answers, _ = processor.emulate(made, names, z, (fused, constant))
         for answer, channel in zip(answers[:-1], CHAINS, strict=True):
-            np.testing.assert_array_equal(answer, filter_channel_float32(z, channel), err_msg=channel.name)
+            np.testing.assert_array_equal(answer, filter_float32(z, channel), err_msg=channel.name)
         rows = np.column_stack([np.roll(z, -sensor) for sensor in range(len(FUSION.sensors))])
-        np.testing.assert_array_equal(answers[-1], fuse_float32(rows, FUSION.params))
+        np.testing.assert_array_equal(answers[-1], filter_float32(rows, FUSION.params))
 
 
 @pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
-def test_the_cpp_class_and_fixed_gains_compile_without_a_warning(processor, tmp_path, channels):
+def test_the_cpp_class_compiles_without_a_warning(processor, tmp_path, channels):
     sketch = tmp_path / "sketch.cpp"
     (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(channels))["KalscopeFilter.h"])
-    (tmp_path / "kalscope_fixed_gains.h").write_text(c.c_files(ExportJob(channels[:1]))["kalscope_fixed_gains.h"])
     sketch.write_text(
         '#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_PLAIN);\n'
         "float update(float z);\nfloat update(float z) { return filter.update(z); }\n"
     )
     processor.compile(sketch)
-    gains = tmp_path / "gains.c"
-    gains.write_text('#include "kalscope_fixed_gains.h"\ntypedef int not_empty;\n')
-    processor.compile(gains, "-DKALSCOPE_FLOAT", "-Wno-unused-function")
 
 
 def test_the_stated_costs_are_true(processor, tmp_path):

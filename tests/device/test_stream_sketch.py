@@ -26,15 +26,6 @@ def rate(samples_per_second):
     return (r"(?<=SAMPLES_PER_SECOND = )200", str(samples_per_second))
 
 
-def test_every_count_of_the_converter_arrives_exactly(start_board, workshop):
-    counts = np.random.default_rng(3).permutation(1024)
-    board = start_board(workshop.sketch(SKETCH, rate(900)), counts, *FLAT_OUT)
-    events, layout = parsed(read_lines(board.port, 1025))
-    assert events[0].kind == "comment"
-    assert [event.rows for event in events[1:]] == [((float(count),),) for count in counts]
-    assert [(column.name, column.role) for column in layout.columns] == [("A0", "channel")]
-
-
 def test_channels_carry_the_names_the_board_gives_them_and_its_clock(start_board, workshop):
     clock = (r"(?<=BOARD_TIME = )false", "true")
     firmware = workshop.sketch(SKETCH, THREE_CHANNELS, clock)

@@ -126,14 +126,6 @@ def test_a_recording_without_time_reopens_without_time(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.values[:, :1], values)
 
 
-def test_a_channel_called_sample_stays_a_channel(tmp_path: Path) -> None:
-    path = tmp_path / "in.csv"
-    path.write_text("sample,b\n512,1\n498,2\n505,3\n")
-    assert read_recording(path).names == ("sample", "b")
-    source = replace(recording([5.0, 7.0, 6.0], ("sample",)), sample_period=None)
-    assert filtered_csv(source, {"sample": PARAMS}).startswith("sample,sample_2,sample_filtered,")
-
-
 def test_true_time_between_samples_counts_where_it_was_chosen() -> None:
     time_s = np.array([0.0, 1.0, 5.0, 4.5, 6.0])
     source = replace(recording([1.0, 2.0, 3.0, 4.0, 5.0], period=1.0), time=time_s, gaps="dt")
@@ -156,13 +148,6 @@ def test_pandas_reopens_it_without_options(tmp_path: Path) -> None:
     # Its own parser of numbers may miss the last bit.
     np.testing.assert_allclose(frame[list(source.names)].to_numpy(), source.values, rtol=1e-15)
     np.testing.assert_allclose(frame["time"], source.time, rtol=1e-15)
-
-
-def test_numpy_reopens_it_by_name() -> None:
-    source = recording([1.0, NAN, 2.0])
-    table = np.genfromtxt(io.StringIO(filtered_csv(source, {"a": PARAMS})), delimiter=",", names=True)
-    assert table.dtype.names == ("time", "a", "a_filtered", "a_variance")
-    np.testing.assert_array_equal(table["a"], source.channel("a"))
 
 
 def test_the_filtered_csv_can_be_filtered_again(tmp_path: Path) -> None:
@@ -198,20 +183,6 @@ def test_names_that_look_like_numbers_still_make_a_header(tmp_path: Path, name: 
     assert len(read_recording(path)) == 9
 
 
-def test_the_order_is_the_recordings_and_channels_without_a_filter_are_left_out() -> None:
-    source = recording([[1.0, 2.0, 3.0]], ("a", "b", "c"))
-    header = rows(filtered_csv(source, {"c": PARAMS, "a": PARAMS}))[0]
-    assert header[1::3] == ["a", "c"]
-
-
-def test_a_tuning_gives_each_channel_its_own_filter() -> None:
-    source = recording([[1.0, 1.0], [2.0, 2.0]], ("a", "b"))
-    b = ChannelTuning("b", "", 0.0, 1.0, p0=1.0, x0=0.0)
-    table = rows("".join(filtered_csv_chunks(source, [ChannelTuning("a", "", 1.0, 0.0), b])))
-    assert [row[2] for row in table[1:]] == ["1.0", "2.0"]
-    assert [row[5] for row in table[1:]] == ["0.5", "1.0"]
-
-
 def test_an_unknown_channel_is_refused_before_any_text() -> None:
     with pytest.raises(BadSetting, match=r"one of a \(got 'z'\)"):
         filtered_csv_chunks(recording([1.0]), tunings({"z": PARAMS}))
@@ -219,12 +190,6 @@ def test_an_unknown_channel_is_refused_before_any_text() -> None:
 
 def test_an_empty_recording_is_a_header() -> None:
     assert filtered_csv(recording(np.empty((0, 1))), {"a": PARAMS}) == "time,a,a_filtered,a_variance\n"
-
-
-@pytest.mark.slow
-def test_every_row_of_a_long_recording_is_written() -> None:
-    source = recording(np.random.default_rng(7).normal(size=100_000))
-    assert filtered_csv(source, {"a": PARAMS}).count("\n") == 100_001
 
 
 def test_fused_sensors_have_harmless_distinct_names_and_reopen(tmp_path: Path) -> None:

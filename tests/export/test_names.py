@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
-from kalscope.export.names import comment_text, identifier, identifiers, quoted
+from kalscope.export.names import comment_text, identifier, identifiers
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets.arduino import UNIT_CHECK
 
@@ -26,8 +26,8 @@ NAMES = (*CODE, *WORDS, *LETTERS, *TERMINAL[4:])
 """What acts on compilers and readers of data."""
 SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
 """The sketch reads at most six channels."""
-WRITING = [name for name in TARGETS if name not in ("simplekalmanfilter", "gyverfilters")]
-WITH_MOMENTUM = [name for name in WRITING if name not in ("esphome", "bachagas", "kalmanjs", "linuxcnc")]
+WRITING = list(TARGETS)
+WITH_MOMENTUM = [name for name, target in TARGETS.items() if "momentum" in target.can]
 C_LIKE = ("arduino", "c", "bachagas", "kalmanjs", "javascript")
 
 CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
@@ -112,46 +112,26 @@ def test_any_text_stays_in_comments_and_strings(target, hostile):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", WRITING)
-def test_hostile_channel_names_are_only_identifiers_and_plain_file_names(target):
-    """The code with hostile names is the code with the names that they become."""
+@pytest.mark.parametrize(
+    ("target", "momentum", "options"),
+    [
+        *((target, 0.0, {}) for target in WRITING),
+        *((target, 20.0, {}) for target in WITH_MOMENTUM),
+        ("arduino", 0.0, {"calibration": True}),
+    ],
+)
+def test_hostile_channel_names_are_only_identifiers_and_plain_file_names(target, momentum, options):
+    """The code with hostile names and texts is the code with the names that they become."""
     for names in SIXES:
-        found = export_tuning(tuning_of(*names), target)
-        calm = export_tuning(tuning_of(*identifiers(names)), target)
+        found, calm = (
+            export_tuning(tuning_of(*words, text=text, momentum=momentum), target, **options)
+            for words, text in ((names, names[0]), (identifiers(names), "calm"))
+        )
         assert list(found) == list(calm)
         for file, text in found.items():
             assert re.fullmatch(r"[A-Za-z0-9_]+(\.[a-z]+)?", file), file
             assert text.isascii()
             assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", WITH_MOMENTUM)
-def test_hostile_names_and_texts_do_no_more_with_momentum(target):
-    for names in SIXES:
-        found, calm = (
-            export_tuning(tuning_of(*words, text=text, momentum=20.0), target)
-            for words, text in ((names, names[0]), (identifiers(names), "calm"))
-        )
-        assert list(found) == list(calm)
-        for file, text in found.items():
-            assert text.isascii()
-            assert without_names(code_of(target, file, text)) == without_names(code_of(target, file, calm[file]))
-
-
-@pytest.mark.parametrize("momentum", [0.0, 20.0])
-@pytest.mark.parametrize("target", ["arduino", "c"])
-def test_hostile_names_and_texts_do_no_more_with_fixed_gains(target, momentum):
-    for names in (*SIXES, ("gains h", "GAINS_H", "update", "real")):
-        found, calm = (
-            export_tuning(tuning_of(*words, text=text, momentum=momentum, gate=None), target, fixed_gains=True)
-            for words, text in ((names, names[0]), (identifiers(names), "calm"))
-        )
-        ((text, expected),) = zip(found.values(), calm.values(), strict=True)
-        assert text.isascii()
-        assert code_of(target, "h", text) == code_of(target, "h", expected)
-        macros = re.findall(r"#define (\w+)", text)
-        assert len(set(macros)) == len(macros) == len(names) + 1
 
 
 def test_the_names_in_json_are_whole():
@@ -201,20 +181,11 @@ def test_a_comment_keeps_what_a_person_needs():
     assert comment_text("y" * 300) == "y" * 57 + "..."
 
 
-@given(st.text(max_size=60))
-def test_quoted_text_comes_back_from_python_and_yaml(text):
-    whole = text.encode("utf-8", "replace").decode()
-    assert ast.literal_eval(quoted(text)) == whole
-    assert yaml.safe_load(quoted(text)) == whole
-    assert quoted(text).isascii()
-
-
-@pytest.mark.parametrize("target", ["ros2", "esphome", "platformio"])
-def test_no_name_is_substituted(target):
-    """ESPHome replaces "${…}" and ROS launch files "$(…)" inside values; PlatformIO "${…}", which is ours once."""
+def test_no_name_is_substituted():
+    """ESPHome replaces "${…}" inside values."""
     for hostile in NAMES:
-        text = "".join(export_tuning(tuning_of(hostile, text=hostile), target).values())
-        assert re.findall(r"[$]\W.*", text) == (["${kalscope.build_flags}"] if target == "platformio" else [])
+        text = "".join(export_tuning(tuning_of(hostile, text=hostile), "esphome").values())
+        assert re.findall(r"[$]\W.*", text) == []
 
 
 def test_a_refusal_is_one_line_whatever_the_names():
@@ -223,17 +194,3 @@ def test_a_refusal_is_one_line_whatever_the_names():
             export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
         assert str(caught.value).isascii()
         assert str(caught.value).isprintable()
-
-
-def test_hostile_names_and_texts_do_no_more_in_a_sketch_that_measures():
-    for names in SIXES:
-        found, calm = (
-            export_tuning(tuning_of(*words, text=text), "arduino", calibration=True)
-            for words, text in ((names, names[0]), (identifiers(names), "calm"))
-        )
-        assert list(found) == list(calm)
-        for file, text in found.items():
-            assert text.isascii()
-            assert without_names(code_of("arduino", file, text)) == without_names(
-                code_of("arduino", file, calm[file])
-            )

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import configparser
-import json
-import math
 import random
 import re
 import runpy
-import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 
 import numpy as np
 import pytest
-import yaml
 from effort import FUZZ
 from required import REQUIRE_ALL
-from ruamel.yaml import YAML
 from waiting import PATIENCE
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import number_text
-from kalscope.tuning.file import dumps
 
 pytestmark = pytest.mark.slow
 
@@ -63,13 +55,6 @@ def numbers(tuning):
     return [getattr(channel, name) for channel in tuning.channels for name in NAMES]
 
 
-def without_subnormals(tuning):
-    """ROS 2 refuses them (test_targets)."""
-    smallest = sys.float_info.min
-    channels = [c for c in tuning.channels if all(abs(getattr(c, name)) >= smallest for name in NAMES)]
-    return Tuning(tuple(channels), sample_period=0.01)
-
-
 def identical(found, expected):
     assert len(found) == len(expected) >= 500
     assert [value.hex() for value in found] == [value.hex() for value in expected]
@@ -82,18 +67,6 @@ def test_the_numbers_are_of_all_kinds(numbers):
     assert max(numbers) > 1e290
 
 
-def test_json_reads_them_back(tuning, numbers):
-    (text,) = export_tuning(tuning, "json").values()
-    keys = ("process_noise_q", "measurement_noise_r", "start_variance_p0", "start_value_x0", "outlier_gate")
-    identical([entry[key] for entry in json.loads(text)["channels"] for key in keys], numbers)
-
-
-def test_the_tuning_file_reads_them_back(tuning, numbers):
-    """What is exported came through TOML."""
-    channels = tomllib.loads(dumps(tuning))["channel"]
-    identical([channel[name] for channel in channels for name in NAMES], numbers)
-
-
 def test_python_reads_them_back(tuning, numbers, tmp_path):
     for name, text in export_tuning(tuning, "python").items():
         (tmp_path / name).write_text(text)
@@ -101,67 +74,6 @@ def test_python_reads_them_back(tuning, numbers, tmp_path):
     identical([getattr(f, name) for f in filters for name in ("q", "r", "p", "x", "gate")], numbers)
     params = runpy.run_path(str(tmp_path / "with_kalscope.py"))["PARAMS"].values()
     identical([getattr(p, name) for p in params for name in NAMES], numbers)
-
-
-@pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load], ids=["PyYAML", "ruamel"])
-def test_ros2_reads_them_back_as_doubles(tuning, load):
-    smaller = without_subnormals(tuning)
-    (text,) = export_tuning(smaller, "ros2").values()
-    entries = load(text)["/**"]["ros__parameters"]["kalscope"]
-    keys = ("process_noise_q", "measurement_noise_r", "start_variance_p0", "start_value_x0", "outlier_gate")
-    found = [entries[f"channel_{word}"][key] for word in entries["channels"] for key in keys]
-    identical(found, [getattr(channel, name) for channel in smaller.channels for name in NAMES])
-    assert all(type(value) is float for value in found)
-
-
-def test_ros2_numbers_are_doubles_to_the_rules_of_its_parser(tuning):
-    """rcl: an integer if strtol takes all of it; then a double if strtod does (C syntax) within its range."""
-    (text,) = export_tuning(without_subnormals(tuning), "ros2").values()
-    values = re.findall(r"(?:_q|_r|_p0|_x0|_gate|_period): (\S+)$", text, re.MULTILINE)
-    assert len(values) > len(NAMES) * CHANNELS / 2
-    for value in values:
-        assert re.fullmatch(r"[-+]?(0[xX][0-9a-fA-F]+|[0-9]+)", value) is None
-        assert re.fullmatch(r"[-+]?[0-9]+\.[0-9]+(e[-+][0-9]+)?", value), value
-
-
-@needs("gcc")
-def test_platformio_flags_read_back_through_gcc(tuning, numbers, tmp_path):
-    (text,) = export_tuning(tuning, "platformio").values()
-    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"), strict=True)
-    parser.read_string(text)
-    flags = shlex.split(parser["kalscope"]["build_flags"])[2:]  # without the sample period
-    values = [
-        value for start in range(0, len(flags), 4000) for value in compiled(flags[start : start + 4000], tmp_path)
-    ]
-    identical(values, numbers)
-
-
-def compiled(flags, folder):
-    """What a C program finds under the macros; some at once: an argument list has limits."""
-    macros = ",\n".join(flag.partition("=")[0] for flag in flags[1::2])
-    (folder / "print.c").write_text(
-        f"#include <stdio.h>\nstatic const double values[] = {{{macros}}};\nint main(void) {{"
-        ' for (unsigned i = 0; i < sizeof values / sizeof *values; i++) printf("%a\\n", values[i]); return 0; }\n'
-    )
-    command = ["gcc", "-std=c99", "-Wall", "-Werror", "-O0", *flags, "print.c", "-o", "print"]
-    subprocess.run(command, check=True, cwd=folder)
-    out = subprocess.run([folder / "print"], check=True, capture_output=True, text=True).stdout
-    return [float.fromhex(line) for line in out.split()]
-
-
-@needs("g++")
-def test_bachagas_numbers_read_back_through_gcc(tuning, numbers, tmp_path):
-    (text,) = export_tuning(tuning, "bachagas").values()
-    rows = re.findall(r"kalman_init\((.*?)\), (\S+), 0\}", text)
-    (tmp_path / "t.c").write_text(
-        "#include <stdio.h>\n#include <math.h>\nstatic const double values[] = {"
-        + ",\n".join(f"{init}, {gate}" for init, gate in rows)
-        + "};\nint main(void) { for (unsigned i = 0; i < sizeof values / sizeof *values; i++)"
-        + ' printf("%a\\n", values[i]); return 0; }\n'
-    )
-    subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "t.c", "-o", "t"], check=True, cwd=tmp_path)
-    out = subprocess.run([tmp_path / "t"], check=True, capture_output=True, text=True).stdout
-    identical([float.fromhex(line) for line in out.split()], numbers)
 
 
 @needs("gcc")
@@ -206,25 +118,6 @@ def test_javascript_numbers_read_back(tuning, numbers):
     (text,) = export_tuning(tuning, "javascript").values()
     rows = re.findall(r"new KalmanFilter\(\{ q: (\S+), r: (\S+), p0: (\S+), x0: (\S+), gate: (\S+) \}\)", text)
     identical([float(word) for row in rows for word in row], numbers)
-
-
-def test_kalmanjs_numbers_read_back(tuning):
-    """JavaScript reads a decimal literal as IEEE says, and so does Python; node runs the module in test_targets."""
-    good = Tuning(tuple(c for c in tuning.channels if c.q + c.r >= 1e-300), sample_period=0.01)
-    (text,) = export_tuning(good, "kalmanjs").values()
-    rows = re.findall(r"\{R: (\S+), Q: (\S+)\}\), \{x: (\S+), cov: (\S+), gate: (\S+),", text)
-    expected = [getattr(c, name) for c in good.channels for name in ("q", "r", "x0", "p0", "gate")]
-    identical([float(cell) for row in rows for cell in row], expected)
-
-
-def test_esphome_deviations_read_back(tuning):
-    """Its reader gives the very double of the square root; squared it is the variance to the last digits."""
-    variances = [10.0 ** random.Random(i).uniform(-30.0, 30.0) for i in range(500)]
-    channels = tuple(ChannelTuning(f"c{i}", "", v, v) for i, v in enumerate(variances))
-    (text,) = export_tuning(Tuning(channels, sample_period=0.01), "esphome").values()
-    sensors = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))["sensor"]
-    identical([s["sources"][0]["error"] for s in sensors], [math.sqrt(v) for v in variances])
-    identical([s["process_std_dev"] for s in sensors], [math.sqrt(v) / math.sqrt(0.01) for v in variances])
 
 
 def test_a_number_is_never_an_integer_or_an_exponent_without_a_point(numbers):

@@ -44,7 +44,7 @@ FilterModel = ks.FilterParams
 def targets() -> Any:
     from kalscope.export.registry import TARGETS
 
-    return TARGETS
+    return (*TARGETS, "simplekalmanfilter", "gyverfilters")
 
 
 def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:
@@ -352,7 +352,7 @@ def tunings(level: ks.Recording) -> Iterator[tuple[str, Any]]:
 def exports() -> Iterator[Case]:
     """A hash of each file that each target writes, or its refusal."""
     level = ks.read_recording(ROOTS["sample_data"] / "tank_level.csv")
-    options = ({}, {"vectors": level}, {"fixed_gains": True}, {"calibration": True})
+    options = ({}, {"vectors": level}, {"calibration": True})
     for (name, tuning), option, target in product(tunings(level), options, targets()):
         case = {"id": f"exports#{', '.join([name, target, *option])}"}
         try:

@@ -31,7 +31,7 @@ from kalscope.export.registry import (
     sketch_name,
     write_files,
 )
-from kalscope.export.report import Report, as_html, as_png, make_report
+from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps, load_tuning, save_tuning
 from kalscope.tuning.tuning import PaperTuning, Tuning, meeting_goal, rescaled_to_period, same_period
@@ -108,7 +108,7 @@ def _add_close(client: viser.ClientHandle, window: Any) -> None:
 # What the user chose to export, what will differ on the device, and the files to export. Pure.
 
 
-TITLES = {target.title: name for name, target in TARGETS.items() if target.is_offered}
+TITLES = {target.title: name for name, target in TARGETS.items()}
 """Targets by their names on screen."""
 COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].is_common)
 """Those that the list of targets begins with."""
@@ -135,8 +135,6 @@ class Choice:
     """Not only the channel on screen."""
     period: str = ""
     """Sample period of the device as it was typed, s; empty = that of the recording."""
-    fixed_gains: bool = False
-    """Only the settled filter, where the target has that choice."""
     calibration: bool = False
     """With a sketch that measures r itself, where the target has that choice."""
     goal: Request | None = None
@@ -153,11 +151,6 @@ class DeviceNotes:
     """Label of the button that meets the goal there, or undoes that; "" = no button."""
     limits: str
     """What will differ from the screen, markdown; "" where nothing does."""
-
-
-def has_fixed_gains(target: str) -> bool:
-    """Whether the settled filter alone can be exported to a target."""
-    return TARGETS[target].fixed_gains is not None
 
 
 def has_calibration(target: str) -> bool:
@@ -240,7 +233,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         files_of(state, choice)  # shows why an export would be refused before a button is pressed
         tuning = device_tuning(state, choice)
-        limits = limits_of(tuning, None, choice.target, level, fixed_gains=choice.fixed_gains)
+        limits = limits_of(tuning, None, choice.target, level)
     except BadSetting as error:
         return f"Cannot export: {escape_markdown(str(error), 400)}"
     lines = [escape_markdown(f"{limit[:1].upper()}{limit[1:]}", 400) for limit in limits]
@@ -260,7 +253,6 @@ def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str
         device_tuning(state, choice),
         choice.target,
         vectors=recording,
-        fixed_gains=choice.fixed_gains,
         calibration=choice.calibration,
     )
 
@@ -343,8 +335,7 @@ class CodeView:
         on_user(self._target.on_update, lambda _client: self._show_target())
         for box in (self._channels, self._period):
             on_user(box.on_update, lambda _client: self._ask_notes())
-        for box in (self._fixed, self._calibration):
-            on_user(box.on_update, lambda _client: self._show_target())
+        on_user(self._calibration.on_update, lambda _client: self._ask_notes())
         on_user(self._meet.on_click, lambda _client: jobs.run_with_state(session, self._toggle_goal, Failed.EXPORT))
         on_user(
             look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
@@ -363,9 +354,6 @@ class CodeView:
                 False,
                 hint="groundtruth.csv: the first samples of this recording, raw and filtered.",
             )
-            self._fixed = gui.add_checkbox(
-                "fixed gains", False, hint="Only the settled filter: one to three multiplications per sample."
-            )
             self._calibration = gui.add_checkbox(
                 "self-calibration", False, hint="The board measures r itself when it is asked to."
             )
@@ -376,9 +364,7 @@ class CodeView:
         self._title = self._target.value
         name = TITLES[self._title]
         self._what.content = TARGETS[name].what
-        self._fixed.visible = has_fixed_gains(name)
-        self._calibration.visible = has_calibration(name) and not self.choice.fixed_gains
-        self._vectors.visible = not self.choice.fixed_gains  # they are those of the whole filter
+        self._calibration.visible = has_calibration(name)
         self._ask_notes()
 
     def _ask_notes(self) -> None:
@@ -392,10 +378,9 @@ class CodeView:
     def choice(self) -> Choice:
         """What is chosen now."""
         target = TITLES[self._title]
-        fixed = self._fixed.value and has_fixed_gains(target)
-        calibration = self._calibration.value and has_calibration(target) and not fixed
+        calibration = self._calibration.value and has_calibration(target)
         everything = self._channels.value == ALL
-        return Choice(target, everything, self._period.value, fixed, calibration, self._goal)
+        return Choice(target, everything, self._period.value, calibration, self._goal)
 
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
@@ -429,7 +414,7 @@ class CodeView:
     ) -> None:
         """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
         choice = self.choice
-        vectors = self._vectors.value and not choice.fixed_gains
+        vectors = self._vectors.value
 
         def work(state: State) -> None:
             try:
@@ -501,7 +486,7 @@ def shell_word(source: str) -> str:
     return shlex.quote(source) if source and printable else "FILE"
 
 
-# The one-page report for the lab book, HTML or PNG, and the filtered signal as CSV.
+# The one-page report for the lab book, HTML, and the filtered signal as CSV.
 
 
 PAGE = "One page on what is on screen: chart, parameters, tests, pinned settings, and how to reopen it."
@@ -521,19 +506,13 @@ class ReportView:
             )
 
         with gui.add_folder("Report and data"):
-            add("Download report (HTML)", f"{PAGE} Prints on one sheet.", "report.html", html_report)
-            add("Download report (PNG)", PAGE, "report.png", png_report)
+            add("Download report", f"{PAGE} Prints on one sheet.", "report.html", html_report)
             add("Download filtered CSV", "Time, raw, filtered and variance of every channel.", "filtered.csv", csv)
 
 
 def html_report(state: State) -> bytes:
     """The page as HTML."""
     return as_html(_report(state)).encode()
-
-
-def png_report(state: State) -> bytes:
-    """The page as a picture."""
-    return as_png(_report(state))
 
 
 def csv(state: State) -> bytes:

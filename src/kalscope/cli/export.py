@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, ros2, platformio, esphome, bachagas, kalmanjs, linuxcnc"
-"""The targets that write something; repeated here, so that --help need not import the filter."""
+CHOICES = "arduino, c, python, matlab, javascript, json, esphome, bachagas, kalmanjs"
+"""The targets; repeated here, so that --help need not import the filter."""
 
 
 @reads_source
@@ -39,9 +39,6 @@ def export_command(
     sample_period: Annotated[
         float | None, number_option("Sample period of the device, s; rescales q and momentum.")
     ] = None,
-    fixed: Annotated[
-        bool, typer.Option("--fixed-gains", help="Write only the settled filter, with constant gains (c, arduino).")
-    ] = False,
     calibration: Annotated[
         bool, typer.Option("--calibration", help="Write a sketch that can measure r on command (arduino).")
     ] = False,
@@ -63,12 +60,11 @@ def export_command(
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, vectors=recording, fixed_gains=fixed, calibration=calibration)
-    for message in [
-        *_what(tuned),
-        *_other_rate(recording, tuned),
-        *limits_of(tuned, None, target, fixed_gains=fixed),
-    ]:
+    files = export_tuning(tuned, target, vectors=recording, calibration=calibration)
+    if tuned.fusion is not None:
+        fused = ", ".join(tuned.fusion.sensors)
+        say(f"note: this is the filter that fuses {fused}; --channel NAME exports that of one channel")
+    for message in (*_other_rate(recording, tuned), *limits_of(tuned, None, target)):
         say(f"note: {message}")
     _write(files, output, force=force)
 
@@ -89,16 +85,6 @@ def _write(files: dict[str, str], output: Path | None, *, force: bool) -> None:
     if sketch and output.resolve().name != sketch:
         say(f"note: the Arduino IDE opens a sketch only from a folder of its name, as with -o {output / sketch}")
     write_output((f"{path}\n" for path in written), None)
-
-
-def _what(tuning: Tuning) -> list[str]:
-    """A sentence where a fusion is exported and not the channels."""
-    if tuning.fusion is None:
-        return []
-    return [
-        f"this is the filter that fuses {', '.join(tuning.fusion.sensors)};"
-        " --channel NAME exports that of one channel"
-    ]
 
 
 def _other_rate(vectors: Recording | None, tuning: Tuning) -> list[str]:

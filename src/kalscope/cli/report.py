@@ -16,16 +16,14 @@ if TYPE_CHECKING:
     from kalscope.papers.reproduction import Reproduction
 
 
-# `kalscope report`: one page on a recording and its tuning, HTML or PNG.
+# `kalscope report`: one page of HTML on a recording and its tuning.
 
 
 @reads_source
 def report_command(
     source: Source,
     config: Annotated[Path, typer.Option(metavar="FILE", help="Tuning file with q and r.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html or .png.")
-    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html.")],
     channel: Annotated[
         str | None,
         typer.Option(
@@ -46,12 +44,13 @@ def report_command(
 
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new, write_atomic
-    from kalscope.export.report import as_html, as_png, make_report
+    from kalscope.export.report import as_html, make_report
     from kalscope.tuning.choose import adapt_tuning, filters_for
     from kalscope.tuning.file import load_tuning
 
     tell_compiling()
-    kind = _kind_of(output)
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise BadSetting(f"-o must end with .html (got {str(output)!r})")
     tuning = load_tuning(config)
     fused = tuning.fusion is not None and channel is None
     check_new(output, force=force)
@@ -68,16 +67,9 @@ def report_command(
         entries = tuple(replace(entry, name=name) for name, entry in chosen.items())
         selected = channel or (tuning.selected if tuning.selected in chosen else entries[0].name)
         report = make_report(recording, replace(tuning, channels=entries, selected=selected), config=str(config))
-    write_atomic(output, as_png(report) if kind == ".png" else as_html(report).encode())
+    write_atomic(output, as_html(report).encode())
     for note in notes:
         say(f"note: {note}")
-
-
-def _kind_of(output: Path) -> str:
-    kind = output.suffix.lower()
-    if kind not in (".html", ".htm", ".png"):
-        raise BadSetting(f"-o must end with .html or .png (got {str(output)!r})")
-    return kind
 
 
 # `kalscope reproduce`: the source documents' figures and tables as one page, and its numbers as JSON.

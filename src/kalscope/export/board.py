@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from queue import Empty, Queue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,6 @@ from kalscope.common.text import count, number, percent, plural, squared
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.estimation.noise import StillNoise, noise_from_still
 from kalscope.export.float32 import Float32Momentum, Float32Params, filter_float32
-from kalscope.sources.live import commands as command_channel
 from kalscope.sources.live.commands import BoardGone
 
 if TYPE_CHECKING:
@@ -174,6 +173,22 @@ def momentum_on_board(q: np.float32, tau: np.float32) -> Float32Momentum | None:
 MAX_LETTERS = 200
 """Maximum length of an answer that is read, characters; a live source cuts its lines there."""
 
+Kind = Literal["kept", "not kept", "forgotten", "started", "not understood"]
+_NAME, _COUNT = r"([A-Za-z_]\w*)", r"(\d{1,9})"
+_REPLIES: dict[Kind, re.Pattern[str]] = {
+    "kept": re.compile(r"kept \d{1,9} channels?"),
+    "not kept": re.compile(r"not kept: (.+)"),
+    "forgotten": re.compile(r"forgotten"),
+    "started": re.compile(r"kept values (?:are in use|refused: (.+))"),
+    "not understood": re.compile(r"not understood\b.*"),
+}
+_BEGUN = re.compile(rf"{_NAME} calibrating rows={_COUNT}", re.ASCII)
+_REFUSED = re.compile(rf"{_NAME} not calibrated: (.+)", re.ASCII)
+_MEASURED = re.compile(
+    rf"{_NAME} calibrated r=(\S+) q=(\S+) n={_COUNT} spikes={_COUNT} missing={_COUNT} step=(\S+)"
+    rf" bits={_BITS},{_BITS},{_BITS}",
+    re.ASCII,
+)
 _AGREES = 1e-5
 """Share by which a printed number may differ from its bits: a board divides by ten until seven digits are left."""
 
@@ -235,129 +250,50 @@ class NotCalibrated:
 
 
 @dataclass(frozen=True)
-class Kept:
-    """The board starts with its present values from now on."""
+class Reply:
+    """An answer for the whole board."""
 
-    channels: int
-    """Channels whose values it keeps."""
-
-
-@dataclass(frozen=True)
-class NotKept:
-    """The board could not store its values."""
-
-    reason: str
-    """Why, in the words of the board."""
+    kind: Kind
+    """It starts with its present values from now on; it could not store them; it starts with the values of its
+    export; it has just started, and something was stored; the sketch does not know the command."""
+    reason: str = ""
+    """Why, in the words of the board; "" where there is nothing to explain."""
 
 
-@dataclass(frozen=True)
-class Forgotten:
-    """The board starts with the values of its export from now on."""
-
-
-@dataclass(frozen=True)
-class KeptAtStart:
-    """The board has just started, and something was stored."""
-
-    refused: str
-    """Why it is not used, in the words of the board; "" = it is."""
-
-
-@dataclass(frozen=True)
-class NotUnderstood:
-    """The sketch does not know the command."""
-
-
-CalibrationAnswer = (
-    Calibrating | Calibrated | NotCalibrated | Kept | NotKept | Forgotten | KeptAtStart | NotUnderstood
-)
-
-KEEP = "k"
-"""The line that stores the values of all channels: the board starts with them."""
-FORGET = "f"
-"""The line that removes what was stored: the board starts with the values of its export."""
-
-
-def start(seconds: float, channel: int | None = None) -> str:
+def calibration_command(seconds: float | None, channel: int | None = None) -> str:
     """The line that lets a board measure.
 
     Args:
-        seconds: For how long, > 0.
+        seconds: For how long, > 0; None = cancel it: the board keeps the values that it had.
         channel: Which channel of the board, from 1; None = all.
 
     Raises:
         BadSetting: This is not a valid time to measure for.
     """
-    if not 0.0 < seconds < 1e6:
+    if seconds is not None and not 0.0 < seconds < 1e6:
         raise BadSetting(f"the time to measure for must be above 0 s and below 1e6 s (got {seconds:.6g})")
-    return _for(channel, f"c {seconds:.6g}")
+    return f"{'' if channel is None else f'{channel} '}c {seconds or 0.0:.6g}"
 
 
-def cancel_calibration(channel: int | None = None) -> str:
-    """The line that ends it: the board keeps the values that it had."""
-    return _for(channel, "c 0")
-
-
-def _for(channel: int | None, command: str) -> str:
-    return command if channel is None else f"{channel} {command}"
-
-
-def read_calibration(line: str) -> CalibrationAnswer | None:
+def read_calibration(line: str) -> Calibrating | Calibrated | NotCalibrated | Reply | None:
     """What a line says of a calibration; None for any other line: a sample, another remark, a damaged answer."""
     if len(line) > MAX_LETTERS or not line.startswith("# ") or not (line.isascii() and line.isprintable()):
         return None
-    words = line[2:].split()
-    found = _of_all(words)
-    return _of_channel(words) if found is None and words and words[0].isidentifier() else found
-
-
-def _of_all(words: list[str]) -> CalibrationAnswer | None:
-    """An answer for the whole board."""
-    found: CalibrationAnswer | None = None
-    match words:
-        case ["not", "understood" | "understood;", *_]:
-            found = NotUnderstood()
-        case ["kept", count, "channel" | "channels"] if (channels := _count(count)) is not None:
-            found = Kept(channels)
-        case ["not", "kept:", *reason] if reason:
-            found = NotKept(" ".join(reason))
-        case ["forgotten"]:
-            found = Forgotten()
-        case ["kept", "values", "are", "in", "use"]:
-            found = KeptAtStart("")
-        case ["kept", "values", "refused:", *reason] if reason:
-            found = KeptAtStart(" ".join(reason))
-        case _:
-            pass
-    return found
-
-
-def _of_channel(words: list[str]) -> CalibrationAnswer | None:
-    """An answer for one channel, named first."""
-    found: CalibrationAnswer | None = None
-    match words:
-        case [name, "calibrating", rows] if (count := _count(rows.removeprefix("rows="))) is not None:
-            found = Calibrating(name, count)
-        case [name, "calibrated", *fields]:
-            found = _calibrated(name, fields)
-        case [name, "not", "calibrated:", *reason] if reason:
-            found = NotCalibrated(name, " ".join(reason))
-        case _:
-            pass
-    return found
-
-
-def _calibrated(name: str, fields: list[str]) -> Calibrated | None:
-    """The measured values, if all are there and the printed ones are those of the bits."""
-    said = dict(field.split("=", 1) for field in fields if "=" in field)
-    bits = said.get("bits", "").split(",")
-    if len(bits) != len(("r", "q", "step")):
-        return None
-    r, q, step = (_float32(said.get(key, ""), one) for key, one in zip(("r", "q", "step"), bits, strict=True))
-    samples, spikes, missing = (_count(said.get(key, "")) for key in ("n", "spikes", "missing"))
-    if r is None or q is None or step is None or samples is None or spikes is None or missing is None:
-        return None
-    return Calibrated(name, r, q, step, samples, spikes, missing) if r > 0.0 and samples > 0 else None
+    text = line[2:].rstrip()
+    for kind, pattern in _REPLIES.items():
+        if found := pattern.fullmatch(text):
+            return Reply(kind, *(group for group in found.groups() if group))
+    if found := _BEGUN.fullmatch(text):
+        return Calibrating(found[1], int(found[2]))
+    if found := _REFUSED.fullmatch(text):
+        return NotCalibrated(found[1], found[2])
+    if found := _MEASURED.fullmatch(text):
+        name, r, q, samples, spikes, missing, step, *bits = found.groups()
+        values = [_float32(printed, one) for printed, one in zip((r, q, step), bits, strict=True)]
+        exact = [value for value in values if value is not None]
+        if len(exact) == len(values) and exact[0] > 0.0 and int(samples) > 0:
+            return Calibrated(name, exact[0], exact[1], exact[2], int(samples), int(spikes), int(missing))
+    return None
 
 
 def _float32(printed: str, bits: str) -> np.float32 | None:
@@ -366,16 +302,10 @@ def _float32(printed: str, bits: str) -> np.float32 | None:
         value = float(printed)
     except ValueError:
         return None
-    if len(bits) != 8 or not set(bits) <= set("0123456789ABCDEF"):
-        return None
     exact = np.uint32(int(bits, 16)).view(np.float32)
     if not 0.0 <= exact < np.inf or not math.isclose(value, float(exact), rel_tol=_AGREES):
         return None
     return exact
-
-
-def _count(text: str) -> int | None:
-    return int(text) if text.isdigit() and len(text) <= 9 else None
 
 
 # A connected board: which of its filters a channel belongs to, and which values it uses.
@@ -515,7 +445,7 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     with source.commands.listen() as remarks:
         run = _Run(source, remarks, len(names), channels)
         try:
-            run.begin(start(seconds, number), progress)
+            run.begin(calibration_command(seconds, number), progress)
             return run.until_done(progress)
         except Cancelled:
             raise Cancelled(run.cancel(number)) from None
@@ -551,19 +481,18 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
     Raises:
         BadDevice: it cannot, did not answer, or its memory is worn.
     """
-    with source.commands.listen() as remarks:
-        source.send(KEEP if kept else FORGET)
-        end = time.monotonic() + command_channel.ANSWER_S
-        while (left := end - time.monotonic()) > 0.0:
-            with suppress(Empty):
-                answer = read_calibration(remarks.get(timeout=left).text)
-                if isinstance(answer, Kept if kept else Forgotten):
-                    return
-                if isinstance(answer, NotUnderstood):
-                    raise BadDevice(CANNOT)
-                if isinstance(answer, NotKept):
-                    raise BadDevice(f"the board could not store its values: {answer.reason}")
-    raise BadDevice(f"the board did not confirm the command within {command_channel.ANSWER_S:g} s")
+    wanted = "kept" if kept else "forgotten"
+
+    def is_reply(line: str) -> bool:
+        answer = read_calibration(line)
+        return isinstance(answer, Reply) and answer.kind in (wanted, "not kept", "not understood")
+
+    replies = map(read_calibration, source.commands.send("k" if kept else "f", is_reply=is_reply))
+    answer = next(reply for reply in replies if isinstance(reply, Reply))
+    if answer.kind == "not understood":
+        raise BadDevice(CANNOT)
+    if answer.kind == "not kept":
+        raise BadDevice(f"the board could not store its values: {answer.reason}")
 
 
 class _Run:
@@ -600,7 +529,7 @@ class _Run:
     def cancel(self, number: int | None) -> str:
         """Cancel the measurement on the board; returns which values the board then uses, in words."""
         try:
-            self._source.send(cancel_calibration(number), _CANCEL_S)
+            self._source.send(calibration_command(None, number), _CANCEL_S)
         except BadDevice:
             return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
         self._read_remarks(0.0)
@@ -617,13 +546,13 @@ class _Run:
 
     def _take(self, remark: Remark) -> None:
         answer = read_calibration(remark.text)
-        if isinstance(answer, NotUnderstood):
+        kind = answer.kind if isinstance(answer, Reply) else ""
+        if kind == "not understood":
             raise BadDevice(CANNOT)
-        if isinstance(answer, KeptAtStart) or self._is_header(remark.text):
+        if kind == "started" or self._is_header(remark.text):
             raise BadDevice(f"the board was reset while it measured. {_STARTS_WITH}")
-        if not isinstance(answer, Calibrating | Calibrated | NotCalibrated):
-            return
-        if answer.name not in self._channels or answer.name in self._done:
+        waiting = self._channels.keys() - self._done.keys()
+        if answer is None or isinstance(answer, Reply) or answer.name not in waiting:
             return
         channel = self._channels[answer.name]
         if isinstance(answer, Calibrating):
@@ -837,13 +766,12 @@ def _compared(z: NDArray[np.float32], x: NDArray[np.float32], params: Float32Par
     ours, theirs = filter_float32(z, params), x
     sent = np.isfinite(theirs) & np.isfinite(ours)
     ours, theirs = ours[sent], theirs[sent]
-    steps = np.abs(_ordered(ours) - _ordered(theirs))
+    bits = np.stack([ours, theirs]).view(np.int32).astype(np.int64)
+    order = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)  # counts the float32 values
+    steps = np.abs(order[0] - order[1])
     far = np.abs(ours.astype(np.float64) - theirs)
     return BoardCheck(
-        rows=len(steps),
-        different=int(np.count_nonzero(steps)),
-        largest_steps=int(steps.max(initial=0)),
-        largest=float(far.max(initial=0.0)),
+        len(steps), int(np.count_nonzero(steps)), int(steps.max(initial=0)), float(far.max(initial=0.0))
     )
 
 
@@ -857,9 +785,3 @@ def find_restarts(raw: NDArray[np.float32], board: NDArray[np.float32], params: 
             begins[i] = filter_float32(raw[i : i + 1], params)[0] == board[i]
     same = np.flatnonzero(begins)
     return same[: np.searchsorted(same, same[0] + MAX_ROWS_TO_RESTART)].tolist() if len(same) else []
-
-
-def _ordered(values: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Numbers that count the float32 values in their order, so that differences count steps."""
-    bits = values.view(np.int32).astype(np.int64)
-    return np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)

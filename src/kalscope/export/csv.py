@@ -14,8 +14,10 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import one_line, unused_name
@@ -65,10 +67,10 @@ def filtered_csv_chunks(recording: Recording, filters: Iterable[ChannelTuning]) 
             velocities[one.name] = "velocity_per_s" if recording.sample_period else "velocity_per_sample"
     names = [name for one in chosen for name in one.sensors or (one.name,)]
     fused = next((one.name for one in chosen if one.sensors), None)
+    time, time_name = recording.time, _time_name(recording.time)
     if recording.sample_period is None:
-        return _texts(csv_header(names, velocities, fused, time_name=ROW_NUMBER_NAME), columns, counted=True)
-    header = csv_header(names, velocities, fused, time_name=_time_name(recording.time))
-    return _texts(header, [recording.time, *columns])
+        time, time_name = np.arange(len(recording)), ROW_NUMBER_NAME
+    return _texts(csv_header(names, velocities, fused, time_name=time_name), [time, *columns])
 
 
 def csv_header(
@@ -107,17 +109,14 @@ def csv_header(
     return line.getvalue()
 
 
-def _texts(header: str, columns: list[Array], *, counted: bool = False) -> Iterator[str]:
+def _texts(header: str, columns: list[NDArray[Any]]) -> Iterator[str]:
     yield header
-    n = len(columns[0]) if columns else 0
-    for start in range(0, n, ROWS_PER_CHUNK):
+    for start in range(0, len(columns[0]), ROWS_PER_CHUNK):
         cells = [_cells(column[start : start + ROWS_PER_CHUNK]) for column in columns]
-        if counted:
-            cells.insert(0, [str(i) for i in range(start, min(start + ROWS_PER_CHUNK, n))])
         yield "\n".join(map(",".join, zip(*cells, strict=True))) + "\n"
 
 
-def _cells(values: Array) -> list[str]:
+def _cells(values: NDArray[Any]) -> list[str]:
     """Each value with the fewest digits that bring it back; empty for NaN and for an infinite variance."""
     texts = [repr(value) for value in values.tolist()]
     for i in np.flatnonzero(~np.isfinite(values)):

@@ -57,21 +57,14 @@ class ExportJob:
         return bool(self.fusion.sensors)
 
     @property
-    def title(self) -> str:
-        """What is exported, for its first line."""
-        if self.fuses:
-            return "Kalman filter that fuses several sensors of one quantity"
-        return "Noise filters" if self.has_chain else "Scalar Kalman noise filter"
-
-    @property
     def identifiers(self) -> tuple[str, ...]:
         """A distinct identifier [a-z][a-z0-9_]* for each channel in order, or each sensor and the fused value."""
         return identifiers(name for one in self.channels for name in (*one.sensors, one.name))
 
     @property
     def named_channels(self) -> tuple[tuple[str, ChannelTuning], ...]:
-        """Each channel with its identifier, in their order."""
-        return tuple(zip(self.identifiers, self.channels, strict=True))
+        """Each channel with its identifier, in their order; or the fused value with its own."""
+        return tuple(zip(self.identifiers[-len(self.channels) :], self.channels, strict=True))
 
     @property
     def sensor_identifiers(self) -> tuple[str, ...]:
@@ -87,11 +80,6 @@ class ExportJob:
     def has_chain(self) -> bool:
         """Whether any filter is a chain: each channel then says which filter it has."""
         return any(channel.chain is not None for channel in self.channels)
-
-    @property
-    def for_one_period(self) -> bool:
-        """Whether the user cannot convert the export to another sample period."""
-        return self.has_momentum or self.has_chain
 
     @property
     def has_median(self) -> bool:
@@ -118,21 +106,20 @@ class ExportJob:
         return frozenset(name for name, it_has in has.items() if it_has)
 
     @property
-    def noise(self) -> tuple[float, ...]:
-        """Measurement-noise variance of each sensor on the scale of the fused value, r / gain²."""
-        return tuple(self.fusion.params.scaled_r.tolist())
+    def sensor_values(self) -> dict[str, tuple[float, ...]]:
+        """Offset and gain of each sensor of a fusion, and its noise variance on the scale of x, r / gain²."""
+        fusion = self.fusion
+        return {"r": tuple(fusion.params.scaled_r.tolist()), "offset": fusion.offset, "gain": fusion.gain}
 
-    @property
-    def arguments(self) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
-        """What makes a filter that fuses: numbers, without the automatic ones, and those of each sensor."""
-        start = {name: getattr(self.fusion, name) for name in ("q", "p0", "x0", "gate")}
-        single = {name: value for name, value in start.items() if value is not None} | step_of(self.fusion)
-        return single, {"r": self.noise, "offset": self.fusion.offset, "gain": self.fusion.gain}
+    def reading(self, tuning: str) -> str:
+        """How code takes offset and gain out of a reading; `tuning` precedes the name of each."""
+        offset = f"readings[i] - {tuning}offset[i]"
+        return f"({offset}) / {tuning}gain[i]" if self.fusion.has_gains else offset
 
     @property
     def as_single(self) -> ExportJob:
         """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
-        return replace(self, channels=(self.fusion.as_channel,))
+        return replace(self, channels=tuple(one.as_channel for one in self.channels))
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels; while all of its sensors answer."""
@@ -142,6 +129,12 @@ class ExportJob:
 def step_of(channel: ChannelTuning) -> dict[str, float]:
     """The constants of a filter with momentum by the names of `StepConstants`; {} without momentum."""
     return asdict(step_constants(channel.q, channel.momentum)) if channel.momentum > 0.0 else {}
+
+
+def start_of(one: ChannelTuning) -> dict[str, float | None]:
+    """q, r of one sensor, and how the filter starts; None = automatic, or a gate that is off."""
+    names = ("q", "p0", "x0", "gate") if one.sensors else ("q", "r", "p0", "x0", "gate")
+    return {name: getattr(one, name) for name in names}
 
 
 def job_of(tuning: Tuning) -> ExportJob:
@@ -176,13 +169,15 @@ def fill_sections(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
     return dict(zip(pieces[::2], pieces[1::2], strict=True))
 
 
-def about(job: ExportJob, *, for_one_period: bool = False) -> tuple[str, ...]:
+def about(job: ExportJob) -> tuple[str, ...]:
     """Where the export comes from and which sample period it holds for: only for that one, or with another q.
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
-    one_period = for_one_period or job.for_one_period
-    lines = [f"{job.title}, tuned and exported by Kalscope."]
+    one_period = job.has_momentum or job.has_chain  # no user can convert these
+    title = "Noise filters" if job.has_chain else "Scalar Kalman noise filter"
+    title = "Kalman filter that fuses several sensors of one quantity" if job.fuses else title
+    lines = [f"{title}, tuned and exported by Kalscope."]
     origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
     if job.sha256:
         origin.append(f"SHA-256 {comment_text(job.sha256, 64)[:16]}")
@@ -233,13 +228,14 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
             f"  momentum tau = {number_text(channel.momentum)} samples{seconds}:"
             " how long the signal keeps its direction"
         )
+    lag = f"{steady.lag_samples:.4g} samples" + ("" if steady.lag_s is None else f" = {steady.lag_s:.4g} s")
     lines += [
         f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
         f"  start: {start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
         f"  settled{', while all sensors answer' if fuses else ''}: gain K = {steady.gain:.6g},"
-        f" lag behind a ramp {_lag_words(steady)}{'' if channel.chain is None else ', and that of the median'}",
+        f" lag behind a ramp {lag}{'' if channel.chain is None else ', and that of the median'}",
     ]
     if fuses:
         return (*lines, *_about_sensors(channel))
@@ -281,11 +277,6 @@ def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
 def chain_words(chain: Chain) -> str:
     """A chain in ASCII: median of 5, then one-euro (cut-off 0.02, beta 0.1)."""
     return comment_text(chain.words.replace("α", "alpha").replace("β", "beta"), 100)
-
-
-def _lag_words(steady: SteadyState) -> str:
-    seconds = "" if steady.lag_s is None else f" = {steady.lag_s:.4g} s"
-    return f"{steady.lag_samples:.4g} samples{seconds}"
 
 
 def ascii_squared(unit: str) -> str:

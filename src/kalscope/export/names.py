@@ -101,20 +101,6 @@ def number_text(value: float | None, unset: str = "") -> str:
     return f"{digits}e{exponent}" if exponent else digits
 
 
-def quoted(text: str) -> str:
-    """`text` in double quotes and ASCII, read back whole by Python and by YAML."""
-    return '"' + "".join(map(_escaped, text.encode("utf-8", "replace").decode())) + '"'
-
-
-def _escaped(character: str) -> str:
-    if character in '"\\':
-        return "\\" + character
-    if " " <= character <= "~":
-        return character
-    code = ord(character)
-    return f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"
-
-
 def _ascii(text: str) -> str:
     """`text` in ASCII in its usual spelling; "_" for what has no spelling."""
     plain = _spelt(unicodedata.normalize("NFKD", _spelt(text)))

@@ -16,11 +16,11 @@ from kalscope.export.job import ExportJob, job_of
 from kalscope.export.names import comment_text
 from kalscope.export.targets import arduino, c, libraries, parameters, scripts
 from kalscope.export.targets.libraries import (
-    GYVER_FILTERS,
-    SIMPLE_KALMAN_FILTER,
+    OTHER_FILTERS,
     refusal_of_chain,
     refusal_of_fusion,
     refusal_of_momentum,
+    refusal_of_other_filter,
 )
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
@@ -30,8 +30,6 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 
 DEFAULT_ROWS = 1000
 """Rows of a vector file: the start is among them, and more rows would prove no more."""
-
-HEADER = "time,raw,filtered,gain"
 
 
 def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
@@ -52,15 +50,14 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
     """
     if rows < 1 or not len(recording):
         raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
-    if job.fuses:
-        header = ",".join(("time", *job.sensor_identifiers, "filtered", "variance"))
-        return {"groundtruth.csv": _text(job.fusion, recording, header, rows)}
-    if len(job.channels) == 1:
-        (channel,) = job.channels
-        name = recording.names[0] if len(recording.names) == 1 else channel.name
-        return {"groundtruth.csv": _text(replace(channel, name=name), recording, HEADER, rows)}
+    read, last = (job.sensor_identifiers, "variance") if job.fuses else (("raw",), "gain")
+    header, channels = ",".join(("time", *read, "filtered", last)), job.channels
+    if len(channels) == len(recording.names) == 1:
+        channels = (replace(channels[0], name=recording.names[0]),)
+    endings = [f"_{word}" for word, _ in job.named_channels] if len(channels) > 1 else [""]
     return {
-        f"groundtruth_{word}.csv": _text(channel, recording, HEADER, rows) for word, channel in job.named_channels
+        f"groundtruth{ending}.csv": _text(channel, recording, header, rows)
+        for ending, channel in zip(endings, channels, strict=True)
     }
 
 
@@ -79,7 +76,8 @@ def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> s
 # Each module has `files(job) -> dict of file name -> text`; names are constants or identifiers, texts ASCII.
 
 
-Precision = Literal["float64", "float32", "float32, gain kept"]
+Need = Literal["fusion", "momentum", "chain"]
+ALL: tuple[Need, ...] = ("fusion", "momentum", "chain")
 
 
 @dataclass(frozen=True)
@@ -92,21 +90,13 @@ class Target:
     """Its name on screen, a few words."""
     what: str
     """What it is, one sentence."""
-    fixed_gains: Callable[[ExportJob], dict[str, str]] | None = None
-    """Writes the settled filter instead; None = the target has no such option."""
-    calibration: Callable[[ExportJob], dict[str, str]] | None = None
-    """Writes the filter and what measures r on the device; None = the target has no such option."""
-    fused: Callable[[ExportJob], dict[str, str]] | None = None
-    """Writes the filter that fuses several sensors; None = the target takes one reading per sample."""
-    chains: bool = False
-    """Whether it can hold a chain or a classic filter in place of the Kalman filter."""
-    momentum: bool = True
-    """Whether it can hold a filter with momentum."""
-    precision: Precision = "float64"
+    can: tuple[Need, ...] = ()
+    """What it holds beside the Kalman filters of channels: one that fuses sensors, momentum, chains."""
+    precision: Literal["float64", "float32", "float32, gain kept"] = "float64"
     """How it computes, at least on an AVR board. "float32, gain kept": where float32 cannot settle, it continues
     with the settled gain."""
-    is_offered: bool = True
-    """Whether a user can choose it; False: it only explains why these values would give a different filter."""
+    calibration: Callable[[ExportJob], dict[str, str]] | None = None
+    """Writes the filter and what measures r on the device; None = the target has no such option."""
     is_common: bool = False
     """Whether it is in the short list that is shown first."""
 
@@ -117,101 +107,49 @@ TARGETS = MappingProxyType(
             arduino.files,
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
-            c.arduino_files,
+            ALL,
+            "float32, gain kept",
             arduino.calibrated_files,
-            arduino.fused_files,
-            chains=True,
-            precision="float32, gain kept",
             is_common=True,
         ),
-        "c": Target(
-            c.files,
-            "C99",
-            "The filter in C99, in double or float.",
-            c.c_files,
-            fused=c.fused_files,
-            chains=True,
-            is_common=True,
-        ),
+        "c": Target(c.files, "C99", "The filter in C99, in double or float.", ALL, is_common=True),
         "python": Target(
             scripts.python_files,
             "Python",
             "A small Python class without dependencies, and the same with Kalscope.",
-            fused=scripts.python_fused_files,
-            chains=True,
+            ALL,
             is_common=True,
         ),
         "matlab": Target(
             scripts.matlab_files,
             "MATLAB, Octave",
             "A script for MATLAB and Octave, in the letters of Ma'arif 2019.",
-            fused=scripts.matlab_fused_files,
+            ("fusion", "momentum"),
         ),
         "javascript": Target(
             scripts.javascript_files,
             "JavaScript",
             "An ES module with a small class without dependencies.",
-            fused=scripts.javascript_fused_files,
+            ("fusion", "momentum"),
         ),
-        "json": Target(
-            parameters.json_files,
-            "JSON",
-            "The parameters as JSON.",
-            fused=parameters.json_fused_files,
-            chains=True,
-            is_common=True,
-        ),
-        "ros2": Target(
-            parameters.ros2_files,
-            "ROS 2 parameters",
-            "A ROS 2 parameter file (YAML).",
-            fused=parameters.ros2_fused_files,
-        ),
-        "platformio": Target(
-            parameters.platformio_files,
-            "PlatformIO flags",
-            "Compiler flags for PlatformIO, in a file for extra_configs.",
-            precision="float32",
-        ),
+        "json": Target(parameters.json_files, "JSON", "The parameters as JSON.", ALL, is_common=True),
         "esphome": Target(
             libraries.esphome_files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
-            fused=libraries.fused_files,
-            momentum=False,
-            precision="float32",
-            is_common=True,
+            ("fusion",),
+            "float32",
         ),
         "bachagas": Target(
             libraries.bachagas_files,
             "bachagas/Kalman.h",
             "The constructor of bachagas/Kalman.h, which has the same formula.",
-            momentum=False,
             precision="float32",
         ),
         "kalmanjs": Target(
             libraries.kalmanjs_files,
             "kalmanjs",
             "The constructor of kalmanjs: the same filter, its letters Q and R swapped.",
-            momentum=False,
-        ),
-        "linuxcnc": Target(
-            libraries.linuxcnc_files,
-            "LinuxCNC",
-            "A HAL file for LinuxCNC's filter_kalman, whose manual page swaps Qk and Rk; its code does not.",
-            momentum=False,
-        ),
-        "simplekalmanfilter": Target(
-            SIMPLE_KALMAN_FILTER.files,
-            "SimpleKalmanFilter",
-            "SimpleKalmanFilter uses q differently, so these values would give a different filter.",
-            is_offered=False,
-        ),
-        "gyverfilters": Target(
-            GYVER_FILTERS.files,
-            "GyverFilters",
-            "GKalman of GyverFilters uses q differently, so these values would give a different filter.",
-            is_offered=False,
         ),
     }
 )
@@ -225,7 +163,6 @@ def export_tuning(
     channel: str | None = None,
     vectors: Recording | None = None,
     sample_period: float | None = None,
-    fixed_gains: bool = False,
     calibration: bool = False,
 ) -> dict[str, str]:
     """The files of one target.
@@ -237,7 +174,6 @@ def export_tuning(
             none.
         vectors: The recording whose first samples, filtered, are added as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is converted to it; None = the tuning's.
-        fixed_gains: Write only the settled filter, whose gains never change (`kalscope_fixed_gains.h`).
         calibration: Add code that measures r on the device on command (arduino).
 
     Returns:
@@ -245,83 +181,44 @@ def export_tuning(
 
     Raises:
         BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
-            the recording lacks a channel; fixed gains for another target, a fusion, a chain, vectors, a gate or
-            q = 0; calibration for another target, a fusion, a chain, fixed gains or r = 0; the period is not
-            positive, or the tuning does not know its own.
+            the recording lacks a channel; calibration for another target, a fusion, a chain or r = 0; the period is
+            not positive, or the tuning does not know its own.
     """
-    if target not in TARGETS:
+    if target not in (*TARGETS, *OTHER_FILTERS):
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     chosen = tuning.only(channel)
     chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
     job = job_of(chosen)
-    if fixed_gains and not calibration:
-        return _fixed(target, job, vectors)
+    if target in OTHER_FILTERS:
+        raise refusal_of_other_filter(job, target, _able("chain"))
+    write = TARGETS[target].files
     if calibration:
-        files = _calibrated(target, job, fixed_gains=fixed_gains)
-    else:
-        files = _fused(target, job) if job.fuses else _channels(target, job)
+        write = TARGETS[target].calibration
+        if write is None:
+            able = " or ".join(name for name, each in TARGETS.items() if each.calibration)
+            raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
+        if job.fuses:
+            raise BadSetting(
+                f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that"
+                " option out, or choose a channel"
+            )
+    can = TARGETS[target].can
+    if job.fuses and "fusion" not in can:
+        raise refusal_of_fusion(job, target, _able("fusion"))
+    if job.has_chain and "chain" not in can:
+        raise refusal_of_chain(job, target, _able("chain"))
+    if job.has_momentum and "momentum" not in can:
+        able = _able("momentum", *(("fusion",) if job.fuses else ()))
+        raise refusal_of_momentum(job.as_single, target, able)
+    files = write(job)
     if vectors is not None:
         files |= vector_files(job, vectors)
     return files
 
 
-def _able(can: Callable[[Target], object]) -> list[str]:
-    """Names of the targets that a user can choose and that can do it."""
-    return [name for name, each in TARGETS.items() if each.is_offered and can(each)]
-
-
-def _channels(target: str, job: ExportJob) -> dict[str, str]:
-    if job.has_chain and not TARGETS[target].chains:
-        raise refusal_of_chain(job, target, _able(lambda each: each.chains))
-    if job.has_momentum and not TARGETS[target].momentum:
-        raise refusal_of_momentum(job, target, _able(lambda each: each.momentum))
-    return TARGETS[target].files(job)
-
-
-def _fused(target: str, job: ExportJob) -> dict[str, str]:
-    write = TARGETS[target].fused
-    if not TARGETS[target].is_offered:
-        return TARGETS[target].files(job.as_single)  # says why these values would give a different filter
-    if write is None:
-        raise refusal_of_fusion(job, target, _able(lambda each: each.fused))
-    if job.has_momentum and not TARGETS[target].momentum:
-        raise refusal_of_momentum(job.as_single, target, _able(lambda each: each.fused and each.momentum))
-    return write(job)
-
-
-def _fixed(target: str, job: ExportJob, vectors: Recording | None) -> dict[str, str]:
-    if job.fuses:
-        raise BadSetting(
-            f"fixed gains must be of one sensor (got the fusion {comment_text(job.fusion.name)}, whose gains change"
-            " with the sensors that answer): leave that option out, or choose a channel"
-        )
-    if job.has_chain:
-        raise refusal_of_chain(job, f"fixed gains for {target}", ("arduino or c without that option",))
-    write = TARGETS[target].fixed_gains
-    if write is None:
-        able = " or ".join(_able(lambda each: each.fixed_gains))
-        raise BadSetting(f"target must be {able} for fixed gains (got {target}): leave that option out")
-    if vectors is not None:
-        raise BadSetting(
-            "test vectors must be left out with fixed gains (got a recording): they are those of the whole filter,"
-            " which fixed gains equal only once it has settled"
-        )
-    return write(job)
-
-
-def _calibrated(target: str, job: ExportJob, *, fixed_gains: bool) -> dict[str, str]:
-    write = TARGETS[target].calibration
-    if write is None:
-        able = " or ".join(_able(lambda each: each.calibration))
-        raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
-    if job.fuses:
-        raise BadSetting(
-            f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that option"
-            " out, or choose a channel"
-        )
-    if fixed_gains:
-        raise BadSetting("calibration must be without fixed gains, which r does not change (got both): choose one")
-    return write(job)
+def _able(*needs: Need) -> list[str]:
+    """Names of the targets that hold such filters."""
+    return [name for name, each in TARGETS.items() if set(needs) <= set(each.can)]
 
 
 # Write exported files into a folder, and report the limits of a device.
@@ -336,8 +233,6 @@ def limits_of(
     channel: str | None,
     target: str,
     level: Callable[[str], float] = lambda _: UNO_COUNTS,
-    *,
-    fixed_gains: bool = False,
 ) -> list[str]:
     """What differs on a target that computes in float32, one sentence each.
 
@@ -346,7 +241,6 @@ def limits_of(
         channel: Only this channel; None = the fusion, or all where there is none.
         target: A name of `TARGETS`.
         level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
-        fixed_gains: Whether only the settled filter is exported: no variance can stall, and it is faster.
     """
     precision = TARGETS[target].precision
     if precision == "float64":
@@ -356,16 +250,14 @@ def limits_of(
 
     chosen = tuning.only(channel)
     filters = chosen.channels if chosen.fusion is None else (chosen.fusion,)
-    found = tuning_limits(
+    said = tuning_limits(
         filters,
         levels=[level(name) for one in filters for name in one.sensors or (one.name,)],
         sample_period=chosen.sample_period,
         constant_gain=precision == "float32, gain kept",
     )
-    others = not_in_counts(filters)
-    said = [limit.message for limit in found if limit.kind == "estimate" or not fixed_gains]
-    others = " and ".join(f"{one.name} is in {one.unit}" for one in others)
-    if target == "arduino" and others and not fixed_gains:
+    others = " and ".join(f"{one.name} is in {one.unit}" for one in not_in_counts(filters))
+    if target == "arduino" and others:
         said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
     return list(dict.fromkeys(said))
 

@@ -1,18 +1,15 @@
-"""The report on a recording and its tuning, on one page: HTML or a picture of a sheet of A4."""
+"""The report on a recording and its tuning, on one page of HTML."""
 
 from __future__ import annotations
 
-import io
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from textwrap import wrap
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +20,7 @@ from kalscope.analysis.findings import as_sentences, request_in, still_met
 from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import advice_words, judge
 from kalscope.analysis.residuals import Run
-from kalscope.common.charts import COLOURS, Line, Panel, document, draw_panels, draw_svg, drawing, markup_of_table
+from kalscope.common.charts import Line, Panel, document, draw_svg, markup_of_table
 from kalscope.common.numbers import Array
 from kalscope.common.text import (
     correlation,
@@ -33,7 +30,6 @@ from kalscope.common.text import (
     lag_in_full,
     lag_text,
     number,
-    one_line,
     p_value,
     percent,
     program,
@@ -47,10 +43,6 @@ from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
 from kalscope.sources.reading.account import summary, warnings
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 # The tables of a report.
 
@@ -89,7 +81,7 @@ def parameters(own: ChannelTuning, period: float | None) -> Rows:
     return (*rows, ("found", own.how))
 
 
-def meaning(steady: SteadyState, result: FilterResult | FilterResult, period: float | None, error: str) -> Rows:
+def meaning(steady: SteadyState, result: FilterResult, period: float | None, error: str) -> Rows:
     """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
     lag, settle = steady.lag_samples, steady.settle_samples
     rows = [
@@ -170,7 +162,7 @@ def rmse(x: Array, truth: Array) -> float:
     return math.sqrt(float(np.mean(error * error))) if len(error) else math.nan
 
 
-# The content of a report, computed once from a recording and a tuning, for HTML and PNG.
+# The content of a report, computed once from a recording and a tuning.
 
 
 MAX_DRAWN_POINTS = 1500
@@ -183,7 +175,7 @@ STYLES = ("raw", "s1", "s3", "s4")
 """Of the sensors, from the first; the fused value is s2."""
 
 _MAX_BRIDGED = 10
-"""A sensor's line is broken where it has no reading for this many of its usual steps."""
+"""The line of a sensor that misses rows is broken where it has no reading for this many of its usual steps."""
 
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of less than twice as many has none."""
@@ -258,13 +250,15 @@ def make_report(
         tables = (*judged, ReportTable("While all sensors answer", effect), values, pinned)
     else:
         tables = (values, ReportTable("Resulting filter", effect), *judged, pinned)
+    source = recording.source or "FILE"
+    reopened = ["kalscope", "open", source, *recording.report.options, "--config", config, *options]
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(sources)}",
         subtitle=_subtitle(recording, result.x if shown.sensors else z),
         charts=_charts(recording, shown, z, result, truth),
         tables=tables,
         texts=texts,
-        command=command or _command(recording, config),
+        command=command or shlex.join(reopened),
         origin=_origin(recording, tuning, now),
     )
 
@@ -302,34 +296,21 @@ def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None
         return (), (("Does the filter fit?", UNJUDGED),)
     checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
     found = compare_alternatives(z, own.params, dt=dt, truth=truth)
+    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
+    advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
     texts = (
-        ("Does the filter fit?", _fits(own, checks, period)),
+        ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
         ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
     )
     return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
 
 
-def _fits(own: ChannelTuning, checks: Diagnostics, period: float | None) -> str:
-    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
-    advice = f" {as_sentences(advice_words(judgement))}" if judgement.findings else ""
-    return f"{judgement.headline}{advice}"
-
-
 def _subtitle(recording: Recording, z: Array) -> str:
     """How much there is of the samples z, in a few words."""
-    parts = [f"{count(len(z))} samples"]
-    if recording.sample_period is not None:
-        parts.append(sample_rate(recording.sample_period))
     missing = int(np.isnan(z).sum())
-    if missing:
-        parts.append(f"{count(missing)} missing")
-    return ", ".join(parts)
-
-
-def _command(recording: Recording, config: str) -> str:
-    """What reopens the recording with a tuning file."""
-    source = recording.source or "FILE"
-    return shlex.join(["kalscope", "open", source, *recording.report.options, "--config", config])
+    period = recording.sample_period
+    parts = (f"{count(len(z))} samples", "" if period is None else sample_rate(period))
+    return ", ".join(filter(None, (*parts, f"{count(missing)} missing" if missing else "")))
 
 
 def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
@@ -350,62 +331,39 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 def _charts(
     recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
-    if own.sensors:
-
-        def fused(x: Array, part: slice) -> list[Line]:
-            sensors = [_line(x, z[part, i], name, STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
-            return [*sensors, _line(x, result.x[part], own.name, "s2")]
-
-        return panels_of(recording, (own.name, own.unit), [z], fused)
+    """The whole recording, and a detail from the middle of a long one; a wild start of x may leave them."""
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
-
-    def lines(x: Array, part: slice) -> list[Line]:
-        at = chosen_samples(z[part])
-        x, at = (x[at], at) if len(at) > 1 else (x[0] + np.arange(2.0), [0, 0])  # a line needs two points
-        return [Line(x, y[part][at], name, style) for name, y, style in (*measured, ("filtered", result.x, "s2"))]
-
-    return panels_of(recording, (own.name, own.unit), [y for _, y, _ in measured], lines)
-
-
-def panels_of(
-    recording: Recording,
-    labels: tuple[str, str],
-    measured: list[Array],
-    lines: Callable[[Array, slice], list[Line]],
-) -> tuple[Panel, ...]:
-    """The whole recording, and a detail from the middle of a long one.
-
-    Args:
-        recording: gives the abscissae.
-        labels: name and unit of the ordinate.
-        measured: what must be in the picture, each of shape (n, …); a wild start of the filter may leave it.
-        lines: makes the curves of a part from its abscissae and its rows.
-    """
+    if own.sensors:
+        measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
+    curves = (*measured, (own.name if own.sensors else "filtered", result.x, "s2"))
     n, timed = len(recording), recording.sample_period is not None
     x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
     first = (n - MAX_DETAIL_SAMPLES) // 2
     last = first + MAX_DETAIL_SAMPLES - 1
     parts = {"The whole recording": slice(0, n), f"Detail: samples {first} to {last}": slice(first, last + 1)}
+    short = own.name if len(own.name) <= 10 else f"{own.name[:9]}…"  # fits beside a low chart
     return tuple(
         Panel(
             title,
-            tuple(lines(x[part], part)),
+            tuple(_line(x[part], y[part], name, style) for name, y, style in curves),
             "time (s)" if timed else "sample",
-            _label(*labels),
-            _y_range(np.concatenate([y[part].ravel() for y in measured])),
+            f"{short} ({own.unit[:8]})" if own.unit else short,
+            _y_range(np.concatenate([y[part] for _, y, _ in measured])),
         )
         for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
     )
 
 
 def _line(x: Array, y: Array, name: str, style: str) -> Line:
-    """A curve through its readings, from one to the next however slow the sensor is; broken in long gaps."""
+    """A curve through its readings, from one to the next however slow a sensor is; broken where one is missing."""
     at = np.flatnonzero(np.isfinite(y))
     if len(at) < 2:  # a line needs two points
         return Line(x[0] + np.arange(2.0), np.full(2, y[at[0]] if len(at) else np.nan), name, style)
     steps = np.diff(at)
-    gaps = np.flatnonzero(steps > _MAX_BRIDGED * np.median(steps)) + 1
-    x, y = np.insert(x[at], gaps, x[at][gaps]), np.insert(y[at], gaps, np.nan)
+    usual = np.median(steps)
+    gaps = np.flatnonzero(steps > (usual if usual == 1.0 else _MAX_BRIDGED * usual)) + 1
+    between = 0.5 * (x[at[gaps - 1]] + x[at[gaps]])
+    x, y = np.insert(x[at], gaps, between), np.insert(y[at], gaps, np.nan)
     kept = chosen_samples(y)
     return Line(x[kept], y[kept], name, style)
 
@@ -415,12 +373,6 @@ def _y_range(seen: Array) -> tuple[float, float]:
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
     room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
-
-
-def _label(name: str, unit: str) -> str:
-    """Name and unit, short enough to fit beside a low chart."""
-    short = name if len(name) <= 10 else f"{name[:9]}…"
-    return f"{short} ({unit[:8]})" if unit else short
 
 
 def chosen_samples(z: Array) -> NDArray[np.intp]:
@@ -436,101 +388,6 @@ def chosen_samples(z: Array) -> NDArray[np.intp]:
         else:
             kept.add(first)
     return np.array(sorted(kept))
-
-
-# The report as a picture of one sheet of A4, for lab books that take no HTML.
-
-
-# pyright: reportUnknownMemberType=false
-# matplotlib leaves the types of keyword arguments open.
-
-
-SIZE = (1654, 2339)
-"""Width and height of A4 at 200 dots an inch, px."""
-
-DOTS_PER_INCH = 110
-"""Of the drawing, so that a chart has the proportions of one on the page; the picture says 200."""
-
-LINES, CHARACTERS = 80, 135
-"""Lines of text on a sheet, and characters of usual text in a line."""
-
-CHART = 22
-"""Greatest height of a chart, lines."""
-
-CELL = 36
-"""Characters of a cell; longer ones are cut."""
-
-
-def as_png(report: Report) -> bytes:
-    """The page as PNG, 200 dots an inch; what does not fit on the sheet is left out from its end."""
-    from matplotlib.figure import Figure
-
-    tables = max(sum(_height(table) for table in column) for column in report.table_columns)
-    texts = [
-        (head, wrap(one_line(text), CHARACTERS))
-        for head, text in (*report.texts, ("Reopen this session", report.command))
-    ]
-    below = tables + sum(len(lines) + 2 for _, lines in texts) + len(report.origin)
-    charts = min(CHART * len(report.charts), max(LINES - below - 8, 10))
-    with drawing():
-        size = (SIZE[0] / DOTS_PER_INCH, SIZE[1] / DOTS_PER_INCH)
-        figure = Figure(size, DOTS_PER_INCH, facecolor="white", layout="constrained")
-        heights = (2, 3, charts, LINES - 5 - charts)
-        grid = figure.add_gridspec(4, 3, width_ratios=(1, 16, 1), height_ratios=heights)
-        title, middle, paper = (figure.add_subfigure(grid[row, 1]) for row in (1, 2, 3))
-        title.text(0.0, 0.5, _cut(report.title, CHARACTERS // 2), size="xx-large")
-        title.text(0.0, 0.0, _cut(report.subtitle, CHARACTERS), color=COLOURS["quiet"])
-        draw_panels(middle, report.charts)
-        axes = paper.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, CHARACTERS), ylim=(heights[-1], 0.0))
-        axes.set_axis_off()
-        for column, x in zip(report.table_columns, (0.0, 0.5 * CHARACTERS + 2.0), strict=True):
-            y = 1.0
-            for table in column:
-                _draw_table(axes, table, x, y)
-                y += _height(table)
-        y = 1.0 + tables
-        for head, lines in texts:
-            for i, line in enumerate((head, *lines)):
-                axes.text(0.0, y + i, line, va="top", weight="normal" if i else 600)
-            y += len(lines) + 2
-        for name, value in report.origin:
-            axes.text(0.0, y, name, va="top", color=COLOURS["quiet"])
-            axes.text(12.0, y, _cut(value, CHARACTERS - 12), va="top")
-            y += 1.0
-        file = io.BytesIO()
-        figure.savefig(file, format="png", pil_kwargs={"dpi": (200, 200)}, metadata={"Software": None})
-        return file.getvalue()
-
-
-def _height(table: ReportTable) -> int:
-    """Lines that a table takes, with its heading and the space below it."""
-    return len(table.rows) + bool(table.columns) + 2
-
-
-def _draw_table(axes: Axes, table: ReportTable, x: float, y: float) -> None:
-    """The columns are as wide as their longest cells; the first one is cut where all are too wide."""
-    width = 0.5 * CHARACTERS - 2.0
-    rows = [
-        [_cut(cell, CELL) for cell in row] for row in (*((table.columns,) if table.columns else ()), *table.rows)
-    ]
-    longest = [max(map(len, column)) + 1 for column in zip(*rows, strict=True)]
-    longest[0] = max(6, min(longest[0], int(width) - sum(longest[1:])))
-    axes.text(x, y, table.heading, weight=600, va="top")
-    for row in rows:
-        y += 1.0
-        end = 0
-        for i, (cell, characters) in enumerate(zip(row, longest, strict=True)):
-            end += characters
-            at = x if i == 0 else x + width * end / sum(longest)
-            text = _cut(cell, characters) if i == 0 else cell
-            colour = COLOURS["quiet" if i == 0 or row == list(table.columns) else "ink"]
-            axes.text(at, y, text, va="top", ha="left" if i == 0 else "right", color=colour)
-        axes.plot((x, x + width), (y + 0.88,) * 2, color=COLOURS["edge"], linewidth=1)
-
-
-def _cut(text: str, characters: int) -> str:
-    line = one_line(text)
-    return line if len(line) <= characters else f"{line[: characters - 1]}…"
 
 
 # The report as one HTML file that needs nothing else, made to print on one sheet of A4.

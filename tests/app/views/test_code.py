@@ -28,11 +28,9 @@ from kalscope_app.views.export import (
     files_of,
     goal_of,
     has_calibration,
-    has_fixed_gains,
     html_report,
     limits_text,
     packed,
-    png_report,
     toggled,
 )
 
@@ -54,19 +52,6 @@ def test_the_files_are_those_of_the_setting_on_screen(state, target):
     one, both = (export_tuning(state.as_tuning(), target, channel=name) for name in ("a", None))
     assert undated(files_of(state, Choice(target))) == undated(one)
     assert undated(files_of(state, Choice(target, all_channels=True))) == undated(both)
-
-
-def test_fixed_gains_are_the_settled_filter_and_are_refused_before_a_button_is_pressed(state):
-    choice = Choice("c", fixed_gains=True)
-    expected = export_tuning(state.as_tuning(), "c", channel="a", fixed_gains=True)
-    assert undated(files_of(state, choice)) == undated(expected)
-    assert [name for name in TARGETS if has_fixed_gains(name)] == ["arduino", "c"]
-    gated = set_text("gate", "9")(state)
-    assert "outlier gate of a must be off" in limits_text(gated, choice).replace("\\", "")
-    assert limits_text(gated, Choice("c")) == ""
-    slow = Choice("arduino", period="0.00002")
-    assert "An Uno needs" in limits_text(state, slow)
-    assert "An Uno needs" not in limits_text(state, replace(slow, fixed_gains=True))
 
 
 def test_another_period_of_the_device_carries_q_over(state):
@@ -94,7 +79,7 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)
     assert "continues with exactly this gain" in limits_text(small)
-    for target in ("platformio", "esphome", "bachagas"):
+    for target in ("esphome", "bachagas"):
         assert "has no constant gain to continue with" in limits_text(small, Choice(target))
     assert limits_text(small, Choice("c")) == ""
 
@@ -105,7 +90,7 @@ def test_a_unit_that_the_board_does_not_read_is_said(state):
         tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.settings.tunings, ("V", ""), strict=True))
     )
     assert "The sketch reads counts, but a is in V:" in limits_text(in_volts).replace("\\", "")
-    assert limits_text(in_volts, Choice("c")) == limits_text(in_volts, Choice("arduino", fixed_gains=True)) == ""
+    assert limits_text(in_volts, Choice("c")) == ""
 
 
 def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):
@@ -123,7 +108,7 @@ def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
         found = {one: archive.read(one).decode() for one in archive.namelist()}
     assert found == {f"kalscope_filter/{one}": text for one, text in files.items()}, "as the Arduino IDE opens it"
     assert name == "kalscope_filter.zip"
-    assert packed("ros2", {"a": "", "b": ""})[0] == "kalscope-ros2.zip"
+    assert packed("json", {"a": "", "b": ""})[0] == "kalscope-json.zip"
 
 
 def found_at(state, **target):
@@ -208,7 +193,7 @@ def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(sta
     assert "<td>A</td><td>0.0200</td>" in text
     assert "Pinned settings" not in html_report(state).decode()
     with pytest.raises(BadSetting, match="choose the Kalman filter"):
-        png_report(opened_experiment("generalized_figure_8"))
+        html_report(opened_experiment("generalized_figure_8"))
 
 
 def test_undo_brings_no_earlier_sending_back(state):

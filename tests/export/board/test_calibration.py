@@ -18,13 +18,9 @@ from kalscope.export import board as calibration
 from kalscope.export.board import (
     Calibrated,
     Calibrating,
-    Forgotten,
-    Kept,
-    KeptAtStart,
     Measurement,
     NotCalibrated,
-    NotKept,
-    NotUnderstood,
+    Reply,
     compared_text,
     found_text,
     is_unnamed,
@@ -53,14 +49,14 @@ def test_every_answer_is_read():
         "# light calibrating rows=2016": Calibrating("light", 2016),
         calibrated(): ANSWER,
         "# light not calibrated: the level moves": NotCalibrated("light", "the level moves"),
-        "# kept 2 channels": Kept(2),
-        "# not kept: the EEPROM does not hold what was written": NotKept(
-            "the EEPROM does not hold what was written"
+        "# kept 2 channels": Reply("kept"),
+        "# not kept: the EEPROM does not hold what was written": Reply(
+            "not kept", "the EEPROM does not hold what was written"
         ),
-        "# forgotten": Forgotten(),
-        "# kept values are in use": KeptAtStart(""),
-        "# kept values refused: they are damaged": KeptAtStart("they are damaged"),
-        "# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), or ?": NotUnderstood(),
+        "# forgotten": Reply("forgotten"),
+        "# kept values are in use": Reply("started"),
+        "# kept values refused: they are damaged": Reply("started", "they are damaged"),
+        "# not understood; q VALUE, r VALUE (0 or more, not both 0), or ?": Reply("not understood"),
     }.items():
         assert read_calibration(line) == expected, line
     assert read_calibration(calibrated()).rows == 2000
@@ -109,11 +105,11 @@ def test_no_damaged_answer_is_an_error_or_another_number():
 
 
 def test_commands_name_their_channel_and_an_impossible_time_is_refused():
-    assert (calibration.start(10.0), calibration.start(0.64, 2)) == ("c 10", "2 c 0.64")
-    assert (calibration.cancel_calibration(), calibration.cancel_calibration(3)) == ("c 0", "3 c 0")
+    assert (calibration.calibration_command(10.0), calibration.calibration_command(0.64, 2)) == ("c 10", "2 c 0.64")
+    assert (calibration.calibration_command(None), calibration.calibration_command(None, 3)) == ("c 0", "3 c 0")
     for seconds in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
-            calibration.start(seconds)
+            calibration.calibration_command(seconds)
 
 
 @pytest.fixture

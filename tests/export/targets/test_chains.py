@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from required import not_here
+from exported_program import FUSED, in_c, in_cpp
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
-from kalscope.export.float32 import filter_channel_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets import arduino, c
@@ -23,10 +20,6 @@ from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, 
 from kalscope.tuning.toml_text import chain_in
 
 ABLE = {"arduino", "c", "python", "json"}
-FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-pedantic", "-Werror")
-CPUINFO = Path("/proc/cpuinfo")
-FUSED = ("-mfma",) if CPUINFO.is_file() and " fma " in CPUINFO.read_text() else ()
-"""Lets the compiler fuse a product with a sum, where the exported code did not forbid it."""
 
 STAGES = (
     MovingAverage(1),
@@ -76,59 +69,6 @@ def signal(dtype=np.float64):
     return z.astype(dtype)
 
 
-C_MAIN = """
-#include <stdio.h>
-#include "kalscope_filter.h"
-int main(void)
-{
-    static const kalscope_tuning *const tunings[] = {TUNINGS};
-    static kalscope_real z[1000];
-    const size_t n = fread(z, sizeof z[0], 1000, stdin);
-    for (size_t i = 0; i < sizeof tunings / sizeof tunings[0]; i++) {
-        kalscope_filter filter;
-        kalscope_start(&filter, tunings[i]);
-        for (size_t j = 0; j < n; j++) {
-            const kalscope_real x = kalscope_update(&filter, z[j]);
-            if (fwrite(&x, sizeof x, 1, stdout) != 1) return 1;
-        }
-    }
-    return 0;
-}
-"""
-CPP_MAIN = """
-#include <stdio.h>
-#include "KalscopeFilter.h"
-int main() {
-  static KalscopeFilter filters[] = {TUNINGS};
-  static float z[1000];
-  const size_t n = fread(z, sizeof z[0], 1000, stdin);
-  for (KalscopeFilter &filter : filters) {
-    filter.update(1e6f);
-    filter.restart();
-    for (size_t j = 0; j < n; j++) {
-      const float x = filter.update(z[j]);
-      if (x == x && x != filter.x) return 2;
-      if (fwrite(&x, sizeof x, 1, stdout) != 1) return 1;
-    }
-  }
-  return 0;
-}
-"""
-
-
-def answers(folder, compiler, flags, main, tunings, texts, z):
-    """What a program of exported files makes of samples, shape (channels, n)."""
-    if shutil.which(compiler) is None:
-        not_here(f"{compiler} is not installed")
-    name = "main.cpp" if compiler == "g++" else "main.c"
-    for file, text in {**texts, name: main.replace("TUNINGS", ", ".join(tunings))}.items():
-        (folder / file).write_text(text, encoding="ascii")
-    sources = [name, *(file for file in texts if file.endswith(".c"))]
-    subprocess.run([compiler, *FLAGS, *flags, *sources, "-o", "run", "-lm"], cwd=folder, check=True)
-    done = subprocess.run([folder / "run"], input=z.tobytes(), check=True, capture_output=True)
-    return np.frombuffer(done.stdout, dtype=z.dtype).reshape(-1, len(z))
-
-
 def assert_bits(found, expected, channels=CHANNELS):
     bits = np.uint32 if expected[0].dtype == np.float32 else np.uint64
     wrong = [
@@ -147,26 +87,19 @@ def in_double():
 
 @pytest.fixture(scope="module")
 def in_float():
-    return [filter_channel_float32(signal(np.float32), channel) for channel in CHANNELS]
+    return [filter_float32(signal(np.float32), channel) for channel in CHANNELS]
 
 
 def test_c_in_double_has_the_bits_of_the_core(tmp_path, in_double):
-    job = ExportJob(CHANNELS)
-    names = [f"&kalscope_tuning_{name}" for name in job.identifiers]
-    found = answers(tmp_path, "gcc", ("-std=c99", "-O1"), C_MAIN, names, c.files(job), signal())
-    assert_bits(found, in_double)
+    assert_bits(in_c(tmp_path, CHANNELS, signal(), "-std=c99", "-O1"), in_double)
 
 
 def test_c_and_cpp_in_float_have_the_bits_of_the_core_in_float32(tmp_path, monkeypatch, in_float):
     monkeypatch.setattr(arduino, "ANALOGUE_PINS", len(CHANNELS))
     monkeypatch.setattr(arduino, "UNO_FREE", 10**6)
-    job, z = ExportJob(CHANNELS), signal(np.float32)
-    names = [f"&kalscope_tuning_{name}" for name in job.identifiers]
-    flags = ("-std=gnu11", "-O2", *FUSED, "-DKALSCOPE_FLOAT")
-    assert_bits(answers(tmp_path, "gcc", flags, C_MAIN, names, c.files(job), z), in_float)
-    texts = {"KalscopeFilter.h": arduino.files(job)["KalscopeFilter.h"]}
-    filters = [f"KalscopeFilter(KALSCOPE_TUNING_{name.upper()})" for name in job.identifiers]
-    assert_bits(answers(tmp_path, "g++", ("-std=gnu++11", "-O2", *FUSED), CPP_MAIN, filters, texts, z), in_float)
+    z = signal(np.float32)
+    assert_bits(in_c(tmp_path, CHANNELS, z, "-std=gnu11", "-O2", *FUSED, "-DKALSCOPE_FLOAT"), in_float)
+    assert_bits(in_cpp(tmp_path, CHANNELS, z, "-std=gnu++11", "-O2", *FUSED), in_float)
 
 
 def test_python_has_the_bits_of_the_core(tmp_path, in_double):
@@ -213,7 +146,7 @@ def test_vectors_are_those_of_the_chain():
 def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_run_them():
     tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, PowerOfTwo(3)))
     tuning = Tuning((*KALMAN, tilt), sample_period=0.01)
-    for target in TARGETS:
+    for target in (*TARGETS, "gyverfilters"):
         if target in ABLE:
             assert export_tuning(replace(tuning, channels=tuning.channels[-3:]), target)
             continue
@@ -224,8 +157,6 @@ def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_ru
             "target must run the filter of tilt, median of 5, then power-of-two gain (alpha = 1/8) "
         )
         assert f"(got {target}, which does not). Export arduino, c, python, json; or use the Kalman filter" in said
-    with pytest.raises(BadSetting, match=r"got fixed gains for c, .* Export arduino or c without that option;"):
-        export_tuning(tuning, "c", fixed_gains=True)
     alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=PowerOfTwo(3))),))
     with pytest.raises(BadSetting, match=r"exponential_moving_average: \{alpha: 0.125, send_every: 1\}"):
         export_tuning(alone, "esphome")

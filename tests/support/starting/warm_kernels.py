@@ -25,7 +25,7 @@ from kalscope import (
 )
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.estimation.pool import held_out, pool_of
-from kalscope.export.float32 import filter_float32, fuse_float32
+from kalscope.export.float32 import filter_float32
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, RunningStages
 from kalscope.filtering.filter import filter_at
 from kalscope.papers import generalized
@@ -63,7 +63,7 @@ held_out([z[:400], spiky])
 for momentum in (0.0, 5.0):
     fused = FilterParams(0.1, **TWO, momentum=momentum)
     fuse(pair, fused)
-    fuse_float32(pair, fused)
+    filter_float32(pair, fused)
     estimate_fusion(pair[:400], momentum=momentum)
 with tempfile.TemporaryDirectory() as folder:
     log = Path(folder) / "log.csv"

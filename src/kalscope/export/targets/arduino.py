@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
 
 from kalscope.common.text import plural
 from kalscope.errors import BadSetting
+from kalscope.estimation.noise import SPIKE
+from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
 from kalscope.export.board import LAST_POWER
 from kalscope.export.float32 import (
     Float32Params,
+    Floats,
     float32_text,
     float32_tuning,
-    fusion_on_board,
     to_float32,
     without_momentum,
 )
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.limits import not_in_counts
 from kalscope.export.names import comment_text
-from kalscope.export.still_rule import template_texts
 from kalscope.export.targets.stages import (
     KALMAN_FIELDS,
     MOMENTUM_FIELDS,
@@ -57,12 +59,15 @@ UNIT_CHECK = """\
 
 
 def files(job: ExportJob) -> dict[str, str]:
-    """`KalscopeFilter.h` and `kalscope_filter.ino`.
+    """`KalscopeFilter.h` and `kalscope_filter.ino`, or `KalscopeFusion.h` and `kalscope_fusion.ino`.
 
     Raises:
         BadSetting: float32 cannot hold a value, an Uno does not have enough analogue pins, or the period is out of
             the range that it can count.
     """
+    if job.fuses:
+        _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
+        return {"KalscopeFusion.h": _header(job), "kalscope_fusion.ino": _sketch(job)}
     _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
     if job.has_chain:
         _check_memory(job)
@@ -80,15 +85,28 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
         words = "with momentum that measure r, for which an Uno has memory"
         _check_pins(len(job.channels), f"channels {words}", "choose one", MAX_MEASURED_WITH_MOMENTUM)
     ratios = _ratios(job)
-    values = [_constant(job, "", channel, _held(channel)) for channel in job.channels]
+    values = [f"const KalscopeTuning  = {{{_fields(job, channel, _held(channel))}}};" for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
     return {
         "KalscopeFilter.h": _header(job),
         "kalscope_filter.ino": _sketch(job, calibration=True),
         "KalscopeCalibration.h": fill_template(
-            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **template_texts()
+            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
         ),
     }
+
+
+def _limits_of_stillness() -> dict[str, str]:
+    """Those of `find_still_stretch`, for the means and variances of as many groups."""
+    sizes = {
+        "spike": SPIKE,
+        "wander_sure": GROUPS - 2 + SURE * math.sqrt(2.0 * (GROUPS - 2)) + 3.0,
+        "drift_squared": MAX_DRIFT**2,
+        "uneven_sure": GROUPS * (2.0 * SURE) ** 2,
+        "sure_squared": SURE**2,
+    }
+    texts = {name: float32_text(np.float32(size)) for name, size in sizes.items()}
+    return {"groups": str(GROUPS), "min_readings": str(MIN_SAMPLES), **texts}
 
 
 def _held(channel: ChannelTuning) -> Float32Params | None:
@@ -98,21 +116,22 @@ def _held(channel: ChannelTuning) -> Float32Params | None:
         raise BadSetting(f"{comment_text(channel.name)}: {error}") from None
 
 
-def _constant(job: ExportJob, name: str, channel: ChannelTuning, held: Float32Params | None) -> str:
-    """One constant of the header: its fields in their order, 0 where the filter of this channel has none."""
-    kalman = {} if held is None else _kalman(held)
-    values = tuning_values(job, channel, kalman, lambda value: float32_text(np.float32(value)))
-    fields = (values.get(field, "0") for field in tuning_fields(job))
-    return f"const KalscopeTuning {name} = {{{', '.join(fields)}}};"
+def _fields(job: ExportJob, one: ChannelTuning, held: Float32Params | None) -> str:
+    """The fields of one constant in their order, 0 where the filter of this channel has none."""
+    numbers = {} if held is None else vars(held) | vars(held.momentum or without_momentum(held.q))
+    if one.sensors:
+        momentum = MOMENTUM_FIELDS if job.has_momentum else ()
+        names = ("q", "p0", "x0", "gate", *momentum, "r", "offset", *(("gain",) if one.has_gains else ()))
+        return ", ".join(_text(numbers[name]) for name in names)
+    kalman = {name: _text(numbers[name]) for name in (*KALMAN_FIELDS, *MOMENTUM_FIELDS)} if numbers else {}
+    values = tuning_values(job, one, kalman, lambda value: float32_text(np.float32(value)))
+    return ", ".join(values.get(field, "0") for field in tuning_fields(job))
 
 
-def _kalman(held: Float32Params) -> dict[str, str]:
-    numbers = vars(held) | vars(held.momentum or without_momentum(held.q))
-    return {name: float32_text(numbers[name]) for name in (*KALMAN_FIELDS, *MOMENTUM_FIELDS)}
-
-
-def _constant_names(job: ExportJob) -> list[str]:
-    return [f"KALSCOPE_TUNING_{name.upper()}" for name in job.identifiers]
+def _text(value: np.float32 | Floats) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{{{', '.join(map(float32_text, value))}}}"
+    return float32_text(value)
 
 
 def _ratios(job: ExportJob) -> str:
@@ -138,42 +157,55 @@ def _ratio_name(name: str) -> str:
     return f"KALSCOPE_RATIO_{name.upper()}"
 
 
+def _constant_name(job: ExportJob, word: str) -> str:
+    return f"KALSCOPE_{'FUSION' if job.fuses else 'TUNING'}_{word.upper()}"
+
+
 def _header(job: ExportJob) -> str:
-    names = _constant_names(job)
+    kind, opening = ("KalscopeFusionTuning", "{\n  ") if job.fuses else ("KalscopeTuning", "{")
     parts: list[str] = []
-    for channel, name in zip(job.channels, names, strict=True):
-        params = _held(channel)
-        said = about_channel(job, channel)
-        if params is not None and params.settled_gain > 0:
+    for word, one in job.named_channels:
+        held, said = _held(one), about_channel(job, one)
+        if held is not None and held.settled_gain > 0:
             said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        parts.append(f"{commented(said, '//')}{_constant(job, name, channel, params)}\n")
-    texts = {
-        "about": commented(about(job), "//").rstrip(),
-        "first": names[0],
-        "tunings": "\n".join(parts),
-        "gate_limit": str(GATE_LIMIT),
-        "set_momentum": fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER))
-        if job.has_momentum
-        else "",
-    }
-    if not job.has_chain:
-        return fill_template("arduino/KalscopeFilter.h", job.marks, **texts)
-    code = code_in_c(job, "static ")
-    return fill_template("arduino/KalscopeChain.h", job.marks, **texts, **vars(code))
+        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one, held)}}};"
+        parts.append(f"{commented(said, '//')}{constant}\n")
+    code, count = code_in_c(job, "static "), len(job.fusion.sensors)
+    momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
+    name = "KalscopeFusion" if job.fuses else "KalscopeChain" if job.has_chain else "KalscopeFilter"
+    return fill_template(
+        f"arduino/{name}.h",
+        job.marks,
+        about=commented(about(job), "//").rstrip(),
+        first=_constant_name(job, job.named_channels[0][0]),
+        tunings="\n".join(parts),
+        gate_limit=str(GATE_LIMIT),
+        set_momentum=momentum,
+        types=code.types,
+        functions=code.functions,
+        words=", ".join(job.sensor_identifiers),
+        all_bits="1" * (count - 1) + "0",
+        count=str(count),
+        reading=job.reading("tuning."),
+    )
 
 
 def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     marks = job.marks.union(["calibration"] if calibration else [])
-    names, n = job.identifiers, len(job.channels)
-    columns = ",".join(f"{name},{name}_filtered" for name in names) if n > 1 else "raw,filtered"
-    pins = [f"A{i}" for i in range(n)]
+    names, foreign = job.identifiers, not_in_counts(job.channels)
+    read = job.sensor_identifiers if job.fuses else names
+    columns, units = "raw,filtered", ", ".join(f"{name} in {_unit(one.unit)}" for name, one in job.named_channels)
+    if job.fuses:
+        columns, units = ",".join(names), f"{', '.join(read)}, for a fused value in {_unit(job.fusion.unit)}"
+    elif len(names) > 1:
+        columns = ",".join(f"{name},{name}_filtered" for name in names)
+    pins = [f"A{i}" for i in range(len(read))]
     period_us, said = _period(job)
     letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
-    more = "c SECONDS, k, f, " if calibration else ""
+    constants = [_constant_name(job, word) for word, _ in job.named_channels]
     ratio_names = ", ".join(map(_ratio_name, names))
-    commands = "commands" if job.has_kalman else "no_commands"
     return fill_template(
-        "arduino/kalscope_filter.ino",
+        f"arduino/kalscope_{'fusion' if job.fuses else 'filter'}.ino",
         marks,
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),
@@ -182,69 +214,20 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         period_words=said,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
-        commands=fill_template(f"arduino/{commands}.ino", marks, letters=letters, more=more),
+        commands=fill_template(
+            f"arduino/{'commands' if job.has_kalman else 'no_commands'}.ino",
+            marks,
+            letters=letters,
+            more="c SECONDS, k, f, " if calibration else "",
+        ),
         calibrate=fill_template("arduino/calibrate.ino", marks, ratio_names=ratio_names) if calibration else "",
-        readings="0, -INFINITY, INFINITY" if not_in_counts(job.channels) else "1, 0, 1023",
+        readings="0, -INFINITY, INFINITY" if foreign else "1, 0, 1023",
         names=", ".join(f'"{name}"' for name in names),
-        filters=", ".join(f"KalscopeFilter({name})" for name in _constant_names(job)),
-        units=", ".join(f"{name} in {_unit(channel.unit)}" for name, channel in job.named_channels),
-        unit_check=UNIT_CHECK if not_in_counts(job.channels) else "",
+        first=constants[0],
+        filters=", ".join(f"KalscopeFilter({name})" for name in constants),
+        units=units,
+        unit_check=UNIT_CHECK if foreign else "",
     )
-
-
-def fused_files(job: ExportJob) -> dict[str, str]:
-    """`KalscopeFusion.h` and `kalscope_fusion.ino`; errors as `files`."""
-    _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
-    return {"KalscopeFusion.h": _fused_header(job), "kalscope_fusion.ino": _fused_sketch(job)}
-
-
-def _fused_header(job: ExportJob) -> str:
-    try:
-        held = fusion_on_board(job.fusion.params)
-    except BadSetting as error:
-        raise BadSetting(f"{comment_text(job.fusion.name)}: {error}") from None
-    values = [float32_text(value) for value in (held.q, held.p0, held.x0, held.gate)]
-    if job.has_momentum:
-        values += map(float32_text, vars(held.momentum).values())
-    for each in (held.r, held.offset, held.gain)[: 3 if job.fusion.has_gains else 2]:
-        values.append(f"{{{', '.join(map(float32_text, each))}}}")
-    reading = "(readings[i] - tuning.offset[i]) / tuning.gain[i]"
-    return fill_template(
-        "arduino/KalscopeFusion.h",
-        job.marks,
-        about=commented(about(job), "//").rstrip(),
-        tuning=_fusion_constant(job),
-        words=", ".join(job.sensor_identifiers),
-        all_bits="1" * (len(held.r) - 1) + "0",
-        count=str(len(held.r)),
-        gate_limit=str(GATE_LIMIT),
-        tuning_about=commented(about_channel(job, job.fusion), "//").rstrip(),
-        values=f"  {', '.join(values)}",
-        reading=reading if job.fusion.has_gains else "readings[i] - tuning.offset[i]",
-    )
-
-
-def _fused_sketch(job: ExportJob) -> str:
-    fusion, names = job.fusion, job.sensor_identifiers
-    pins = [f"A{i}" for i in range(len(names))]
-    period_us, said = _period(job)
-    return fill_template(
-        "arduino/kalscope_fusion.ino",
-        about=commented(about(job), "//").rstrip(),
-        pin_words=" ".join(pins),
-        columns=",".join((*names, job.identifiers[-1])),
-        period_us=str(period_us),
-        period_words=said,
-        pins=", ".join(pins),
-        print_float=fill_template("arduino/print_float.ino"),
-        tuning=_fusion_constant(job),
-        units=f"{', '.join(names)}, for a fused value in {_unit(fusion.unit)}",
-        unit_check=UNIT_CHECK if not_in_counts((fusion,)) else "",
-    )
-
-
-def _fusion_constant(job: ExportJob) -> str:
-    return f"KALSCOPE_FUSION_{job.identifiers[-1].upper()}"
 
 
 def _check_pins(count: int, what: str, instead: str, most: int) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, about, about_channel, chain_words, commented, fill_template
-from kalscope.export.names import comment_text, number_text, quoted
+from kalscope.export.names import comment_text, number_text
 from kalscope.filtering.classic import Chain, Exponential, MovingAverage, PowerOfTwo
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady import ratio_for, steady_state
@@ -135,36 +135,37 @@ def refusal_of_momentum(job: ExportJob, target: str, able: Iterable[str]) -> Bad
 MAX_CHANNELS_SHOWN = 4
 """Channels whose code the message gives: it is one line."""
 
-
-@dataclass(frozen=True)
-class RefusedLibrary:
-    """A library in which q and r mean something else."""
-
-    filter_name: str
-    """Its filter, as the message calls it."""
-    nearest: str
-    """Code for exponential smoothing with α = K, which our filter settles into; {name} and {gain} are filled in."""
-
-    def files(self, job: ExportJob) -> dict[str, str]:
-        """Always raises BadSetting; the message gives the nearest code for each channel."""
-        lines: list[str] = []
-        for name, channel in job.named_channels[:MAX_CHANNELS_SHOWN]:
-            gain = float(job.steady(nearest_without_momentum(channel)).gain)
-            code = self.nearest.format(name=name, gain=number_text(float(f"{gain:.6g}")))
-            lines.append(f"{comment_text(channel.name)}: {code if gain > 0.0 else 'none, because q is 0 (a mean)'}")
-        more = len(job.channels) - MAX_CHANNELS_SHOWN
-        raise BadSetting(
-            f"target must use q and r as Kalscope does (got {self.filter_name}: its q multiplies the size of the"
-            " last step, |x - x before|, and it starts at 0, so these values would give a different filter)."
-            f" Export arduino or c, or use the nearest fixed gain: {'; '.join(lines)}"
-            f"{f'; and {more} more channels' if more > 0 else ''}"
-        )
+OTHER_FILTERS = {
+    "simplekalmanfilter": ("SimpleKalmanFilter", "{name} += {gain} * (z - {name})"),
+    "gyverfilters": ("GKalman of GyverFilters", "GFilterRA {name}({gain}) (starts at 0)"),
+}
+"""Libraries in which q and r mean something else: the name of their filter, and code for exponential smoothing with
+α = K, which our filter settles into (GFilterRA is the other filter of GyverFilters)."""
 
 
-SIMPLE_KALMAN_FILTER = RefusedLibrary("SimpleKalmanFilter", "{name} += {gain} * (z - {name})")
-"""denyssene/SimpleKalmanFilter."""
-GYVER_FILTERS = RefusedLibrary("GKalman of GyverFilters", "GFilterRA {name}({gain}) (starts at 0)")
-"""Its other filter, GFilterRA, is the nearest."""
+def refusal_of_other_filter(job: ExportJob, target: str, able: Iterable[str]) -> BadSetting:
+    """What to raise for one of these libraries, with the nearest code for each channel.
+
+    Args:
+        job: The export.
+        target: A name of `OTHER_FILTERS`.
+        able: What holds chains.
+    """
+    if job.has_chain:
+        return refusal_of_chain(job, target, able)
+    lines: list[str] = []
+    filter_name, nearest = OTHER_FILTERS[target]
+    for name, channel in job.as_single.named_channels[:MAX_CHANNELS_SHOWN]:
+        gain = float(job.steady(nearest_without_momentum(channel)).gain)
+        code = nearest.format(name=name, gain=number_text(float(f"{gain:.6g}")))
+        lines.append(f"{comment_text(channel.name)}: {code if gain > 0.0 else 'none, because q is 0 (a mean)'}")
+    more = len(job.channels) - MAX_CHANNELS_SHOWN
+    return BadSetting(
+        f"target must use q and r as Kalscope does (got {filter_name}: its q multiplies the size of the"
+        " last step, |x - x before|, and it starts at 0, so these values would give a different filter)."
+        f" Export arduino or c, or use the nearest fixed gain: {'; '.join(lines)}"
+        f"{f'; and {more} more channels' if more > 0 else ''}"
+    )
 
 
 # bachagas/Kalman.h: the same five lines, so its constructor takes the numbers unchanged.
@@ -220,57 +221,42 @@ _RAW = "  # id of your raw sensor"
 
 
 def esphome_files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_esphome.yaml`.
+    """`kalscope_esphome.yaml`: a Kalman combination sensor for each channel, or one of all sensors that are fused.
 
     Raises:
         BadSetting: The sample period is unknown, or float32 cannot hold the variances.
     """
-    return _files(job, "".join(_sensor(job, *named) for named in job.named_channels))
-
-
-def fused_files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_esphome.yaml`: one Kalman combination sensor of all, each scaled by a copy of it where it must be.
-
-    Raises:
-        BadSetting: As `esphome_files`.
-    """
-    fusion = job.fusion
-    scaled, sources = "", ""
-    for word, r, offset, gain in zip(job.sensor_identifiers, job.noise, fusion.offset, fusion.gain, strict=True):
-        is_raw = offset == 0.0 and gain == 1.0
-        if not is_raw:
-            scaled += _SCALED.format(word=word, offset=number_text(-offset), factor=number_text(1.0 / gain))
-        error = math.sqrt(r)
-        _check("r", word, r, error, 1.0)
-        source, remark = (word, _RAW) if is_raw else (f"{word}_scaled", "")
-        sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
-    return _files(job, scaled + _combination(job, job.identifiers[-1], "", fusion, sources))
-
-
-def _files(job: ExportJob, sensors: str) -> dict[str, str]:
+    sensors = "".join(_combination(job, *named) for named in job.named_channels)
     text = fill_template("libraries/kalscope_esphome.yaml", about=commented(about(job), "#"), sensors=sensors)
     return {"kalscope_esphome.yaml": text}
 
 
-def _sensor(job: ExportJob, word: str, channel: ChannelTuning) -> str:
-    error = math.sqrt(channel.r)
-    source = _SOURCE.format(source=word, remark=_RAW, error=number_text(error))
-    text = _combination(job, f"{word}_filtered", " filtered", channel, source)
-    _check("r", channel.name, channel.r, error, 1.0)
-    return text
-
-
-def _combination(job: ExportJob, word: str, ending: str, one: ChannelTuning, sources: str) -> str:
+def _combination(job: ExportJob, word: str, one: ChannelTuning) -> str:
+    """One filter; a copy scales each sensor that does not read x itself."""
     if job.sample_period is None:
         raise BadSetting(
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
         )
     process = math.sqrt(one.q) / math.sqrt(job.sample_period)  # q/T alone might overflow
     _check("q", one.name, one.q, process, 0.001)
-    return _SENSOR.format(
+    scaled, sources = "", ""
+    words = job.sensor_identifiers if one.sensors else (word,)
+    each = zip(
+        words, one.params.scaled_r.tolist(), one.params.offset.tolist(), one.params.gain.tolist(), strict=True
+    )
+    for name, r, offset, gain in each:
+        is_raw = offset == 0.0 and gain == 1.0
+        if not is_raw:
+            scaled += _SCALED.format(word=name, offset=number_text(-offset), factor=number_text(1.0 / gain))
+        error = math.sqrt(r)
+        _check("r", name if one.sensors else one.name, r, error, 1.0)
+        source, remark = (name, _RAW) if is_raw else (f"{name}_scaled", "")
+        sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
+    ending = "" if one.sensors else " filtered"
+    return scaled + _SENSOR.format(
         about=commented(about_channel(job, one), "  #"),
-        word=word,
-        name=quoted(f"{comment_text(one.name, 40)}{ending}"),  # harmless: "${…}" would be substituted
+        word=word + ending.replace(" ", "_"),
+        name=f'"{comment_text(one.name, 40)}{ending}"',  # harmless: "${…}" would be substituted
         process=number_text(process),
         sources=sources,
     )
@@ -320,29 +306,3 @@ def _entry(job: ExportJob, word: str, channel: ChannelTuning) -> str:
     made = f"new KalmanFilter({{R: {number_text(channel.q)}, Q: {number_text(channel.r)}}})"
     state = f"{{x: {x0}, cov: {p0}, gate: {gate}, refused: 0}}"
     return commented(about_channel(job, channel), "  //") + f'  "{word}": Object.assign({made}, {state}),\n'
-
-
-# LinuxCNC: the realtime component filter_kalman, whose manual page swaps its two variances.
-#
-# Its code adds Qk to the variance before each sample, and Rk to that of the innovation, in double: Qk = q, Rk = r.
-
-
-def linuxcnc_files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_linuxcnc.hal`, which the INI file names by `HALFILE`."""
-    text = fill_template(
-        "libraries/kalscope_linuxcnc.hal",
-        about=commented(about(job), "#"),
-        names=",".join(job.identifiers),
-        first=job.identifiers[0],
-        filters="\n".join(_filter(job, *named) for named in job.named_channels),
-    )
-    return {"kalscope_linuxcnc.hal": text}
-
-
-def _filter(job: ExportJob, word: str, channel: ChannelTuning) -> str:
-    return (
-        commented(about_channel(job, channel), "#")
-        + f"addf {word} servo-thread\n"
-        + f"setp {word}.Qk {number_text(channel.q)}\n"
-        + f"setp {word}.Rk {number_text(channel.r)}\n"
-    )

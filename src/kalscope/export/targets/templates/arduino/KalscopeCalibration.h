@@ -37,8 +37,8 @@ class KalscopeCalibration {
  public:
   enum State { IDLE, MEASURING, FOUND, MISSING, SPIKES, TOO_FEW, CUT_OFF, EQUAL, MOVING, UNEVEN, DEPENDENT, TOO_LARGE };
 
-  static const uint8_t LEARNING = $learning, GROUPS = $groups;
-  static const uint16_t MIN_EACH = $min_each, MAX_EACH = $max_each;
+  static const uint8_t LEARNING = 16, GROUPS = $groups;
+  static const uint16_t MIN_EACH = 8, MAX_EACH = 8000;
   static const uint32_t MIN_ROWS = LEARNING + (GROUPS + 1UL) * MIN_EACH;
   static const uint32_t MAX_ROWS = LEARNING + (GROUPS + 1UL) * MAX_EACH;
 
@@ -62,7 +62,7 @@ class KalscopeCalibration {
     const bool came = z - z == 0.0f;  // neither NAN nor infinite
     if (!came) {
       before = NAN;
-      if (++missing > measured() / $most_missing) state = MISSING;
+      if (++missing > measured() / 10) state = MISSING;
     } else if (learned < LEARNING) {
       learn(z);
       return;
@@ -113,16 +113,16 @@ class KalscopeCalibration {
     const float off = z - centre, away = fabs(off);
     if (step == 0.0f) step = away;
     if (spread < 0.25f * step) spread = 0.25f * step;
-    const float share = 1.0f / (LEARNING + ++judged), noise = $normal * spread;
-    const float limit = ($spike + $early * share) * (noise > step ? noise : step);
-    const float change = spread * ($correction * share);
+    const float share = 1.0f / (LEARNING + ++judged), noise = 1.4826f * spread;
+    const float limit = ($spike + 64.0f * share) * (noise > step ? noise : step);
+    const float change = spread * (1.2f * share);
     spread = away > spread ? spread + change : spread - change;
     if (away > limit) {
       before = NAN;
-      if (++spikes > measured() / $most_spikes) state = SPIKES;
+      if (++spikes > measured() / 20) state = SPIKES;
       return;
     }
-    centre = centre + $follow * off;
+    centre = centre + 0.0625f * off;
     if (before == before) {
       const float jump = z - before;
       sawStep(jump);
@@ -166,9 +166,9 @@ class KalscopeCalibration {
     const float floor = step * step / 12.0f;
     r = variance > floor ? variance : floor;
     if (used < $min_readings) state = TOO_FEW;
-    else if (cut_off > used / $most_cut_off) state = CUT_OFF;
+    else if (cut_off > used / 100) state = CUT_OFF;
     else if (!(r - r == 0.0f && variance == variance)) state = TOO_LARGE;
-    else if (r == 0.0f || (variance <= floor && known_step == 0.0f && changes < $min_changes)) state = EQUAL;
+    else if (r == 0.0f || (variance <= floor && known_step == 0.0f && changes < 16)) state = EQUAL;
     else if (isMoving(n)) state = MOVING;
     else if (variance > floor && isUneven(n)) state = UNEVEN;
     else if (variance > floor && isDependent(n)) state = DEPENDENT;
@@ -183,12 +183,12 @@ class KalscopeCalibration {
       slope = slope + (i - 0.5f * (GROUPS - 1)) * held[i];
     }
     mean = mean / GROUPS;
-    slope = slope / $slope_weight;
+    slope = slope / (GROUPS * (GROUPS * GROUPS - 1) / 12.0f);
     for (uint8_t i = 0; i < GROUPS; i++) {
       const float off = held[i] - mean - slope * (i - 0.5f * (GROUPS - 1));
       squared = squared + off * off;
     }
-    if (squared * n / GROUPS / r > larger($wander_sure, n / $wander)) return true;
+    if (squared * n / GROUPS / r > larger($wander_sure, n / 100.0f)) return true;
     return slope * slope * (GROUPS * GROUPS) > $drift_squared * r;
   }
 
@@ -201,13 +201,13 @@ class KalscopeCalibration {
       if (one > most) most = one;
     }
     const float apart = (most - least) / variance;
-    return apart * apart > larger($uneven_squared, $uneven_sure * (2.0f + step * step / variance) / n);
+    return apart * apart > larger(0.16f, $uneven_sure * (2.0f + step * step / variance) / n);
   }
 
   // Whether the squared distance of neighbours differs from twice the variance.
   bool isDependent(float n) const {
     const float off = jumps / pairs / (2.0f * variance) - 1.0f;
-    return off * off > larger($dependent_squared, $sure_squared / n);
+    return off * off > larger(0.01f, $sure_squared / n);
   }
 
   static float larger(float a, float b) { return a > b ? a : b; }

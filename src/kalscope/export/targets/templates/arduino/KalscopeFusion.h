@@ -1,6 +1,6 @@
 $about
 //
-//   KalscopeFusion fusion($tuning);
+//   KalscopeFusion fusion($first);
 //   const float readings[] = {$words};
 //   float fused = fusion.update(readings);  // a sensor that has no reading now: NAN
 //   fused = fusion.update(readings, 0b$all_bits);  // or clear its bit; the lowest is that of the first sensor
@@ -44,10 +44,7 @@ struct KalscopeFusionTuning {
 @gains   float gain[KALSCOPE_SENSORS];    // by how much its reading grows with x
 };
 
-$tuning_about
-const KalscopeFusionTuning $tuning = {
-$values};
-
+$tunings
 class KalscopeFusion {
  public:
   explicit KalscopeFusion(const KalscopeFusionTuning &values) : tuning(values) { restart(); }

@@ -10,7 +10,7 @@ $about
 const unsigned long BAUD = 115200;
 const unsigned long PERIOD_US = $period_us;  // between rows;$period_words
 const uint8_t PINS[KALSCOPE_SENSORS] = {$pins};
-KalscopeFusion fusion($tuning);
+KalscopeFusion fusion($first);
 
 // What each sensor reads, as it was in the recording: $units. NAN where it has no reading now.
 ${unit_check}float readSensor(uint8_t sensor) { return analogRead(PINS[sensor]); }

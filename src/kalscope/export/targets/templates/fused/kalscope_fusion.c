@@ -13,7 +13,7 @@ $about
 
 enum { MOST_REJECTED = $gate_limit }; /* in a row; the next reading is taken, so that a gate cannot lock out */
 
-$tuning
+$tunings
 void kalscope_fusion_start(kalscope_fusion *fusion, const kalscope_fusion_tuning *tuning)
 {
     fusion->tuning = *tuning;
