@@ -251,7 +251,7 @@ def make_report(
     else:
         tables = (values, ReportTable("Resulting filter", effect), *judged, pinned)
     source = recording.source or "FILE"
-    reopened = ["kalscope", "open", source, *recording.report.options, "--config", config, *options]
+    reopened = ["kalscope", "open", source, *recording.report.options, "--config", config]
     return Report(
         title=f"{recording.title or recording.source or 'Recording'}: {' + '.join(sources)}",
         subtitle=_subtitle(recording, result.x if shown.sensors else z),
