@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from fleet_folder import table_of
+from fleet_folder import devices_with, table_of
 from required import not_here
 
 from kalscope.cli.tune_options import NOTHING, TuneOptions
@@ -18,7 +17,7 @@ from kalscope.estimation.pool import Pool, fit_pool, held_out, loss_inputs, pool
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.fleet.answer import Devices, answer_for, save_answer, summary
+from kalscope.fleet.results import answer_for, save_answer, summary
 from kalscope.fleet.run import Tally
 from kalscope.fleet.store import SUMMARY, TUNING
 from kalscope.tuning.file import load_tuning, save_tuning
@@ -30,20 +29,18 @@ except ImportError:
     not_here("pyarrow is not installed")
 
 RNG = np.random.default_rng(2)
-TALLY = Tally(units=500, kept=0, bytes=1, kept_bytes=0, done=500, rows=500, seconds=2.0)
+TALLY = Tally(units=500, kept=0, done=500, rows=500, seconds=2.0)
 NOISY, DRIFTING = range(5), range(5, 10)
 
 
-def devices_of(series, rate=100.0):
+def devices_of(series):
     table = estimate_many(series)
-    n = len(series)
-    usable = table.usable
-    q, r = (np.where(usable, one, np.nan) for one in (table.q, table.r))
-    reasons = Counter(str(verdict) for verdict in table.verdict[~usable])
-    ids = [f"dev{i:03d}" for i in range(n)]
-    intervals = (table.q_interval, table.r_interval)
-    left = loss_inputs(q / r, np.zeros(n), held_out(series))
-    return Devices(ids, ["light"] * n, ["lx"] * n, np.full(n, rate), q, r, *intervals, np.zeros(n), reasons, left)
+    q, r = (np.where(table.usable, one, np.nan) for one in (table.q, table.r))
+    reasons = ["" if usable else str(verdict) for usable, verdict in zip(table.usable, table.verdict, strict=True)]
+    inputs = loss_inputs(q / r, np.zeros(len(series)), held_out(series))
+    interval = (*table.q_interval, *table.r_interval)
+    ids = [f"dev{i:03d}" for i in range(len(series))]
+    return devices_with(ids, q, r, interval, reasons=reasons, loss_inputs=inputs)
 
 
 def simulated():
@@ -71,7 +68,7 @@ def test_the_odd_devices_are_found_and_no_others(fleet):
 
 @pytest.mark.slow
 def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_find(fleet):
-    low, high = answer_for(*fleet, NOTHING).shared.fit.ratio_interval
+    low, high = answer_for(*fleet, NOTHING).shared.ratio_interval
     several = Pool.empty()
     for _ in range(10):
         several = several + pool_of(simulated())
@@ -82,7 +79,7 @@ def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_fin
 @pytest.mark.slow
 def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serve(fleet):
     shared = answer_for(*fleet, NOTHING).shared
-    assert shared.fit.ratio == pytest.approx(0.04, rel=0.1)
+    assert (shared.params.q / shared.params.r) == pytest.approx(0.04, rel=0.1)
     assert set(shared.not_served) == set(DRIFTING) | set(NOISY) & set(shared.not_served)
     assert shared.served >= 0.98
 
@@ -90,7 +87,7 @@ def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serv
 def test_the_pair_of_a_fleet_of_one_kind_lies_in_its_interval():
     series = np.cumsum(0.2 * RNG.normal(size=(200, 500)), axis=1) + RNG.normal(size=(200, 500))
     shared = answer_for(devices_of(series), pool_of(series), NOTHING).shared
-    low, high = shared.fit.ratio_interval
+    low, high = shared.ratio_interval
     assert low < 0.04 < high
     assert shared.params.r == pytest.approx(1.0, rel=0.02)
     assert shared.served == 1.0
@@ -120,7 +117,8 @@ def test_a_goal_holds_for_the_filter_of_all(fleet):
     assert steady_state(shared.params, 0.01).lag_s == pytest.approx(0.05)
     assert "a lag of 50 ms" in shared.how
     assert shared.losses.lag_samples[0] * 10.0 == pytest.approx(50.0 - 10.0 * own_lag(fleet[0], 0))
-    assert answer_for(*fleet, TuneOptions(numbers={"--ratio": 0.5})).shared.fit.ratio == 0.5
+    given = answer_for(*fleet, TuneOptions(numbers={"--ratio": 0.5})).shared.params
+    assert given.q / given.r == 0.5
 
 
 def own_lag(devices, i):

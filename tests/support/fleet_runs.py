@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import signal
 
 import numpy as np
 from forked import fork_server
@@ -73,14 +75,20 @@ class InProcesses(AtOnce):
 
 
 def done_by_hanging_worker(function, units, *rest):
-    """A call in a worker that hangs at a unit named "hangs…", in C, and never lets Python run again.
+    """A call in a worker that hangs at a unit named "hangs…", in C, and is killed at one named "kills…".
 
     The time limit of a unit is in proportion to its bytes.
     """
-    plain, work.FULL_BYTES = work.read_file, 1
-    work.read_file = lambda unit, asked: (
-        ctypes.PyDLL(None).pause() if unit.id.startswith("hangs") else plain(unit, asked)
-    )
+    plain, work.FULL_BYTES = work.fit_unit, 1
+
+    def fit(unit, asked):
+        if unit.id.startswith("hangs"):
+            ctypes.PyDLL(None).pause()
+        if unit.id.startswith("kills"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return plain(unit, asked)
+
+    work.fit_unit = fit
     return function(units, *rest)
 
 
