@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fleet_folder import devices_with, table_of
-from required import not_here
 
 from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.estimation.many import estimate_many
@@ -22,11 +21,6 @@ from kalscope.fleet.run import Tally
 from kalscope.fleet.store import SUMMARY, TUNING
 from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
 
 RNG = np.random.default_rng(2)
 TALLY = Tally(units=500, kept=0, done=500, rows=500, seconds=2.0)
@@ -82,15 +76,6 @@ def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serv
     assert (shared.params.q / shared.params.r) == pytest.approx(0.04, rel=0.1)
     assert set(shared.not_served) == set(DRIFTING) | set(NOISY) & set(shared.not_served)
     assert shared.served >= 0.98
-
-
-def test_the_pair_of_a_fleet_of_one_kind_lies_in_its_interval():
-    series = np.cumsum(0.2 * RNG.normal(size=(200, 500)), axis=1) + RNG.normal(size=(200, 500))
-    shared = answer_for(devices_of(series), pool_of(series), NOTHING).shared
-    low, high = shared.ratio_interval
-    assert low < 0.04 < high
-    assert shared.params.r == pytest.approx(1.0, rel=0.02)
-    assert shared.served == 1.0
 
 
 def test_what_is_lost_is_lag_noise_and_error_on_samples_that_no_fit_has_seen(fleet):
@@ -188,11 +173,3 @@ def test_rates_that_differ_by_a_clock_are_not_unlike():
     )
     usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
     assert list(usable.outliers("rate_hz").devices) == [4, 6]
-
-
-def test_names_from_files_cannot_move_the_cursor(fleet, tmp_path):
-    devices, pool = fleet
-    named = replace(devices, ids=[f"{name}\x1b[2J\n" for name in devices.ids])
-    text = summary(answer_for(named, pool, TuneOptions(momentum=0.0)), TALLY, tmp_path)
-    assert "dev000 [2J" in text
-    assert all(line.replace("\u202f", " ").isprintable() for line in text.split("\n"))

@@ -6,10 +6,9 @@ from dataclasses import replace
 from datetime import date
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from required import not_here
 
 from kalscope.catalogue import open_source
 from kalscope.cli.tune_options import NOTHING, TuneOptions
@@ -18,12 +17,6 @@ from kalscope.fleet import read as read_module
 from kalscope.fleet.read import FleetOptions, find_units, read_block
 from kalscope.fleet.work import fit_unit, run_batch
 from kalscope.sources.grammar.read_options import ReadOptions
-
-try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-except ImportError:
-    not_here("pyarrow is not installed")
 
 RNG = np.random.default_rng(5)
 
@@ -70,25 +63,6 @@ def test_every_series_is_whole_and_once_wherever_row_groups_end(tmp_path, rows, 
     for i in range(files):
         part = table.slice(i * len(table) // files, (i + 1) * len(table) // files - i * len(table) // files)
         pq.write_table(part, tmp_path / f"part-{i}.parquet", row_group_size=rows)
-    assert equal(read(tmp_path), series)
-
-
-@pytest.mark.slow
-@given(st.randoms(use_true_random=False))
-def test_mixed_rows_within_a_row_group_are_sorted(tmp_path_factory, draw):
-    folder = tmp_path_factory.mktemp("mixed")
-    series = fleet()
-    table = long_table(series)
-    order = list(range(len(table)))
-    draw.shuffle(order)
-    pq.write_table(table.take(order), folder / "x.parquet")
-    assert equal(read(folder), series)
-
-
-def test_a_small_data_set_may_be_in_any_order(tmp_path):
-    series = fleet()
-    table = long_table(series).sort_by([("time", "ascending")])
-    pq.write_table(table, tmp_path / "x.parquet", row_group_size=10)
     assert equal(read(tmp_path), series)
 
 
@@ -290,12 +264,6 @@ def test_columns_beside_id_and_time_are_channels(tmp_path):
     (unit,) = find_units([str(tmp_path)], tmp_path / "out")
     for options, channels in (({"every": True}, {"value", "hum"}), ({"channel": "hum"}, {"hum"})):
         assert {row.channel for row in fit_unit(unit, FleetOptions(PLAIN, **options)).rows} == channels
-
-
-def test_a_recording_that_numbers_its_rows_is_no_data_set(tmp_path):
-    pq.write_table(pa.table({"id": np.arange(100), "value": RNG.normal(size=100)}), tmp_path / "x.parquet")
-    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
-    assert unit.span is None
 
 
 def test_whole_numbers_that_no_double_holds_keep_their_digits(tmp_path):

@@ -9,18 +9,11 @@ import re
 import pytest
 from fleet_runs import run_here, table
 from hostile_folder import write_hostile
-from required import not_here
 
 from kalscope.common import files
 from kalscope.common.text import CONTROL
 from kalscope.fleet.results import read_fleet
 from kalscope_app.views.fleet import about_fleet
-
-try:
-    import distributed  # noqa: F401
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
 
 
 @pytest.mark.slow

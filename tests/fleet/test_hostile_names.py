@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from fleet_runs import run_here, write_devices
+from fleet_runs import PLAIN, run_here, write_devices
 from hostile_names import TERMINAL
-from required import not_here
 
 from kalscope.common.text import CONTROL
 
-try:
-    import distributed  # noqa: F401
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
 HOSTILE = "".join(TERMINAL).replace("\0", "")
 """Sets the clipboard, clears the screen, ends lines; it fits into a name of 255 bytes."""
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @pytest.mark.slow

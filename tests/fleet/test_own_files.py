@@ -5,19 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
-from fleet_runs import run_here, write_devices
-from required import not_here
+from fleet_runs import PLAIN, run_here, write_devices
 
 from kalscope.fleet.store import SUMMARY, TUNING
 from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 OWN = Tuning((ChannelTuning("mine", "", 1.0, 2.0),), source_name="fleet of 2")
 
 

@@ -6,18 +6,10 @@ import sys
 from contextlib import nullcontext
 
 import pytest
-from fleet_runs import InProcesses, parts, run_here, table, write_devices
-from required import not_here
+from fleet_runs import PLAIN, InProcesses, parts, run_here, table, write_devices
 
 from kalscope.fleet import run as fleet_run
 from kalscope.fleet.run import LOST
-
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @pytest.mark.slow

@@ -8,9 +8,10 @@ import pickle
 import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from fleet_folder import NOISY, PLAIN, FleetRun, finished_fleet, write_logs
-from required import not_here
 
 from kalscope import estimate, kalman_filter, steady_state
 from kalscope.cli.tune_options import TuneOptions
@@ -22,12 +23,6 @@ from kalscope.fleet.store import NOTE, SUMMARY, TABLE, TUNING, RunNote, read_jso
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning
-
-try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-except ImportError:
-    not_here("pyarrow is not installed")
 
 
 @pytest.fixture(scope="module")
@@ -135,14 +130,6 @@ def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):
         read_fleet(again.folder)
     again.do(0, 2)
     assert read_fleet(again.folder).done == 2
-
-
-def test_a_rerun_makes_a_finished_fleet_a_running_one(folder, own):
-    run = FleetRun(folder.parent / "logs", own)
-    fleet = read_fleet(own)
-    assert (fleet.done, len(fleet)) == (13, 13)
-    run.finish()
-    assert read_fleet(own).done is None
 
 
 def test_the_note_keeps_how_files_are_read(tmp_path):

@@ -7,28 +7,18 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 
+import distributed
+import psutil
 import pytest
-from fleet_runs import files_of, fits, parts, run_here, table, write_devices
+from fleet_runs import PLAIN, files_of, fits, parts, run_here, table, write_devices
 from forked import Forked
 from program import command, next_line
-from required import not_here
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
-from kalscope.errors import BadSetting
-from kalscope.fleet import results, run, work
+from kalscope.fleet import run, work
 from kalscope.fleet.store import locked
-
-try:
-    import distributed
-    import psutil
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @pytest.mark.slow
@@ -102,15 +92,6 @@ def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once
     refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *options, expect=2)
     assert refused.err.startswith(f"kalscope: {said}")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("missing", ["dask", "distributed", "pyarrow"])
-def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsys, monkeypatch, missing):
-    monkeypatch.setitem(sys.modules, missing, None)
-    refused = run_here(capsys, tmp_path, "-o", tmp_path / "out", expect=2)
-    assert refused.err == (
-        f'kalscope: a fleet needs dask, distributed and pyarrow: pip install "kalscope[fleet]" (got no {missing})\n'
-    )
 
 
 # From here on on Dask.
@@ -238,20 +219,3 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch
     done = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--cluster", nobody, expect=2)
     assert done.err.startswith(f"kalscope: --cluster must name a scheduler with workers (got '{nobody}'")
     assert done.err.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
-
-    write_devices(tmp_path / "logs", 2)
-    plain, refused = results.save_answer, []
-
-    def checked(found, rows, folder):
-        with pytest.raises(BadSetting, match="no other run writes") as caught, locked(folder):
-            pass
-        refused.append(caught)
-        plain(found, rows, folder)
-
-    monkeypatch.setattr(results, "save_answer", checked)
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    assert len(refused) == 1

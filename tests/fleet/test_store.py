@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import random
 import subprocess
 import sys
@@ -11,17 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effort import FUZZ
-from required import not_here
 
-from kalscope.common import files
 from kalscope.errors import BadSetting
 from kalscope.estimation.pool import Pool, pool_of
 from kalscope.fleet.store import Row, find_parts, locked, merge, sweep, write_part
-
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
 
 
 def rows_of(key, n=2):
@@ -79,22 +71,6 @@ def test_a_sweep_removes_what_killed_runs_left_and_what_is_stale(tmp_path):
     assert {path for path in tmp_path.rglob("*") if path.is_file()} == {kept, stale}
     sweep(tmp_path, {kept})
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [kept]
-
-
-def test_a_full_disk_leaves_nothing_torn(tmp_path, monkeypatch):
-    write_part(tmp_path, {"a": rows_of("a")})
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-
-    def full(_descriptor):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(files.os, "fsync", full)
-        with pytest.raises(OSError, match="No space left"):
-            write_part(tmp_path, {"b": rows_of("b")})
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-    write_part(tmp_path, {"b": rows_of("b")})
-    assert set(find_parts(tmp_path)) == {"a", "b"}
 
 
 HOLD = """

@@ -9,10 +9,11 @@ import sys
 import time
 from types import SimpleNamespace
 
+import dask.system
+import distributed.system
 import pytest
-from fleet_runs import parts, run_here, table, write_devices
+from fleet_runs import PLAIN, parts, run_here, table, write_devices
 from program import command, end, next_line
-from required import not_here
 from waiting import wait_until
 
 from kalscope.cli.fleet import progress_text
@@ -20,13 +21,6 @@ from kalscope.common.stopping import stop_signals
 from kalscope.fleet import work
 from kalscope.fleet.run import Tally, without_interrupts, workers_here
 
-try:
-    import dask.system
-    import distributed.system
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 GIB = 1 << 30
 STARTING = """
 import signal, subprocess, sys

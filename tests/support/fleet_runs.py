@@ -14,6 +14,8 @@ from kalscope.cli.app import run as kalscope
 from kalscope.fleet import work
 from kalscope.fleet.run import WorkerDied
 
+PLAIN = ["--momentum", "0", "--no-robust"]
+"""Options of a quick run."""
 RNG = np.random.default_rng(11)
 
 

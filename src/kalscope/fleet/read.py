@@ -90,7 +90,7 @@ class Unit:
         """What `reopen` finds its recordings by: the path, or in JSON the data set and its files."""
         if self.span is None:
             return self.pieces[0].path
-        return json.dumps([self.data_set, [piece.path for piece in self.pieces]])
+        return json.dumps([self.data_set, list(dict.fromkeys(piece.path for piece in self.pieces))])
 
     def key(self, fingerprint: str) -> str:
         """Hash of all that the result depends on, 32 hexadecimal digits; the fingerprint is that of the options."""
@@ -131,7 +131,8 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
 
     Raises:
         BadSetting: A source names nothing, or all of them nothing.
-        BadFile: A list cannot be read.
+        BadFile: A list names nothing.
+        OSError: A list cannot be read.
     """
     roots = [path for one in sources for path in (read_list(one[1:]) if one.startswith("@") else _matches(one))]
     base, skipped = _base(roots), os.path.realpath(output)
@@ -188,10 +189,10 @@ def _matches(source: str) -> list[str]:
 
 def _base(paths: Sequence[str]) -> str:
     """The folder that names are relative to: the only folder given, or the one that contains all."""
-    if len(paths) == 1:
-        return paths[0] if os.path.isdir(paths[0]) else os.path.dirname(paths[0])
     try:
-        return os.path.commonpath([os.path.dirname(path) for path in paths]) if paths else ""
+        return os.path.commonpath(
+            paths if os.path.isdir(paths[0]) and len(paths) == 1 else map(os.path.dirname, paths)
+        )
     except ValueError:  # two drives of Windows
         return ""
 
@@ -222,14 +223,11 @@ def read_list(path: str) -> list[str]:
     """The files of a list, one a line, relative to its folder; empty lines and lines that begin with # are skipped.
 
     Raises:
-        BadFile: The list cannot be read, or names nothing.
+        BadFile: The list names nothing.
+        OSError: It cannot be read.
     """
-    try:
-        with open(path, encoding="utf-8-sig") as file:  # str.splitlines would cut a path at a form feed
-            lines = [line.strip() for line in file if line.strip() and not line.lstrip().startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        reason = describe(error) if isinstance(error, OSError) else "it must be text in UTF-8"
-        raise BadFile(f"the list {path!r} cannot be read: {reason}") from None
+    with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:  # str.splitlines cuts at a form feed
+        lines = [line.strip() for line in file if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         raise BadFile(f"the list {path!r} must name at least one file (got none)")
     return [os.path.abspath(os.path.join(os.path.dirname(path), line)) for line in lines]
@@ -375,12 +373,8 @@ def _data_set_units(files: dict[str, list[_Group]], name: str, label: str) -> It
 
 
 def _pieces(groups: Sequence[_Group]) -> tuple[Piece, ...]:
-    """Row groups as pieces of their files."""
-    files: dict[str, Piece] = {}
-    for piece in sorted((group.piece for group in groups), key=lambda piece: (piece.path, piece.groups)):
-        before = files.get(piece.path, Piece(piece.path))
-        files[piece.path] = replace(piece, size=before.size + piece.size, groups=before.groups + piece.groups)
-    return tuple(files.values())
+    """Row groups in the order of their files."""
+    return tuple(sorted((group.piece for group in groups), key=lambda piece: (piece.path, piece.groups)))
 
 
 Share = tuple[tuple[Any, Any], list[_Group]]

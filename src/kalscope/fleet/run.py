@@ -67,7 +67,7 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": PATIENCE_S,
     "distributed.admin.tick.limit": "1 h",  # no warnings about an event loop that waited for a fit
     # A worker holds nothing between two batches, so that waiting or writing its memory to disk would not help:
-    # paused workers would never resume. One that is about to exceed its share is ended, and its batch halved.
+    # paused workers would never resume. One that is about to exceed its share is ended.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,

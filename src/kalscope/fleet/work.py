@@ -42,9 +42,8 @@ _TIMEOUT = b"Timeout ("
 """How `faulthandler` begins its report."""
 _compiled: set[str] = set()
 """The options for which this process has compiled the fits."""
-_running: dict[BinaryIO, float] = {}
-"""The batches of this process, one for each of its threads: their notes, and when the unit must have ended."""
-_changing = threading.Lock()
+_one_batch = threading.Lock()
+"""Held by the thread whose batch this process does: a process has one clock."""
 
 
 class Fitted(NamedTuple):
@@ -93,7 +92,7 @@ def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done
         recording = Recording(np.arange(200.0), ("x",), ("",), np.cumsum(z, axis=0) + z[::-1], 1.0)
         fit_each("", recording, replace(options, channel=None))
     keys, fitted = [unit.key(fingerprint) for unit in units], dict[str, Fitted]()
-    with _note(Path(folder), keys) as note:
+    with _one_batch, _note(Path(folder), keys) as note:
         for unit, key in zip(units, keys, strict=True):
             with time_limited(note, key, time_limit(unit.size, options.device_limit)):
                 fitted[key] = fit_unit(unit, options)
@@ -310,22 +309,8 @@ def time_limited(note: BinaryIO, key: str, seconds: float) -> Generator[None]:
     note.seek(0)
     note.truncate()
     note.write(f"{key}\n".encode())
-    with _changing:
-        _running[note] = time.monotonic() + seconds
-        _start_clock()
+    faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=note)
     try:
         yield
     finally:
-        with _changing:
-            del _running[note]
-            _start_clock()
-
-
-def _start_clock() -> None:
-    """Wait for the next of the deadlines; a process has one clock."""
-    if not _running:
         faulthandler.cancel_dump_traceback_later()
-        return
-    note = min(_running, key=_running.__getitem__)
-    seconds = min(max(_running[note] - time.monotonic(), 1e-3), threading.TIMEOUT_MAX)
-    faulthandler.dump_traceback_later(seconds, exit=True, file=note)
