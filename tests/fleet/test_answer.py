@@ -165,11 +165,6 @@ def test_a_fleet_that_is_all_movement_is_refused_for_its_common_q_and_r():
 def test_rates_that_differ_by_a_clock_are_not_unlike():
     devices = devices_of(RNG.normal(size=(20, 50)).cumsum(axis=1))
     rates = np.full(20, 100.0)
-    rates[3], rates[4], rates[5], rates[6] = (
-        100.0 * (1.0 + 1e-9),
-        101.0,
-        100.0 * (1.0 + 0.9e-4),
-        100.0 * (1.0 + 3e-4),
-    )
+    rates[3:7] *= 1.0 + np.array([1e-9, 0.01, 0.9e-4, 3e-4])
     usable = replace(devices, rate_hz=rates, q=np.ones(20), r=np.ones(20))
     assert list(usable.outliers("rate_hz").devices) == [4, 6]

@@ -38,10 +38,7 @@ def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
         left = batch[:]
         draw.shuffle(left)
         while left:
-            some, left = (
-                left[: draw.randrange(1, 6)],
-                left[draw.randrange(0, 6) :],
-            )  # some lie in two parts, or none
+            some, left = left[: draw.randrange(1, 6)], left[draw.randrange(0, 6) :]  # in two parts, or none
             write_part(tmp_path, {key: contents[key] for key in some})
     done = find_parts(tmp_path)
     for key in keys:

@@ -263,18 +263,21 @@ def plain_ids(column: Any) -> Any:
     return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
 
 
-def _ids(path: str, i: int, name: str) -> Any:
+def _ids(file: Any, i: int, name: str) -> Any:
     """The ids of a row group, each once, null and NaN left out: a pyarrow Table of `values` and `counts`."""
-    column = pq.ParquetFile(path, memory_map=False).read_row_group(i, columns=[name])[name]
-    table = pa.Table.from_struct_array(column.value_counts())
+    table = pa.Table.from_struct_array(file.read_row_group(i, columns=[name])[name].value_counts())
     values = plain_ids(table["values"])
     missing = values.is_null(nan_is_null=True)
     return table.set_column(0, "values", values).filter(pc.invert(missing))
 
 
+def _parquet(path: str) -> Any:
+    return pq.ParquetFile(path, memory_map=False)
+
+
 def _counted(groups: Iterable[_Group]) -> Any:
     """The ids in ascending order and their rows; ArrowException where they are of several types."""
-    read = (group.ids or _ids(group.piece.path, group.piece.groups[0], group.id_column) for group in groups)
+    read = (one.ids or _ids(_parquet(one.piece.path), *one.piece.groups, one.id_column) for one in groups)
     table = pa.concat_tables(read, promote_options="permissive")
     return table.group_by("values").aggregate([("counts", "sum")]).sort_by("values")
 
@@ -283,7 +286,7 @@ def _scan(path: str) -> list[_Group]:
     """The row groups of a file with their ids; none where it has no id, or cannot be read."""
     groups: list[_Group] = []
     try:
-        file, stamp = pq.ParquetFile(path, memory_map=False), os.stat(path).st_mtime_ns
+        file, stamp = _parquet(path), os.stat(path).st_mtime_ns
         names = file.schema_arrow.names
         name = id_column(names)
         if name is None or len(names) < 2:
@@ -293,7 +296,7 @@ def _scan(path: str) -> list[_Group]:
             footer, ids = file.metadata.row_group(i), None
             ends = _known_ends(footer, name) if exact and i >= MAX_SAMPLED else None
             if ends is None:
-                ids = _ids(path, i, name)
+                ids = _ids(file, i, name)
                 both = pc.min_max(ids["values"])
                 rows = pc.sum(ids["counts"]).as_py() or 0
                 ends = footer.num_rows - rows, both["min"].as_py(), both["max"].as_py()
@@ -572,7 +575,7 @@ def _text(one: Any) -> str:
 
 def _rows(piece: Piece, unit: Unit, only: str | None) -> Any:
     """The rows of a piece whose ids are in the span of the unit, or of `only`, as plain ids."""
-    with pq.ParquetFile(piece.path, memory_map=False) as file:
+    with _parquet(piece.path) as file:
         names = file.schema_arrow.names
         name = id_column(names)
         if name is None:

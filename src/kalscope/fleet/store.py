@@ -329,7 +329,7 @@ def checked_table(path: Path, known: Any) -> Any:
         missing = [name for name in known.names if name not in file.schema_arrow.names]
         if missing:
             raise ValueError(f"no column {missing[0]}; an older Kalscope may have written it: run the fleet again")
-        table = file.read(columns=known.names)
+        table = file.read(columns=known.names, use_threads=rows > 100_000)
         columns = [_text(table[one.name]) if one.name in texts else table[one.name].cast(one.type) for one in known]
         return pa.table(columns, schema=known)
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, OverflowError) as error:
