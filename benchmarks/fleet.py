@@ -36,9 +36,8 @@ import pyarrow.parquet as pq
 
 from kalscope.cli.tune_options import TuneOptions
 from kalscope.estimation.pool import Pool
-from kalscope.fleet.answer import answer_for, devices_of, save_answer
-from kalscope.fleet.find import find_units
-from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.read import FleetOptions, find_units
+from kalscope.fleet.results import answer_for, devices_of, save_answer
 from kalscope.fleet.run import lay_out, run_fleet
 
 GROUPS = 400
@@ -81,7 +80,7 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
     tally = json.loads(subprocess.run(driver(source, whole), check=True, stdout=subprocess.PIPE, text=True).stdout)
     seconds = time.monotonic() - begun
     print(
-        f"{tally['rows'] / tally['seconds']:,.0f} rows/s on {tally['threads']} workers ({seconds:.1f} s with start"
+        f"{tally['rows'] / tally['seconds']:,.0f} rows/s on all cores ({seconds:.1f} s with start"
         f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
         f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit, start included;"
         f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker, {tally['driver_bytes'] / 1e6:,.0f} MB the driver"
@@ -110,7 +109,7 @@ def disturbed(source: Path, whole: Path, out: Path, kills: int, undisturbed: dic
     again = json.loads(subprocess.run(driver(source, out), check=True, stdout=subprocess.PIPE, text=True).stdout)
     batches = lay_out([unit.size for unit in find_units([str(source)], out)])
     largest = max(map(len, batches)) / again["units"]
-    twice = (done + undisturbed["threads"]) * largest
+    twice = (done + (psutil.cpu_count() or 1)) * largest
     same = table(out).equals(table(whole))
     ids = table(out)["id"].to_pylist()
     left = list(out.rglob("*.tmp"))

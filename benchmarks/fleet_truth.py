@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections import Counter
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from kalscope.cli.tune_options import NOTHING
 from kalscope.common.numbers import Array
 from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
-from kalscope.fleet.answer import Answer, Devices, answer_for
+from kalscope.fleet.results import Answer, Devices, answer_for
 
 Q, R = 0.04, 1.0
 """Of a device like the others."""
@@ -41,9 +40,9 @@ def devices_of(series: Array) -> Devices:
     table, n = estimate_many(series, robust=False), len(series)
     q, r = (np.where(table.usable, one, np.nan) for one in (table.q, table.r))
     left = loss_inputs(q / r, np.zeros(n), held_out(series))
-    names, words = [f"dev{i:03d}" for i in range(n)], ["light"] * n
-    ends = table.q_interval, table.r_interval
-    return Devices(names, words, ["lx"] * n, np.full(n, 100.0), q, r, *ends, np.zeros(n), Counter(), left)
+    names, numbers = [f"dev{i:03d}" for i in range(n)], (q, r, *table.q_interval, *table.r_interval)
+    zeros, texts = np.zeros(n), (["ok"] * n, [""] * n, [""] * n)
+    return Devices(names, ["light"] * n, ["lx"] * n, zeros + 100.0, *numbers, zeros, zeros, *texts, left)
 
 
 def main() -> None:
@@ -85,7 +84,7 @@ def counted(answer: Answer, name: str, odd: set[int]) -> tuple[int, int]:
 
 def holds(answer: Answer) -> bool:
     """Whether the interval of the pooled q/r holds the truth of a device like the others."""
-    low, high = (0.0, 0.0) if answer.shared is None else answer.shared.fit.ratio_interval
+    low, high = (0.0, 0.0) if answer.shared is None else answer.shared.ratio_interval
     return low < Q / R < high
 
 

@@ -10,7 +10,7 @@ from fleet_folder import NOISY, FleetRun, finished_fleet, write_logs
 from required import not_here
 from waiting import wait_until
 
-from kalscope.fleet.results import FleetReader, reopen, source_of
+from kalscope.fleet.results import read_fleet, reopen
 from kalscope_app.session.changes import at_device, open_fleet
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import MapMaker, frame_for
@@ -63,7 +63,7 @@ def share_of(frame, pair):
 
 def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(screen, tmp_path):
     folder = finished_fleet(tmp_path)
-    fleet = FleetReader(folder).read()
+    fleet = read_fleet(folder)
     page = screen.page
     assert page.get_by_text("sort by").count() == 0
     open_folder(screen, folder)
@@ -80,7 +80,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     wait_for_values(screen, own)
 
     page.get_by_text("at the filter for all").click()
-    state = open_fleet(fleet)(opened(reopen(source_of(fleet, NOISY))))
+    state = open_fleet(fleet)(opened(reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)))
     state = at_device(fleet, NOISY)(state)
     shown = MapMaker()(state)
     frame = frame_for(*SIZE, shown.q, shown.r)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 import pytest
-from fleet_runs import AtOnce
+from required import REQUIRE_ALL
 
-from kalscope.fleet import run as fleet_run
+if not REQUIRE_ALL and not all(map(find_spec, ("dask", "distributed", "psutil", "pyarrow"))):
+    collect_ignore_glob = ["test_*.py"]
 
 
 @pytest.fixture
 def at_once(monkeypatch):
     """Workers without processes, and the fault that they have."""
+    from fleet_runs import AtOnce
+
+    from kalscope.fleet import run as fleet_run
+
     faults, made = [], []
 
     @contextmanager

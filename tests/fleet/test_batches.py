@@ -8,7 +8,7 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.fleet.run import BATCHES, MAX_BATCH_BYTES, MAX_UNITS, MIN_BATCH_BYTES, Batch, Dispatcher, lay_out
+from kalscope.fleet.run import BATCHES, MAX_BATCH_BYTES, MAX_UNITS, MIN_BATCH_BYTES, Dispatcher, lay_out
 
 
 @given(st.lists(st.integers(0, 300_000) | st.integers(0, 1 << 30), max_size=300))
@@ -28,24 +28,24 @@ def test_a_kill_costs_a_thousandth_of_a_large_fleet_and_empty_files_make_batches
 def test_every_unit_is_done_once_or_is_lost_because_it_kills(n, poison, seed, kills):
     """Units of `poison` kill their worker, others are killed, cut short or forgotten by chance."""
     draw, units = random.Random(seed), list(range(n))
-    jobs = Dispatcher(deque(Batch(units[i : i + 7]) for i in range(0, n, 7)))
+    jobs = Dispatcher(deque(units[i : i + 7] for i in range(0, n, 7)))
     flight, done, lost = [], [], []
     while jobs.active:
         while len(flight) < 6 and (batch := jobs.next()) is not None:
-            assert not (batch.suspect and flight), "a suspect runs alone"
             flight.append(batch)
         batch = flight.pop(draw.randrange(len(flight)))
-        cut = draw.choice([0, *range(1, len(batch.units) + 1)])  # 0: the scheduler forgot it
-        if poison & set(batch.units) or draw.random() < kills:
-            lost += jobs.died(batch)
+        cut = draw.choice([0, *range(1, len(batch) + 1)])  # 0: the scheduler forgot it
+        killer = next((i for i in batch if i in poison), draw.choice(batch))
+        if killer in poison or draw.random() < kills:
+            lost += [killer] if jobs.died(batch, killer) else []
         else:
-            done += batch.units[:cut]
-            jobs.ended(batch, batch.units[cut:])
+            done += batch[:cut]
+            jobs.ended(batch[cut:])
     assert sorted(done + lost) == units
     assert kills or set(lost) == poison & set(units)
 
 
-def test_the_rest_of_a_batch_goes_to_two_workers_before_the_others():
-    jobs = Dispatcher(deque([Batch((0, 1, 2, 3, 4)), Batch((5,))]))
-    jobs.ended(jobs.next(), (1, 2, 3, 4))
-    assert [jobs.next().units for _ in range(3)] == [(1, 2), (3, 4), (5,)]
+def test_what_is_not_done_of_a_batch_comes_before_the_others():
+    jobs = Dispatcher(deque([[0, 1, 2, 3, 4], [5]]))
+    jobs.ended(*(jobs.next()[1:3], [3, 4]))
+    assert [jobs.next() for _ in range(3)] == [[1, 2], [3, 4], [5]]

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from datetime import date
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from required import not_here
 
 from kalscope.catalogue import open_source
 from kalscope.cli.tune_options import NOTHING, TuneOptions
-from kalscope.errors import BadFile, BadSetting
-from kalscope.fleet import find
-from kalscope.fleet.find import Piece, Unit, find_units
-from kalscope.fleet.read import FleetOptions, channels_of, read_block
-from kalscope.fleet.results import DeviceSource, _unit
-from kalscope.fleet.store import find_parts, merge, write_part
+from kalscope.errors import BadSetting
+from kalscope.fleet import read as read_module
+from kalscope.fleet.read import FleetOptions, find_units, read_block
 from kalscope.fleet.work import fit_unit, run_batch
 from kalscope.sources.grammar.read_options import ReadOptions
-
-try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-except ImportError:
-    not_here("pyarrow is not installed")
 
 RNG = np.random.default_rng(5)
 
@@ -46,16 +35,17 @@ def long_table(series, **more):
     return pa.table({"id": ids, "time": time, "value": value, **more})
 
 
-def read(folder, asked=None, **options):
+def read(folder, **options):
     """{(id, channel): (samples, rate)} of all series; each must come once."""
     found = {}
-    asked = asked or FleetOptions(NOTHING, **options)
-    for unit in find_units([str(folder)], folder / "out", asked.row_groups):
+    asked = FleetOptions(NOTHING, **options)
+    for unit in find_units([str(folder)], folder / "out"):
         block = read_block(unit, asked.reading)
         for i, name in enumerate(block.ids):
-            for one in channels_of(block.recording(i, asked.reading, asked.sample_period), name, asked):
-                assert (one.id, one.name) not in found
-                found[one.id, one.name] = (one.recording.channel(one.name), one.recording.sample_period)
+            recording = block.recording(i, asked.reading, asked.sample_period)
+            for channel in recording.names:
+                assert (name, channel) not in found
+                found[name, channel] = (recording.channel(channel), recording.sample_period)
     return found
 
 
@@ -76,32 +66,6 @@ def test_every_series_is_whole_and_once_wherever_row_groups_end(tmp_path, rows, 
     assert equal(read(tmp_path), series)
 
 
-def test_a_row_group_a_series_is_read_once(tmp_path):
-    series = {f"d{i}": (time[:40], value[:40]) for i, (time, value) in enumerate(fleet().values())}
-    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
-    units = find_units([str(tmp_path)], tmp_path / "out")
-    assert [unit.pieces[0].groups for unit in units] == [(i,) for i in range(len(series))]
-
-
-@pytest.mark.slow
-@given(st.randoms(use_true_random=False))
-def test_mixed_rows_within_a_row_group_are_sorted(tmp_path_factory, draw):
-    folder = tmp_path_factory.mktemp("mixed")
-    series = fleet()
-    table = long_table(series)
-    order = list(range(len(table)))
-    draw.shuffle(order)
-    pq.write_table(table.take(order), folder / "x.parquet")
-    assert equal(read(folder), series)
-
-
-def test_a_small_data_set_may_be_in_any_order(tmp_path):
-    series = fleet()
-    table = long_table(series).sort_by([("time", "ascending")])
-    pq.write_table(table, tmp_path / "x.parquet", row_group_size=10)
-    assert equal(read(tmp_path), series)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "units"), [(1, 8), (1 << 20, 1)])
 @pytest.mark.parametrize("files", [1, 3])
@@ -113,21 +77,11 @@ def test_a_data_set_in_any_order_is_cut_by_its_ids(tmp_path, monkeypatch, size, 
     n = -(-len(table) // files)
     for i in range(files):
         pq.write_table(table.slice(i * n, n), tmp_path / f"{i}.pq", row_group_size=60)
-    monkeypatch.setattr(find, "MIXED_BYTES", size)
+    monkeypatch.setattr(read_module, "MIXED_BYTES", size)
     found = find_units([str(tmp_path)], tmp_path / "out")
     assert len(found) == units
     assert sum(len(piece.groups) for unit in found for piece in unit.pieces) <= 8 * 15
     assert equal(read(tmp_path), series)
-
-
-def test_long_series_and_large_row_groups_are_no_mixed_ids(tmp_path, monkeypatch):
-    table = long_table(fleet(6, n=400))
-    pq.write_table(table, tmp_path / "x.parquet", row_group_size=100)
-    (tmp_path / "large").mkdir()
-    pq.write_table(table, tmp_path / "large" / "x.parquet", row_group_size=900)
-    for name in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
-        monkeypatch.setattr(find, name, 1000)
-    assert reasons(tmp_path) == {}
 
 
 def reasons(folder):
@@ -141,7 +95,7 @@ def test_ids_mixed_over_too_many_bytes_are_a_row_that_says_how_to_sort_them(tmp_
         pq.write_table(table, tmp_path / "site" / f"{name}.parquet", row_group_size=50)
     (tmp_path / "fine.csv").write_text("1\n2\n3\n")
     for limit in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
-        monkeypatch.setattr(find, limit, 1000)
+        monkeypatch.setattr(read_module, limit, 1000)
     (said,) = reasons(tmp_path).items()
     command = f"COPY (FROM '{tmp_path}/site/*.parquet' ORDER BY id) TO 'sorted.parquet'"
     assert said[0] == "site"
@@ -197,8 +151,9 @@ def test_ids_that_a_footer_cuts_short_give_no_row_of_their_own(tmp_path, monkeyp
     """A writer may round the ends of long ids: the spans then hold no id at all."""
     series = fleet(4)
     pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
-    plain = find._known_ends
-    monkeypatch.setattr(find, "_known_ends", lambda known: (plain(known)[0][:-1], plain(known)[1] + "~", 0))
+    plain = read_module._known_ends
+    monkeypatch.setattr(read_module, "MAX_SAMPLED", 1)
+    monkeypatch.setattr(read_module, "_known_ends", lambda *of: (0, plain(*of)[1][:-1], plain(*of)[2] + "~"))
     units = find_units([str(tmp_path)], tmp_path / "out")
     units.append(replace(units[0], span=("x", "y")))
     rows = [row for unit in units for row in fit_unit(unit, FleetOptions(PLAIN)).rows]
@@ -294,25 +249,12 @@ def test_columns_beside_id_and_time_are_channels(tmp_path):
     series = fleet(2)
     more = -np.concatenate([value for _, value in series.values()])
     pq.write_table(long_table(series, **{"hum (%)": more}), tmp_path / "x.parquet")
-    found = read(tmp_path, every=True)
+    found = read(tmp_path)
     assert {channel for _, channel in found} == {"value", "hum"}
     assert np.array_equal(found["dev00", "hum"][0], -found["dev00", "value"][0])
-    assert set(read(tmp_path, channel="hum")) == {("dev00", "hum"), ("dev01", "hum")}
-
-
-def test_each_row_group_is_a_recording_where_that_is_said(tmp_path):
-    series = [value[:40] for _, value in fleet(4).values()]
-    table = pa.table({"time": np.tile(np.arange(40) / 10, 4), "value": np.concatenate(series)})
-    pq.write_table(table, tmp_path / "x.parquet", row_group_size=40)
-    found = read(tmp_path, row_groups=True)
-    assert [name for name, _ in found] == [f"x.parquet#{i}" for i in range(4)]
-    assert all(np.array_equal(z, value) for (z, _), value in zip(found.values(), series, strict=True))
-
-
-def test_a_recording_that_numbers_its_rows_is_no_data_set(tmp_path):
-    pq.write_table(pa.table({"id": np.arange(100), "value": RNG.normal(size=100)}), tmp_path / "x.parquet")
     (unit,) = find_units([str(tmp_path)], tmp_path / "out")
-    assert unit.span is None
+    for options, channels in (({"every": True}, {"value", "hum"}), ({"channel": "hum"}, {"hum"})):
+        assert {row.channel for row in fit_unit(unit, FleetOptions(PLAIN, **options)).rows} == channels
 
 
 def test_whole_numbers_that_no_double_holds_keep_their_digits(tmp_path):
@@ -335,16 +277,6 @@ def test_a_missing_date_costs_only_its_own_row(tmp_path):
     assert found["b", "value"][1] == pytest.approx(0.01)
 
 
-def test_a_file_without_a_footer_is_a_row_where_row_groups_are_asked_for(tmp_path):
-    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and no more")
-    pq.write_table(long_table(fleet(1)), tmp_path / "good.parquet")
-    units = find_units([str(tmp_path)], tmp_path / "out", row_groups=True)
-    assert [(unit.id, bool(unit.pieces[0].groups)) for unit in units] == [
-        ("bad.parquet", False),
-        ("good.parquet#0", True),
-    ]
-
-
 def test_ids_of_two_types_are_refused(tmp_path):
     for name, ids in (("a", ["x"] * 4), ("b", [3] * 4)):
         pq.write_table(
@@ -362,36 +294,11 @@ def test_a_series_is_found_again_by_its_name_of_any_type(tmp_path, ids):
     pq.write_table(table, tmp_path / "a.parquet")
     for unit in find_units([str(tmp_path)], tmp_path / "out"):
         for name in read_block(unit, ReadOptions()).ids:
-            assert len(read_block(unit, ReadOptions(), name).recording(0, ReadOptions(), None)) % 40 == 0
+            whole = replace(unit, span=None)
+            assert len(read_block(whole, ReadOptions(), name).recording(0, ReadOptions(), None)) % 40 == 0
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
     (tmp_path / ".lock").touch()
     with pytest.raises(BadSetting, match=r"every worker of --cluster must have kalscope 9 \(got "):
         run_batch([], FleetOptions(NOTHING, program="kalscope 9"), str(tmp_path))
-
-
-def test_an_id_that_is_too_long_for_the_table_is_cut_and_found_again(tmp_path):
-    (one, other) = series = {"x" * 10_000 + end: (np.arange(40) / 10, RNG.normal(size=40)) for end in "ab"}
-    pq.write_table(long_table(series), tmp_path / "x.parquet")
-    for unit in find_units([str(tmp_path)], tmp_path / "out"):
-        fitted = fit_unit(unit, FleetOptions(PLAIN))
-        write_part(tmp_path / "out", {"k": (fitted.rows, fitted.pool)})
-        names = merge([["k"]], find_parts(tmp_path / "out"))[0]["id"].to_pylist()
-        assert len(set(names)) == 2
-        for name, key in zip(names, (one, other), strict=True):
-            again = read_block(unit, ReadOptions(), name).recording(0, ReadOptions(), None)
-            assert np.array_equal(again.channel("value"), series[key][1])
-
-
-def test_a_source_names_runs_of_row_groups(tmp_path):
-    """A thousand row groups that a unit reads take no thousand numbers in the table."""
-    path = tmp_path / "x.parquet"
-    path.write_bytes(b"")
-    groups = (*range(1000), 2000)
-    unit = Unit("a", (Piece(str(path), groups=groups),), span=(None, "z"), data_set="site/")
-    assert unit.source == f'["site/", [["{path}", [[0, 999], [2000, 2000]]]]]'
-    assert _unit(DeviceSource("a", unit.source, ReadOptions(), None)).pieces[0].groups == groups
-    for runs in ([[0, 10**9]], [[3, 1]], [[0, 5], [5, 6]], [7], ["ab"]):
-        with pytest.raises(BadFile, match="must name row groups"):
-            _unit(DeviceSource("a", json.dumps(["site/", [[str(path), runs]]]), ReadOptions(), None))

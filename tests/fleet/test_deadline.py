@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import os
-import threading
 from contextlib import nullcontext
 
 import pytest
-from fleet_runs import InProcesses, files_of, run_here, table, write_devices
-from required import not_here
+from fleet_runs import PLAIN, InProcesses, files_of, run_here, table, write_devices
 
 from kalscope.fleet import run as fleet_run
 from kalscope.fleet import work
 
-try:
-    import distributed  # noqa: F401
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 REASON = "it must be read and fitted within 0.5 s (got no result): --device-limit allows more"
 
 
@@ -37,23 +28,6 @@ def test_a_device_that_hangs_in_c_is_a_row_and_its_neighbours_are_done(tmp_path,
     rows = {row["id"]: (row["verdict"], row["reason"]) for row in table(out) if row["reason"]}
     assert rows == {f"hangs{i}.csv": ("timed_out", REASON) for i in (0, 1)}
     assert said.out.startswith("4 rows: 2 with q and r, 2 failed; 4 of 4 files or row groups done")
-    assert "2 of 4 files or row groups failed for a reason that may pass" in said.err
     assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
     assert "; 2 of 4 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out  # tried again
     assert {row["verdict"] for row in table(out) if row["reason"]} == {"failed"}
-
-
-def test_a_process_with_several_threads_has_the_clock_of_the_unit_that_is_due_first(tmp_path, monkeypatch):
-    clocks = []
-    monkeypatch.setattr(work.faulthandler, "dump_traceback_later", lambda seconds, **_: clocks.append(seconds))
-    monkeypatch.setattr(work.faulthandler, "cancel_dump_traceback_later", lambda: clocks.append(None))
-    monkeypatch.setattr(work.time, "monotonic", lambda: 5.0)
-    with (
-        (tmp_path / "a").open("wb", buffering=0) as one,
-        (tmp_path / "b").open("wb", buffering=0) as other,
-    ):
-        with work.time_limited(one, "a", 100.0), work.time_limited(other, "b", 50.0):
-            pass
-        with work.time_limited(one, "a", 1e300):
-            pass
-    assert clocks == [100.0, 50.0, 100.0, None, threading.TIMEOUT_MAX, None]

@@ -8,17 +8,9 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from fleet_runs import files_of, parts, run_here, table, write_devices
-from required import not_here
+from fleet_runs import PLAIN, files_of, parts, run_here, table, write_devices
 
 from kalscope.fleet.store import units_of
-
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @contextmanager

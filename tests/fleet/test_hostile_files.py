@@ -9,18 +9,11 @@ import re
 import pytest
 from fleet_runs import run_here, table
 from hostile_folder import write_hostile
-from required import not_here
 
 from kalscope.common import files
 from kalscope.common.text import CONTROL
-from kalscope.fleet.results import FleetReader
+from kalscope.fleet.results import read_fleet
 from kalscope_app.views.fleet import about_fleet
-
-try:
-    import distributed  # noqa: F401
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
 
 
 @pytest.mark.slow
@@ -39,7 +32,7 @@ def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, m
     fitted = sum(row["q"] is not None for row in rows)
     counted = f"{count} rows: {fitted} with q and r, {count - fitted - failed} without, {failed} failed"
     assert said.out.startswith(f"{counted}; {count} of {count} files or row groups done in ")
-    assert about_fleet(FleetReader(out).read()).startswith(f"{counted}. ")
+    assert about_fleet(read_fleet(out)).startswith(f"{counted}. ")
     plain = json.loads((out / "fleet.json").read_text(encoding="utf-8"))
     assert (plain["rows"], plain["usable"], plain["failed"]) == (count, fitted, failed)
     assert not CONTROL.search(said.out + said.err)

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from fleet_runs import run_here, write_devices
+from fleet_runs import PLAIN, run_here, write_devices
 from hostile_names import TERMINAL
-from required import not_here
 
 from kalscope.common.text import CONTROL
 
-try:
-    import distributed  # noqa: F401
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
 HOSTILE = "".join(TERMINAL).replace("\0", "")
 """Sets the clipboard, clears the screen, ends lines; it fits into a name of 255 bytes."""
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @pytest.mark.slow
@@ -27,7 +19,7 @@ def test_what_a_fleet_says_and_writes_of_hostile_names_is_plain(tmp_path, at_onc
     rows = (logs / "dev0000.csv").read_text().split("\n", 2)[2]
     (logs / f"{HOSTILE}.csv").write_text(f'time (s),"{HOSTILE} ({HOSTILE})"\n{rows}', encoding="utf-8")
     (logs / f"{HOSTILE}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    (tmp_path / f"{HOSTILE}.txt").write_text(f"logs/{HOSTILE}.csv,{HOSTILE}\n", encoding="utf-8")
+    (tmp_path / f"{HOSTILE}.txt").write_text(f"logs/{HOSTILE}.csv\n", encoding="utf-8", newline="")
     said = [
         run_here(capsys, logs, "-o", out, *PLAIN, "--channel", HOSTILE),
         run_here(capsys, logs / HOSTILE, "-o", out, expect=2),

@@ -8,26 +8,21 @@ import pickle
 import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from fleet_folder import NOISY, PLAIN, FleetRun, finished_fleet, write_logs
-from required import not_here
 
 from kalscope import estimate, kalman_filter, steady_state
-from kalscope.cli.tune_options import NOTHING, TuneOptions
+from kalscope.cli.tune_options import TuneOptions
 from kalscope.errors import BadFile, BadSetting
-from kalscope.fleet import results, store
+from kalscope.fleet import store
 from kalscope.fleet.read import FleetOptions
-from kalscope.fleet.results import FleetReader, device_tuning, read_fleet, reopen, shared_tuning, source_of
-from kalscope.fleet.store import NOTE, SUMMARY, TABLE, TUNING, RunNote, read_note, write_note
+from kalscope.fleet.results import device_tuning, read_fleet, reopen
+from kalscope.fleet.store import NOTE, SUMMARY, TABLE, TUNING, RunNote, read_json, write_note
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning
-
-try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-except ImportError:
-    not_here("pyarrow is not installed")
 
 
 @pytest.fixture(scope="module")
@@ -43,24 +38,24 @@ def own(folder, tmp_path):
 
 @pytest.mark.slow
 def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
-    fleet = FleetReader(folder).read()
+    fleet = read_fleet(folder)
     assert fleet.devices.counted == "13 rows: 12 with q and r, 1 failed"
     assert (len(fleet), fleet.done, fleet.note.units) == (13, None, 13)
     answer = json.loads((folder / SUMMARY).read_text())["one_filter"]
     assert (fleet.shared.params.q, fleet.shared.params.r) == (answer["q"], answer["r"])
-    assert fleet.served == answer["served"]
+    assert fleet.shared.served == answer["served"]
     assert np.flatnonzero(fleet.outlier).tolist() == [NOISY]
     assert np.nanargmax(fleet.distance) == NOISY
-    assert all(source.endswith(name) for source, name in zip(fleet.sources, fleet.devices.ids, strict=True))
-    assert "empty" in fleet.reasons[fleet.devices.ids.index("empty.csv")]
+    assert all(source.endswith(name) for source, name in zip(fleet.devices.sources, fleet.devices.ids, strict=True))
+    assert "empty" in fleet.devices.reasons[fleet.devices.ids.index("empty.csv")]
 
 
 @pytest.mark.slow
 def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(folder):
-    fleet = FleetReader(folder).read()
-    recording = reopen(source_of(fleet, NOISY))
+    fleet = read_fleet(folder)
+    recording = reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)
     assert np.array_equal(recording.values, read_recording(folder.parent / "logs" / "dev03.csv").values)
-    mine, all_of_them = device_tuning(fleet, NOISY), shared_tuning(fleet, NOISY)
+    mine, all_of_them = device_tuning(fleet, NOISY), device_tuning(fleet, NOISY, shared=True)
     assert (mine.channels[0].q, mine.channels[0].r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     saved = load_tuning(folder / TUNING).channels[0]
     assert (all_of_them.channels[0].q, all_of_them.channels[0].r) == (saved.q, saved.r)
@@ -74,14 +69,14 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch
     """Read as the dashboard does: by another process, each part once."""
     write_logs(tmp_path / "logs")
     run = FleetRun(tmp_path / "logs", tmp_path / "result")
-    checked, tables = results.checked_table, []
-    monkeypatch.setattr(results, "checked_table", lambda path, **how: tables.append(path) or checked(path, **how))
+    checked, tables = store.checked_table, []
+    monkeypatch.setattr(store, "checked_table", lambda path, known: tables.append(path) or checked(path, known))
 
-    def read(whole=False):
-        return pickle.loads(pickle.dumps(read_fleet(run.folder, whole=whole)))
+    def read():
+        return pickle.loads(pickle.dumps(read_fleet(run.folder)))
 
     with pytest.raises(BadFile, match="folder of a fleet"):
-        read(whole=True)
+        read()
     run.do(0, 5)
     some = read()
     assert (len(some), some.done, some.note.units) == (5, 5, 13)
@@ -89,8 +84,6 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch
     every = read()
     assert (len(every), every.done) == (13, 13)
     assert len(tables) == len(set(tables)) > 1
-    assert len(read(whole=True)) == 13
-    assert len(tables) == 2 * len(set(tables))
     answer = run.finish()
     final = read()
     assert final.done is None
@@ -99,8 +92,8 @@ def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch
     order = np.argsort(every.devices.ids)
     np.testing.assert_allclose(every.growth[order], final.growth, rtol=1e-9)
     assert np.isfinite(final.growth).sum() == 12
-    assert {*zip(every.devices.ids, every.sources, strict=True)} == {
-        *zip(final.devices.ids, final.sources, strict=True)
+    assert {*zip(every.devices.ids, every.devices.sources, strict=True)} == {
+        *zip(final.devices.ids, final.devices.sources, strict=True)
     }
 
 
@@ -133,19 +126,10 @@ def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):
     FleetRun(tmp_path / "logs", tmp_path / "result").do()
     monkeypatch.setattr("kalscope.fleet.results.CLOCKS_NS", 0)
     again = FleetRun(tmp_path / "logs", tmp_path / "result", FleetOptions(TuneOptions(momentum=0.0)))
-    reader = FleetReader(again.folder)
     with pytest.raises(BadFile, match="folder of a fleet"):
-        reader.read()
+        read_fleet(again.folder)
     again.do(0, 2)
-    assert reader.read().done == 2
-
-
-def test_a_rerun_makes_a_finished_fleet_a_running_one(folder, own):
-    run = FleetRun(folder.parent / "logs", own)
-    fleet = FleetReader(own).read()
-    assert (fleet.done, len(fleet)) == (13, 13)
-    run.finish()
-    assert FleetReader(own).read().done is None
+    assert read_fleet(again.folder).done == 2
 
 
 def test_the_note_keeps_how_files_are_read(tmp_path):
@@ -153,21 +137,12 @@ def test_the_note_keeps_how_files_are_read(tmp_path):
         delimiter=";", missing=(-200.0, "n/a"), day_first=True, time_column=2, gaps="dt", rate=3.7
     )
     write_note(tmp_path, 7, "a", reading, 0.25, pooled=False)
-    first = read_note(tmp_path)
+    first = read_json(tmp_path / NOTE, RunNote)
     assert (first.units, first.reading, first.sample_period, first.pooled) == (7, reading, 0.25, False)
     write_note(tmp_path, 8, "a", DEFAULTS, None, pooled=True)
-    assert read_note(tmp_path).since == first.since
+    assert read_json(tmp_path / NOTE, RunNote).since == first.since
     write_note(tmp_path, 8, "b", DEFAULTS, None, pooled=True)
-    assert read_note(tmp_path).since > first.since
-
-
-@pytest.mark.slow
-def test_a_goal_gives_no_filter_for_all_before_the_end(tmp_path):
-    write_logs(tmp_path / "logs", devices=3)
-    run = FleetRun(tmp_path / "logs", tmp_path / "result", FleetOptions(TuneOptions(lag_ms=50.0))).do()
-    assert FleetReader(run.folder).read().shared is None
-    run.finish()
-    assert FleetReader(run.folder).read().shared is not None
+    assert read_json(tmp_path / NOTE, RunNote).since > first.since
 
 
 @pytest.mark.parametrize(
@@ -176,7 +151,7 @@ def test_a_goal_gives_no_filter_for_all_before_the_end(tmp_path):
 def test_a_note_of_somebody_else_is_refused_with_one_line(own, note):
     (own / NOTE).write_text(note)
     with pytest.raises(BadFile) as refused:
-        FleetReader(own).read()
+        read_fleet(own)
     assert "\n" not in str(refused.value)
 
 
@@ -185,7 +160,7 @@ def test_a_note_without_a_sample_period_is_refused(own, period):
     content = (own / NOTE).read_text().replace('"sample_period": null', f'"sample_period": {period}')
     (own / NOTE).write_text(content)
     with pytest.raises(BadFile):
-        FleetReader(own).read()
+        read_fleet(own)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +170,7 @@ def test_a_note_without_a_sample_period_is_refused(own, period):
 def test_a_filter_for_all_of_somebody_else_is_refused(own, one):
     (own / SUMMARY).write_text(json.dumps({"one_filter": one}))
     with pytest.raises(BadFile):
-        FleetReader(own).read()
+        read_fleet(own)
 
 
 def test_tables_of_somebody_else_are_refused_with_one_line(own):
@@ -211,12 +186,12 @@ def test_tables_of_somebody_else_are_refused_with_one_line(own):
     for one in hostile:
         pq.write_table(one, own / TABLE)
         with pytest.raises(BadFile) as refused:
-            FleetReader(own).read()
+            read_fleet(own)
         assert "\n" not in str(refused.value)
     for content in (b"", b"PAR1", b"x" * 1000):
         (own / TABLE).write_bytes(content)
         with pytest.raises(BadFile):
-            FleetReader(own).read()
+            read_fleet(own)
 
 
 def test_numbers_that_cannot_be_are_left_out(own):
@@ -227,7 +202,7 @@ def test_numbers_that_cannot_be_are_left_out(own):
     for name in ("reason", "id"):
         table = table.set_column(table.schema.get_field_index(name), name, pa.nulls(len(table), pa.string()))
     pq.write_table(table, own / TABLE)
-    fleet = FleetReader(own).read()
+    fleet = read_fleet(own)
     assert fleet.devices.usable.tolist() == [False] * 6 + [True] * 6 + [False]
     assert fleet.devices.ids == [""] * 13
     assert device_tuning(fleet, 7).channels[0].q == 1.0
@@ -256,9 +231,9 @@ def test_only_a_recording_that_lies_where_the_table_says_is_opened(own, source):
     table = pq.read_table(own / TABLE)
     i = table.schema.get_field_index("source")
     pq.write_table(table.set_column(i, "source", pa.array([source[:4000]] * len(table))), own / TABLE)
-    fleet = FleetReader(own).read()
+    fleet = read_fleet(own)
     with pytest.raises(BadFile) as refused:
-        reopen(source_of(fleet, 0))
+        reopen(fleet.devices.ids[0], fleet.devices.sources[0], fleet.note)
     assert "\n" not in str(refused.value)
 
 
@@ -276,32 +251,9 @@ def test_a_series_of_a_data_set_is_opened_again(tmp_path, numbers):
     pq.write_table(pa.table(columns), tmp_path / "data" / "all.parquet", row_group_size=40)
     run = FleetRun(tmp_path / "data", tmp_path / "result", PLAIN).do()
     run.finish()
-    fleet = FleetReader(run.folder).read()
+    fleet = read_fleet(run.folder)
     assert fleet.devices.ids == [str(name) for name in names]
     for i, name in enumerate(names):
-        recording = reopen(source_of(fleet, i))
+        recording = reopen(fleet.devices.ids[i], fleet.devices.sources[i], fleet.note)
         assert np.array_equal(recording.values[:, 0], values[name])
         assert recording.sample_period == pytest.approx(0.1)
-
-
-def test_row_groups_are_opened_again(tmp_path):
-    (tmp_path / "data").mkdir()
-    z = np.random.default_rng(2).normal(size=120)
-    pq.write_table(pa.table({"time": np.arange(120) / 10, "value": z}), tmp_path / "data" / "x.parquet", 40)
-    run = FleetRun(tmp_path / "data", tmp_path / "result", FleetOptions(NOTHING, row_groups=True)).do()
-    run.finish()
-    fleet = FleetReader(run.folder).read()
-    assert np.array_equal(reopen(source_of(fleet, 2)).values[:, 0], z[80:])
-
-
-def test_without_pyarrow_one_sentence_says_what_to_install(folder, monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(store.importlib, "import_module", missing)
-    with pytest.raises(BadSetting, match="pip install"):
-        FleetReader(folder).read()
-
-
-def test_an_empty_note_stands_for_none(tmp_path):
-    assert read_note(tmp_path) == RunNote()

@@ -7,29 +7,18 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 
+import distributed
+import psutil
 import pytest
-from fleet_runs import files_of, fits, parts, run_here, table, write_devices
+from fleet_runs import PLAIN, files_of, fits, parts, run_here, table, write_devices
 from forked import Forked
 from program import command, next_line
-from required import not_here
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
-from kalscope.errors import BadSetting
-from kalscope.fleet import answer, run, work
-from kalscope.fleet.run import TaskLost
+from kalscope.fleet import run, work
 from kalscope.fleet.store import locked
-
-try:
-    import distributed
-    import psutil
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 
 
 @pytest.mark.slow
@@ -105,26 +94,6 @@ def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("missing", ["dask", "distributed", "pyarrow"])
-def test_a_missing_library_is_one_line_that_says_what_to_install(tmp_path, capsys, monkeypatch, missing):
-    monkeypatch.setitem(sys.modules, missing, None)
-    refused = run_here(capsys, tmp_path, "-o", tmp_path / "out", expect=2)
-    assert refused.err == (
-        f'kalscope: a fleet needs dask, distributed and pyarrow: pip install "kalscope[fleet]" (got no {missing})\n'
-    )
-
-
-@pytest.mark.slow
-def test_a_task_that_the_scheduler_forgot_is_done_again(tmp_path, at_once, capsys):
-    faults, made = at_once
-    write_devices(tmp_path / "logs", 5)
-    lost = [TaskLost(), TaskLost()]
-    faults.append(lambda _units: lost.pop() if lost else None)
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    assert len(table(tmp_path / "out")) == 5
-    assert made[0].most <= 4
-
-
 # From here on on Dask.
 
 
@@ -166,8 +135,8 @@ from kalscope.fleet import run
 os.setsid()  # signals to all of its processes reach no other
 dask.system.CPU_COUNT = 2
 ended = run.Dispatcher.ended
-def waits(self, batch, rest=()):
-    ended(self, batch, rest)
+def waits(self, *rest):
+    ended(self, *rest)
     while os.path.exists("killed") and not os.path.exists("go on"):
         time.sleep(0.01)
 run.Dispatcher.ended = waits
@@ -199,7 +168,6 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
         workers[0].kill()
         second = run_here(capsys, devices, "-o", out, *PLAIN, expect=2)
         assert second.err.startswith("kalscope: -o must name a folder that no other run writes (got ")
-        assert f"process {driver.pid} on " in second.err
         assert second.err.count("\n") == 1
         below = psutil.Process(driver.pid).children(recursive=True)
         os.killpg(driver.pid, signal.SIGINT)  # a terminal sends it to every process
@@ -251,20 +219,3 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch
     done = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--cluster", nobody, expect=2)
     assert done.err.startswith(f"kalscope: --cluster must name a scheduler with workers (got '{nobody}'")
     assert done.err.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_the_answer_is_written_while_the_folder_is_held(tmp_path, at_once, capsys, monkeypatch):
-
-    write_devices(tmp_path / "logs", 2)
-    plain, refused = answer.save_answer, []
-
-    def checked(found, rows, folder):
-        with pytest.raises(BadSetting, match="no other run writes") as caught, locked(folder):
-            pass
-        refused.append(caught)
-        plain(found, rows, folder)
-
-    monkeypatch.setattr(answer, "save_answer", checked)
-    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
-    assert len(refused) == 1

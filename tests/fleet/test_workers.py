@@ -9,24 +9,18 @@ import sys
 import time
 from types import SimpleNamespace
 
+import dask.system
+import distributed.system
 import pytest
-from fleet_runs import parts, run_here, table, write_devices
+from fleet_runs import PLAIN, parts, run_here, table, write_devices
 from program import command, end, next_line
-from required import not_here
 from waiting import wait_until
 
 from kalscope.cli.fleet import progress_text
 from kalscope.common.stopping import stop_signals
-from kalscope.fleet import find, work
+from kalscope.fleet import work
 from kalscope.fleet.run import Tally, without_interrupts, workers_here
 
-try:
-    import dask.system
-    import distributed.system
-except ImportError:
-    not_here("dask, distributed or pyarrow is not installed")
-
-PLAIN = ["--momentum", "0", "--no-robust"]
 GIB = 1 << 30
 STARTING = """
 import signal, subprocess, sys
@@ -58,11 +52,8 @@ def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow(monkeypat
 
 
 def test_progress_counts_what_was_kept_in_both_numbers():
-    tally = Tally(10, 8, 1000, 800, done=1, done_bytes=50, rows=1, seconds=2.0)
-    assert progress_text(tally) == "9 of 10 done (85 %), 0.500 rows/s, 6 s left"
-    empty = Tally(4, 2, 0, 0, done=1, rows=1, seconds=2.0)
-    assert progress_text(empty) == "3 of 4 done (75 %), 0.500 rows/s, 2 s left"
-    assert progress_text(Tally(4, 4, 9, 9)) == "4 of 4 done (100 %)"
+    assert progress_text(Tally(10, 6, done=1, rows=1, seconds=2.0)) == "7 of 10 done (70 %), 0.500 rows/s, 6 s left"
+    assert progress_text(Tally(4, 4)) == "4 of 4 done (100 %)"
 
 
 @pytest.mark.slow
@@ -71,25 +62,25 @@ def test_a_straggling_batch_ends_with_its_slow_recording_and_the_rest_is_shared_
 ):
     """Three of nine are done when the time is up; the other six go to two workers, and nothing is done twice."""
     write_devices(tmp_path / "logs", 9)
-    clock, plain, read = [0.0], work.read_file, []
+    clock, plain, read = [0.0], work.fit_unit, []
 
     def slow(unit, asked):
         read.append(unit.id)
         clock[0] += 2 * work.MAX_SECONDS if unit.id == "dev0002.csv" else 0.0
         return plain(unit, asked)
 
-    monkeypatch.setattr(work, "read_file", slow)
+    monkeypatch.setattr(work, "fit_unit", slow)
     monkeypatch.setattr(work, "time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=time.thread_time))
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
     _, (workers,) = at_once
-    assert [batch.units for batch in workers.batches] == [list(range(9)), [3, 4, 5], [6, 7, 8]]
+    assert [list(batch) for batch in workers.batches] == [list(range(9)), [3, 4, 5], [6, 7, 8]]
     assert len(parts(tmp_path / "out")) == 3
     assert read == [row["id"] for row in table(tmp_path / "out")]
 
 
 SCANNING = """
 import os
-import kalscope.fleet.find as find
+import kalscope.fleet.read as find
 below = find._below
 def held(*where):
     print("looks", flush=True)
@@ -109,11 +100,3 @@ def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
             "",
             "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to continue\n",
         )
-
-
-def test_it_is_told_how_many_files_were_found(tmp_path, monkeypatch):
-    write_devices(tmp_path / "logs", 5)
-    monkeypatch.setattr(find, "REPORT_EVERY", 2)
-    told = []
-    find.find_units([str(tmp_path / "logs")], tmp_path / "out", on_files=told.append)
-    assert told == [2, 4]

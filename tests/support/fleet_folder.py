@@ -7,9 +7,8 @@ from dataclasses import asdict
 import numpy as np
 
 from kalscope.cli.tune_options import TuneOptions
-from kalscope.fleet.answer import answer_for, devices_of, save_answer
-from kalscope.fleet.find import find_units
-from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.read import FleetOptions, find_units
+from kalscope.fleet.results import Devices, answer_for, devices_of, save_answer
 from kalscope.fleet.store import Row, find_parts, merge, schema, write_note, write_part
 from kalscope.fleet.work import fit_unit
 
@@ -37,7 +36,7 @@ class FleetRun:
     def __init__(self, source, folder, asked=PLAIN):
         self.folder, self.asked, self.options = folder, asked, asked.fingerprint()
         folder.mkdir(exist_ok=True)
-        self.units = find_units([str(source)], folder, asked.row_groups)
+        self.units = find_units([str(source)], folder)
         pooled = asked.is_pooled
         write_note(folder, len(self.units), self.options, asked.reading, asked.sample_period, pooled=pooled)
 
@@ -62,6 +61,25 @@ def finished_fleet(folder):
     write_logs(folder / "logs")
     FleetRun(folder / "logs", folder / "result").do().finish()
     return folder / "result"
+
+
+def devices_with(ids, q, r, interval=None, **known):
+    """Devices with these arrays, 100 samples a second."""
+    n = len(ids)
+    nothing = np.full(n, np.nan)
+    reasons = ["" if value > 0.0 else "it is empty" for value in q]
+    rows = {
+        "channels": ["light"] * n,
+        "units": ["lx"] * n,
+        "rate_hz": np.full(n, 100.0),
+        "momentum": np.zeros(n),
+        "gate": nothing,
+        "verdicts": ["ok"] * n,
+        "reasons": reasons,
+        "sources": [""] * n,
+    }
+    ends = dict(zip(("q_low", "q_high", "r_low", "r_high"), interval or [nothing] * 4, strict=True))
+    return Devices(ids, q=np.asarray(q, float), r=np.asarray(r, float), **(rows | ends | known))
 
 
 def table_of(devices):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import signal
 
 import numpy as np
 from forked import fork_server
@@ -12,6 +14,8 @@ from kalscope.cli.app import run as kalscope
 from kalscope.fleet import work
 from kalscope.fleet.run import WorkerDied
 
+PLAIN = ["--momentum", "0", "--no-robust"]
+"""Options of a quick run."""
 RNG = np.random.default_rng(11)
 
 
@@ -73,14 +77,20 @@ class InProcesses(AtOnce):
 
 
 def done_by_hanging_worker(function, units, *rest):
-    """A call in a worker that hangs at a unit named "hangs…", in C, and never lets Python run again.
+    """A call in a worker that hangs at a unit named "hangs…", in C, and is killed at one named "kills…".
 
     The time limit of a unit is in proportion to its bytes.
     """
-    plain, work.FULL_BYTES = work.read_file, 1
-    work.read_file = lambda unit, asked: (
-        ctypes.PyDLL(None).pause() if unit.id.startswith("hangs") else plain(unit, asked)
-    )
+    plain, work.FULL_BYTES = work.fit_unit, 1
+
+    def fit(unit, asked):
+        if unit.id.startswith("hangs"):
+            ctypes.PyDLL(None).pause()
+        if unit.id.startswith("kills"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return plain(unit, asked)
+
+    work.fit_unit = fit
     return function(units, *rest)
 
 

@@ -613,15 +613,15 @@ def at_device(fleet: Fleet, i: int) -> Change:
 
     A device without q and r keeps its starting values; the note says why.
     """
-    from kalscope.fleet.results import device_tuning, shared_tuning
+    from kalscope.fleet.results import device_tuning
 
     def change(state: State) -> State:
         name = one_line(fleet.devices.name(i))[:80]
-        shared = shared_tuning(fleet, i) if state.fleet is not None and state.fleet.at_shared else None
-        if shared is None and fleet.reasons[i]:
-            return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.reasons[i])[:200]}.")
-        after = adapted(state, shared or device_tuning(fleet, i))
-        which = "its own filter" if shared is None else "the filter for all"
+        shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
+        if not shared and fleet.devices.reasons[i]:
+            return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
+        after = adapted(state, device_tuning(fleet, i, shared=shared))
+        which = "the filter for all" if shared else "its own filter"
         if after.fleet is not None and after.fleet.picked is not None:
             after = replace(after, fleet=replace(after.fleet, picked=None))
         return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())

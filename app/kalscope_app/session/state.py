@@ -359,7 +359,7 @@ ORDERS: Mapping[str, Callable[[Fleet], Indices]] = {
     "smallest r": lambda fleet: _descending(-fleet.devices.r),
     "largest q": lambda fleet: _descending(fleet.devices.q),
     "smallest q": lambda fleet: _descending(-fleet.devices.q),
-    "without q and r": lambda fleet: np.flatnonzero([bool(reason) for reason in fleet.reasons]),
+    "without q and r": lambda fleet: np.flatnonzero([bool(reason) for reason in fleet.devices.reasons]),
 }
 """How the devices may be sorted."""
 

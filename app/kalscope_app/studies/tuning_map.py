@@ -290,7 +290,7 @@ def _by_loss(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
 
 def _by_verdict(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
     rows: list[int] = usable.tolist()
-    verdicts = [fleet.verdicts[i] for i in rows]
+    verdicts = [fleet.devices.verdicts[i] for i in rows]
     common = [verdict for verdict, _ in Counter(verdicts).most_common(MAX_VERDICTS)]
     places = {verdict: place for place, verdict in enumerate(common)}
     classes = np.array([places.get(verdict, MAX_VERDICTS) for verdict in verdicts], dtype=np.intp)

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import viser
 
 from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
@@ -46,19 +45,18 @@ def about_fleet(fleet: Fleet) -> str:
     """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
     said = [f"{fleet.devices.counted}."]
     if fleet.done is not None:
-        known = "" if fleet.note.units is None else f" of {count(fleet.note.units)}"
-        said.append(f"**Not finished: {count(fleet.done)}{known} files or row groups done.**")
+        done = f"{count(fleet.done)} of {count(fleet.note.units)}"
+        said.append(f"**Not finished: {done} files or row groups done.**")
     if fleet.shared is not None:
         params, devices = fleet.shared.params, fleet.devices
         lag = lag_in_full(steady_state(params, devices.sample_period).lag_samples, devices.sample_period)
         q, r = trimmed(params.q, 4), trimmed(float(params.r), 4)
         unit = escape_markdown(squared(devices.unit), 20)
         said.append(f"One filter for all: q = {q}, r = {r} {unit}, lag {lag}.")
-        judged = int(np.isfinite(fleet.growth).sum())
-        if judged:
+        if fleet.shared.judged:
+            served = f"{percent(fleet.shared.served)} of {count(fleet.shared.judged)}"
             said.append(
-                f"For {percent(fleet.served)} of {count(judged)} its error on unseen samples is at most 10 % above"
-                " that of the device's own filter."
+                f"For {served} its error on unseen samples is at most 10 % above that of the device's own filter."
             )
     odd = int(fleet.outlier.sum())
     if odd:
@@ -74,7 +72,7 @@ def fleet_table(shown: OpenFleet) -> str:
     devices = fleet.devices
     if not devices.usable[rows].any():
         return "\n".join(
-            f"{place}. {_name(fleet, i)}: {escape_markdown(fleet.reasons[i], 120)}"
+            f"{place}. {_name(fleet, i)}: {escape_markdown(fleet.devices.reasons[i], 120)}"
             for place, i in enumerate(rows, 1)
         )
     lines = ["| | device | q | r | loss |", "|--:|---|--:|--:|--:|"]
@@ -180,17 +178,17 @@ class FleetView:
         def work() -> None:
             if not folder or not Path(folder).is_dir():
                 raise BadSetting(f"fleet folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
-            fleet = self._read(Path(folder), whole=True)
+            fleet = self._read(Path(folder))
             self._opened, self._failures = fleet, 0
             self._session.request(open_fleet(fleet), failed=Failed.FLEET)
             self._watch(fleet, fleet)
 
         self._jobs.run(work, Failed.FLEET)
 
-    def _read(self, folder: Path, *, whole: bool) -> Fleet:
+    def _read(self, folder: Path) -> Fleet:
         from kalscope.fleet.results import read_fleet  # with the fits of a fleet
 
-        return self._worker.run(partial(read_fleet, folder, whole=whole), one_line(folder.name)[:100])
+        return self._worker.run(partial(read_fleet, folder), one_line(folder.name)[:100])
 
     def _watch(self, opened: Fleet, fleet: Fleet) -> None:
         """Read the folder of a run in progress again later; `opened` is the fleet as first read."""
@@ -212,7 +210,7 @@ class FleetView:
         if opened is not self._opened or shown is None or shown.fleet.folder != before.folder:
             return
         try:
-            fleet = self._read(before.folder, whole=False)
+            fleet = self._read(before.folder)
         except (KalscopeError, OSError) as error:
             self._failures += 1
             if self._failures >= MAX_FAILURES:

@@ -451,9 +451,9 @@ class SourceView:
 
     def open_device(self, fleet: Fleet, device: int) -> None:
         """Open the recording of a device of a fleet, as the fleet read it."""
-        from kalscope.fleet.results import reopen, source_of
+        from kalscope.fleet.results import reopen
 
-        reader = partial(reopen, source_of(fleet, device))
+        reader = partial(reopen, fleet.devices.ids[device], fleet.devices.sources[device], fleet.note)
         self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=at_device(fleet, device))
 
     def _upload(self, name: str, content: bytes) -> None:

@@ -1,33 +1,441 @@
-"""The options of a fleet, and the channels of a unit: of a file, or of row groups of Parquet files.
+"""What SOURCE names as units of work, and how they are read: files, lists of files, and Parquet data sets.
 
-Stamps of one even step, the usual case, need no search for the sample rate; all others are read like any file.
+A data set in the long form, id, time, value, is divided by its ids: a unit has a span of ids, and reads every row
+group that contains one of them, so that each series is whole and no id is in two units. Where the rows are sorted
+by id, a unit has the ids of a row group up to its largest. Where they are mixed, ids are cut into spans of about
+equal size, each of which reads all. Stamps of one even step, the usual case, need no search for the sample rate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import glob
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, NamedTuple, Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from kalscope.analysis.channel_kinds import default_channel
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import program
-from kalscope.errors import BadFile, BadSetting, KalscopeError
+from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
 from kalscope.estimation.request import Request
-from kalscope.fleet.find import Unit, id_column, plain_ids
-from kalscope.fleet.store import library, table_text
+from kalscope.fleet.store import pa, pc, pq
 from kalscope.recording import Recording
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.assemble import assemble, check_chosen_period, reading_of
 from kalscope.sources.reading.columns import named_column
-from kalscope.sources.reading.recording_file import read_recording
 
-FORMAT = 6
+ENDINGS = (".parquet", ".pq")
+"""Endings of Parquet files."""
+ID_NAMES = ("id", "series_id", "unique_id", "device_id", "sensor_id", "device", "sensor")
+"""Names of the column that says which series a row belongs to, in lower case, the first that exists."""
+WITHOUT = "rows without an id"
+"""Name in the table of the rows that belong to no series."""
+MAX_SAMPLED = 8
+"""Row groups of a file whose ids are read in any case."""
+MAX_READINGS = 8
+"""How often the bytes of a data set may be read in all, where its ids are mixed."""
+SORTED_READINGS = 2
+"""How often at most where they are sorted: a row group holds the end of one unit and the beginning of another."""
+MIXED_BYTES = 64 << 20
+"""Bytes of the rows of a unit of mixed ids, where the data set is not too large for that."""
+MAX_UNIT_BYTES = 256 << 20
+"""Most bytes of the rows of such a unit: a worker holds four copies of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A file, or some of its row groups, as it was when the fleet was scanned."""
+
+    path: str
+    """Absolute path."""
+    size: int = 0
+    """Bytes of the file, or of its row groups."""
+    stamp: int = 0
+    """When the file was last written, ns since 1970."""
+    groups: tuple[int, ...] = ()
+    """Row groups, from 0; () = the whole file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """What is read, fitted and kept together: the least that a rerun repeats."""
+
+    id: str
+    """Name in the table: the path below the folder that was given. Series of a Parquet data set have their ids."""
+    pieces: tuple[Piece, ...]
+    """What holds it; one file, or the files over which its series run."""
+    reason: str = ""
+    """Why it cannot be read, where that is known without opening it."""
+    span: tuple[Any, Any] | None = None
+    """Of a data set in the long form: its ids are above the first and up to the second; None = a recording."""
+    data_set: str = ""
+    """Folder of the data set in the table, with which the ids of its series begin."""
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return sum(piece.size for piece in self.pieces)
+
+    @property
+    def source(self) -> str:
+        """What `reopen` finds its recordings by: the path, or in JSON the data set and its files."""
+        if self.span is None:
+            return self.pieces[0].path
+        return json.dumps([self.data_set, list(dict.fromkeys(piece.path for piece in self.pieces))])
+
+    def key(self, fingerprint: str) -> str:
+        """Hash of all that the result depends on, 32 hexadecimal digits; the fingerprint is that of the options."""
+        text = f"{fingerprint} {self!r}"
+        return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
+
+
+def _unit(path: str, base: str, reason: str) -> Unit:
+    """The unit of one file, whatever it is: what cannot be read becomes a row with the reason.
+
+    Args:
+        path: Of the file, absolute.
+        base: The folder that its name in the table is relative to, "" for none.
+        reason: Why it cannot be read, "" where none is known.
+    """
+    name = Path(os.path.relpath(path, base) if base else path).as_posix()
+    name, piece = name.encode("utf-8", "backslashreplace").decode(), Piece(path)
+    try:
+        state = os.stat(path)
+        if not reason and stat.S_ISREG(state.st_mode):
+            piece = Piece(path, state.st_size, state.st_mtime_ns)
+        elif not reason:
+            reason = "it must be a file (got a folder, a device or a pipe)"
+    except (OSError, ValueError) as error:  # a NUL in the name
+        reason = describe(error)
+    return Unit(name, (piece,), reason)
+
+
+def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[Unit]:
+    """Everything that the sources name, each once, in the order of the names.
+
+    A folder stands for everything below it except hidden names; a file that is not a recording becomes a row with
+    the reason.
+
+    Args:
+        sources: Paths of files and folders, patterns such as "logs/*.csv", and @LIST.
+        output: The folder of the results, which is not a source.
+
+    Raises:
+        BadSetting: A source names nothing, or all of them nothing.
+        BadFile: A list names nothing.
+        OSError: A list cannot be read.
+    """
+    roots = [path for one in sources for path in (read_list(one[1:]) if one.startswith("@") else _matches(one))]
+    base, skipped = _base(roots), os.path.realpath(output)
+    units: dict[str, Unit] = {}
+    for root in roots:
+        if not os.path.join(os.path.realpath(root), "").startswith(os.path.join(skipped, "")):
+            # else a pattern such as ** matches the results of an earlier run
+            for path, reason in _below(root, skipped):
+                if path not in units:
+                    units[path] = _unit(path, base, reason)
+    if not units:
+        raise BadSetting(f"SOURCE must name at least one file (got {', '.join(map(repr, sources))}, all empty)")
+    return sorted(_spread(units.values()), key=lambda unit: (unit.data_set, unit.id))
+
+
+def _spread(units: Iterable[Unit]) -> Iterator[Unit]:
+    """The units with those of Parquet data sets in place of their files; the files of a folder are one data set."""
+    folders: dict[str, dict[str, Unit]] = {}
+    for unit in units:
+        path = unit.pieces[0].path
+        if unit.reason or not path.lower().endswith(ENDINGS):
+            yield unit
+        else:
+            folders.setdefault(os.path.dirname(path), {})[path] = unit
+    for folder, by_path in folders.items():
+        together = _long_files(by_path)
+        yield from (unit for path, unit in by_path.items() if path not in together)
+        if together:
+            first = by_path[next(iter(together))].id
+            name = os.path.dirname(first)
+            label = first if len(together) == 1 else name or os.path.basename(folder)
+            yield from _data_set_units(together, f"{name}/" if name else "", label)
+
+
+def _matches(source: str) -> list[str]:
+    """The paths that a source stands for; ** is any depth of folders and follows no link, which might be a loop."""
+    if os.path.lexists(source):
+        return [os.path.abspath(source)]
+    paths: list[str] = []
+    if glob.has_magic(source):
+        parts = Path(os.path.abspath(source)).parts
+        at = next(i for i, part in enumerate(parts) if glob.has_magic(part))
+        root = Path(*parts[:at])
+        if parts[at:] == ("**",):
+            return [str(root)]
+        met = (path.relative_to(root) for path in root.glob(os.path.join(*parts[at:])))
+        paths = sorted(str(root / path) for path in met if not any(part.startswith(".") for part in path.parts))
+    if not paths:
+        raise BadSetting(
+            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' or @LIST (got {source!r})"
+        )
+    return paths
+
+
+def _base(paths: Sequence[str]) -> str:
+    """The folder that names are relative to: the only folder given, or the one that contains all."""
+    try:
+        return os.path.commonpath(
+            paths if os.path.isdir(paths[0]) and len(paths) == 1 else map(os.path.dirname, paths)
+        )
+    except ValueError:  # two drives of Windows
+        return ""
+
+
+def _below(root: str, skipped: str) -> Iterator[tuple[str, str]]:
+    """The files at or below a path, each with the reason why it cannot be read, "" where none is known."""
+    if not os.path.isdir(root):
+        yield root, ""
+        return
+    waiting = [root]  # folders may be nested deeper than Python calls
+    while waiting:
+        folder = waiting.pop()
+        if os.path.basename(folder) == os.path.basename(skipped) and os.path.realpath(folder) == skipped:
+            continue
+        try:
+            with os.scandir(folder) as entries:
+                shown = [(one.path, one.is_dir(follow_symlinks=False)) for one in entries if one.name[0] != "."]
+        except OSError as error:
+            yield folder, describe(error)
+            continue
+        if not shown:
+            yield folder, "the folder is empty"
+        waiting += [path for path, is_folder in shown if is_folder]
+        yield from ((path, "") for path, is_folder in shown if not is_folder)
+
+
+def read_list(path: str) -> list[str]:
+    """The files of a list, one a line, relative to its folder; empty lines and lines that begin with # are skipped.
+
+    Raises:
+        BadFile: The list names nothing.
+        OSError: It cannot be read.
+    """
+    with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:  # str.splitlines cuts at a form feed
+        lines = [line.strip() for line in file if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        raise BadFile(f"the list {path!r} must name at least one file (got none)")
+    return [os.path.abspath(os.path.join(os.path.dirname(path), line)) for line in lines]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """A row group and the ids in it."""
+
+    piece: Piece
+    """Its file and number, with its bytes in memory: a file holds equal values once."""
+    columns: frozenset[str]
+    """Names of all columns."""
+    id_column: str
+    missing: int
+    """Rows without an id."""
+    first: Any
+    """The least id, or less; None where there is none."""
+    last: Any
+    """The largest id, or more."""
+    ids: Any
+    """See `_ids`; None where the footer gives the others."""
+
+
+def id_column(names: Sequence[str]) -> str | None:
+    """The column that holds the ids; None where there is none."""
+    lower = {name.lower(): name for name in reversed(names)}
+    return next((lower[name] for name in ID_NAMES if name in lower), None)
+
+
+def plain_ids(column: Any) -> Any:
+    """The ids themselves where a column is dictionary-encoded."""
+    return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
+
+
+def _ids(file: Any, i: int, name: str) -> Any:
+    """The ids of a row group, each once, null and NaN left out: a pyarrow Table of `values` and `counts`."""
+    table = pa.Table.from_struct_array(file.read_row_group(i, columns=[name])[name].value_counts())
+    values = plain_ids(table["values"])
+    missing = values.is_null(nan_is_null=True)
+    return table.set_column(0, "values", values).filter(pc.invert(missing))
+
+
+def _parquet(path: str) -> Any:
+    return pq.ParquetFile(path, memory_map=False)
+
+
+def _counted(groups: Iterable[_Group]) -> Any:
+    """The ids in ascending order and their rows; ArrowException where they are of several types."""
+    read = (one.ids or _ids(_parquet(one.piece.path), *one.piece.groups, one.id_column) for one in groups)
+    table = pa.concat_tables(read, promote_options="permissive")
+    return table.group_by("values").aggregate([("counts", "sum")]).sort_by("values")
+
+
+def _scan(path: str) -> list[_Group]:
+    """The row groups of a file with their ids; none where it has no id, or cannot be read."""
+    groups: list[_Group] = []
+    try:
+        file, stamp = _parquet(path), os.stat(path).st_mtime_ns
+        names = file.schema_arrow.names
+        name = id_column(names)
+        if name is None or len(names) < 2:
+            return []
+        exact = not pa.types.is_floating(file.schema_arrow.field(name).type)  # footers do not count NaN
+        for i in range(file.num_row_groups):
+            footer, ids = file.metadata.row_group(i), None
+            ends = _known_ends(footer, name) if exact and i >= MAX_SAMPLED else None
+            if ends is None:
+                ids = _ids(file, i, name)
+                both = pc.min_max(ids["values"])
+                rows = pc.sum(ids["counts"]).as_py() or 0
+                ends = footer.num_rows - rows, both["min"].as_py(), both["max"].as_py()
+            piece = Piece(path, max(footer.total_byte_size, 8 * footer.num_rows * footer.num_columns), stamp, (i,))
+            groups.append(_Group(piece, frozenset(names), name, *ends, ids))
+    except (pa.ArrowException, OSError, ValueError, TypeError):
+        return []
+    return groups if any(group.first is not None for group in groups) else []
+
+
+def _known_ends(footer: Any, name: str) -> tuple[int, Any, Any] | None:
+    """The number of rows without an id, the least and the largest id by the footer; None where it has none."""
+    columns = map(footer.column, range(footer.num_columns))
+    known = next(one.statistics for one in columns if one.path_in_schema == name)
+    try:
+        if known is not None and known.has_min_max and known.has_null_count:
+            return known.null_count, known.min, known.max
+    except (ValueError, pa.ArrowException):  # a text that was cut within a character
+        pass
+    return None
+
+
+def _long_files(paths: Iterable[str]) -> dict[str, list[_Group]]:
+    """The row groups of those Parquet files of a folder that are one data set in the long form.
+
+    They are judged together: where each file is a day, say, it may hold each id once, and the other files decide.
+    Ids that just number the rows of each file name no series.
+    """
+    scanned, together = {path: groups for path in paths if (groups := _scan(path))}, dict[str, list[_Group]]()
+    for name in {groups[0].id_column for groups in scanned.values()}:
+        several = {path: groups for path, groups in scanned.items() if groups[0].id_column == name}
+        kinds = {groups[0].columns for groups in several.values() if not _is_count(groups)}
+        joining = {path: groups for path, groups in several.items() if groups[0].columns in kinds}
+        if joining and _repeats([group for groups in joining.values() for group in groups]):
+            together |= joining
+    return together
+
+
+def _is_count(groups: Sequence[_Group]) -> bool:
+    """Whether the ids just number the rows."""
+    values, counts = (column.to_numpy() for column in groups[0].ids)
+    whole = np.issubdtype(values.dtype, np.integer) and len(values) == counts.sum()
+    return bool(whole and np.all(np.diff(values.astype(np.float64)) == 1.0))
+
+
+def _repeats(groups: Sequence[_Group]) -> bool:
+    """Whether an id has two rows or more, on average; all are read only where some do."""
+    for some in ([group for group in groups if group.ids is not None], groups):
+        try:
+            rows = _counted(some)["counts_sum"].to_numpy()
+        except pa.ArrowException:  # ids of several types
+            return True
+        if 2 * len(rows) <= rows.sum() or len(rows) == rows.sum():
+            break
+    return 2 * len(rows) <= rows.sum()
+
+
+def _data_set_units(files: dict[str, list[_Group]], name: str, label: str) -> Iterator[Unit]:
+    """The units of the files of one data set; one with the reason where it cannot be divided.
+
+    Args:
+        files: The row groups of each.
+        name: Of the folder in the table, "" for none; the ids of its series follow.
+        label: Name in the table for the whole data set.
+    """
+    groups = [group for several in files.values() for group in several]
+    try:
+        for i, (span, inside) in enumerate(_shares([group for group in groups if group.first is not None])):
+            yield Unit(f"{name}{i:09d}", _pieces(inside), span=span, data_set=name)
+    except (pa.ArrowException, TypeError, BadFile) as error:
+        yield Unit(label, _pieces(groups), " ".join(str(error).split()))
+    without = [group for group in groups if group.missing]
+    if without:
+        count = sum(group.missing for group in without)
+        reason = f"{count} {'rows have' if count > 1 else 'row has'} no id, so that no series can take them"
+        yield Unit(f"{name}{WITHOUT}", _pieces(without), reason, data_set=name)
+
+
+def _pieces(groups: Sequence[_Group]) -> tuple[Piece, ...]:
+    """Row groups in the order of their files."""
+    return tuple(sorted((group.piece for group in groups), key=lambda piece: (piece.path, piece.groups)))
+
+
+Share = tuple[tuple[Any, Any], list[_Group]]
+"""A span of ids, above the first and up to the second, and the row groups that hold any of them."""
+
+
+def _shares(groups: Sequence[_Group]) -> list[Share]:
+    """The spans of ids that are read together.
+
+    Raises:
+        BadFile: the ids are of several types, or mixed over more bytes than may be read again and again.
+    """
+    kinds = sorted({type(group.first).__name__ for group in groups})
+    if len(kinds) > 1:
+        raise BadFile(
+            f"the ids of a data set must be of one type in all files (got {' and '.join(kinds)}): move the files"
+            " of each type into a folder of their own"
+        )
+    shares, whole = _cut(groups, sorted({group.last for group in groups})), _bytes(groups)
+    read = sum(_bytes(inside) for _, inside in shares)
+    if read <= SORTED_READINGS * whole and not any(_is_mixed(inside) for _, inside in shares):
+        return shares
+    if whole > MAX_READINGS * MAX_UNIT_BYTES:
+        folder, name = os.path.dirname(groups[0].piece.path), groups[0].id_column
+        raise BadFile(
+            f"a data set of more than {MAX_READINGS * MAX_UNIT_BYTES >> 30} GiB must be sorted by {name} (got"
+            f" {whole / 1e9:.3g} GB with mixed ids): duckdb -c"
+            f" \"COPY (FROM '{folder}/*.parquet' ORDER BY {name}) TO 'sorted.parquet'\""
+        )
+    counted = _counted(groups)
+    upto, share = np.cumsum(counted["counts_sum"].to_numpy()), max(MIXED_BYTES / whole, 1.0 / MAX_READINGS)
+    last_of_each = np.flatnonzero(np.diff(np.ceil(upto / (share * upto[-1])), append=np.inf))
+    return _cut(groups, counted["values"].take(pa.array(last_of_each)).to_pylist())
+
+
+def _bytes(groups: Sequence[_Group]) -> int:
+    return sum(group.piece.size for group in groups)
+
+
+def _is_mixed(groups: Sequence[_Group]) -> bool:
+    """Whether row groups that are read together hold more than the end of a unit and the beginning of the next."""
+    several = [group for group in groups if group.first != group.last]
+    return len(several) > 2 and _bytes(several) > MIXED_BYTES
+
+
+def _cut(groups: Sequence[_Group], ends: Sequence[Any]) -> list[Share]:
+    """The spans up to these ids, ascending."""
+    waiting = sorted(groups, key=lambda group: (group.first, group.last), reverse=True)
+    active, low, shares = list[_Group](), None, list[Share]()
+    for end in ends:
+        while waiting and waiting[-1].first <= end:
+            active.append(waiting.pop())
+        shares.append(((low, end), active))
+        active, low = [group for group in active if group.last > end], end
+    return shares
+
+
+FORMAT = 7
 """Raised when the same recording would give another row: parts of another format are not used."""
 DEVICE_LIMIT_S = 120.0
 """Longest time for a unit of up to 16 MiB, s, by default; see `time_limit`."""
@@ -70,8 +478,6 @@ class FleetOptions:
     """The channel of each recording; None = the first that measures something."""
     every: bool = False
     """Whether all channels are fitted."""
-    row_groups: bool = False
-    """Whether each row group of a Parquet file is a recording by itself."""
     device_limit: float = field(default=DEVICE_LIMIT_S, repr=False)
     """Longest time for a unit, s, see `time_limit`; not in the `repr`, because no row depends on it."""
     program: str = field(default_factory=program)
@@ -94,40 +500,6 @@ class FleetOptions:
     def fingerprint(self) -> str:
         """A text that differs where the rows would differ."""
         return f"{FORMAT} {self!r}"
-
-
-class Channel(NamedTuple):
-    """One channel of one recording."""
-
-    id: str
-    """Name of the recording in the table."""
-    recording: Recording
-    name: str
-    """Name of the channel."""
-
-
-def read_file(unit: Unit, options: FleetOptions) -> list[Channel]:
-    """The channels of a file.
-
-    Raises:
-        BadFile: it cannot be read.
-        BadSetting: an option does not suit it, or it has no such channel.
-    """
-    if unit.reason:
-        raise BadFile(unit.reason)
-    recording = read_recording(unit.pieces[0].path, options.reading, sample_period=options.sample_period)
-    return channels_of(recording, unit.id, options, unit.channel)
-
-
-def channels_of(
-    recording: Recording, name: str, options: FleetOptions, channel: str | None = None
-) -> list[Channel]:
-    """The channels to fit of the recording with this name in the table; `channel` is that of a list."""
-    chosen = channel or options.channel
-    if chosen is not None:
-        recording.index(chosen)
-    names = (chosen,) if chosen else recording.names if options.every else (default_channel(recording),)
-    return [Channel(name, recording, one) for one in names]
 
 
 @dataclass(frozen=True)
@@ -166,10 +538,10 @@ class Block:
 
 
 def read_block(unit: Unit, reading: ReadOptions, only: str | None = None) -> Block:
-    """The recordings in the row groups of a unit; of a data set those in its span, or `only` the one of this name.
+    """The recordings of a data set in the span of a unit, or `only` the one of this name.
 
     Args:
-        unit: The row groups.
+        unit: The row groups; with `only` whole files will do.
         reading: How files are read. Of a numeric time column the unit is that of its name, or s.
         only: Name of the recording in the table; None = all of the span.
 
@@ -177,67 +549,60 @@ def read_block(unit: Unit, reading: ReadOptions, only: str | None = None) -> Blo
         BadFile: the row groups cannot be read, or hold no channel or none of these rows.
         BadSetting: there is no such time column.
     """
-
-    def in_span(ids: Any) -> Any:
-        compute, (low, high) = library("pyarrow.compute"), unit.span or (None, None)
-        below = compute.less_equal(ids, high)
-        return below if low is None else compute.and_(below, compute.greater(ids, low))
-
-    def named(ids: Any) -> Any:
-        names = ((one, f"{unit.data_set}{one}") for one in ids.unique().to_pylist() if one is not None)
-        same = [one for one, name in names if only in (name, table_text(name))]
-        return library("pyarrow.compute").is_in(ids, library("pyarrow").array(same, ids.type))
-
-    table = _read_groups(unit, None if unit.span is None else in_span if only is None else named)
-    if not len(table):
-        if unit.span is not None and only is None:  # a footer may cut its ids: no id lies between two of them
-            return Block([], np.zeros(1, np.intp), Table((), (), ()))
-        wanted = "at least one row" if only is None else repr(only)
-        raise BadFile(f"the row groups must hold {wanted} (got none of its rows)")
-    if unit.span is None:
-        return Block([unit.id], np.array([0, len(table)]), _columns(table, reading, None))
-    name = str(id_column(table.column_names))
-    codes = table[name].combine_chunks().dictionary_encode()
-    places, names = codes.indices.to_numpy(), codes.dictionary.to_pylist()
-    if only is not None:  # the rows of two ids whose names are cut alike are one recording, as they came
-        places = np.zeros(len(places), places.dtype)
-    places, columns = _sorted(places, _columns(table, reading, name))
-    starts = np.flatnonzero(np.diff(places, prepend=-1))
-    texts = [only or f"{unit.data_set}{names[place]}" for place in places[starts]]
-    return Block(texts, np.append(starts, len(places)), columns)
-
-
-def _read_groups(unit: Unit, wanted: Callable[[Any], Any] | None) -> Any:
-    """The row groups of a unit, one below the other; with `wanted` only the rows of these ids, as plain ids."""
-    pa, parquet, tables = library("pyarrow"), library("pyarrow.parquet"), list[Any]()
     try:
-        for piece in unit.pieces:
-            with parquet.ParquetFile(piece.path, memory_map=False) as file:
-                read = (file.read_row_group(i, use_threads=False) for i in piece.groups)
-                tables += read if wanted is None else (_only(table, wanted) for table in read)
-        return pa.concat_tables(tables, promote_options="permissive").combine_chunks()
-    except (pa.ArrowException, ValueError) as error:
+        tables = [_rows(piece, unit, only) for piece in unit.pieces]
+        table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
+    except (pa.ArrowException, OSError, ValueError) as error:
         if isinstance(error, BadFile):
             raise
         raise BadFile(f"the row groups cannot be read: {str(error).splitlines()[0]}") from None
+    if not len(table):
+        if only is None:  # a footer may cut its ids: no id lies between two of them
+            return Block([], np.zeros(1, np.intp), Table((), (), ()))
+        raise BadFile(f"the row groups must hold {only!r} (got none of its rows)")
+    name = str(id_column(table.column_names))
+    codes = table[name].combine_chunks().dictionary_encode()
+    places, names = codes.indices.to_numpy(), codes.dictionary.to_pylist()
+    places, columns = _sorted(places, _columns(table, reading, name))
+    starts = np.flatnonzero(np.diff(places, prepend=-1))
+    texts = [f"{unit.data_set}{_text(names[place])}" for place in places[starts]]
+    return Block(texts, np.append(starts, len(places)), columns)
 
 
-def _only(table: Any, wanted: Callable[[Any], Any]) -> Any:
-    name = id_column(table.column_names)
-    if name is None:
-        raise BadFile(f"the row groups must have a column of ids (got {', '.join(table.column_names)[:80]})")
+def _text(one: Any) -> str:
+    return one.decode("utf-8", "backslashreplace") if isinstance(one, bytes) else str(one)
+
+
+def _rows(piece: Piece, unit: Unit, only: str | None) -> Any:
+    """The rows of a piece whose ids are in the span of the unit, or of `only`, as plain ids."""
+    with _parquet(piece.path) as file:
+        names = file.schema_arrow.names
+        name = id_column(names)
+        if name is None:
+            raise BadFile(f"the row groups must have a column of ids (got {', '.join(names)[:80]})")
+        if only is None:
+            table = file.read_row_groups(piece.groups, use_threads=False)
+        else:  # row groups that cannot hold it are not read
+            kind = file.schema_arrow.field(name).type
+            kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+            wanted = pc.field(name) == pa.scalar(only.removeprefix(unit.data_set)).cast(kind)
+            table = pq.read_table(piece.path, filters=wanted, partitioning=None)
     ids = plain_ids(table[name])
-    table, mask = table.set_column(table.column_names.index(name), name, ids), wanted(ids)
-    return table if mask.null_count == 0 and library("pyarrow.compute").all(mask).as_py() else table.filter(mask)
+    table = table.set_column(table.column_names.index(name), name, ids)
+    if unit.span is None:
+        return table
+    low, high = unit.span
+    mask = pc.less_equal(ids, high)
+    mask = mask if low is None else pc.and_(mask, pc.greater(ids, low))
+    return table if mask.null_count == 0 and pc.all(mask).as_py() else table.filter(mask)
 
 
-def _columns(table: Any, reading: ReadOptions, ids: str | None) -> Table:
+def _columns(table: Any, reading: ReadOptions, ids: str) -> Table:
     """The columns that are channels, and the time."""
-    types = library("pyarrow").types
-    names = [name for name in table.column_names if name != ids]
-    dates = [name for name in names if types.is_timestamp(table[name].type) or types.is_date(table[name].type)]
-    numeric = [name for name in names if types.is_floating(table[name].type) or types.is_integer(table[name].type)]
-    time = _time_name(names, dates, numeric, reading)
+    kinds = {one.name: one.type for one in table.schema if one.name != ids}
+    dates = [name for name, kind in kinds.items() if pa.types.is_timestamp(kind) or pa.types.is_date(kind)]
+    numeric = [name for name, kind in kinds.items() if pa.types.is_floating(kind) or pa.types.is_integer(kind)]
+    time = _time_name(list(kinds), dates, numeric, reading.time_column)
     channels = [name for name in numeric if name != time]
     if not channels:
         raise BadFile(f"there must be a column of numbers beside id and time (got {', '.join(table.column_names)})")
@@ -246,40 +611,35 @@ def _columns(table: Any, reading: ReadOptions, ids: str | None) -> Table:
         tuple(one.name for one in named),
         tuple(one.unit for one in named),
         tuple(_numbers(table[name]) for name in channels),
-        None if time is None else _seconds(table[time], time, time in dates, reading),
+        None if time is None else _seconds(table[time], time, reading),
     )
 
 
-def _time_name(names: list[str], dates: list[str], numeric: list[str], reading: ReadOptions) -> str | None:
-    chosen = reading.time_column
+def _time_name(names: list[str], dates: list[str], numeric: list[str], chosen: str | int | None) -> str | None:
     if chosen == "none":
         return None
     if chosen is not None:
-        name = chosen if isinstance(chosen, str) else names[chosen] if chosen < len(names) else str(chosen)
+        name = names[chosen] if isinstance(chosen, int) and chosen < len(names) else str(chosen)
         if name not in (*dates, *numeric):
             raise BadSetting(f"time_column must be one of {', '.join((*dates, *numeric))} (got {name!r})")
         return name
-    if dates:
-        return dates[0]
     lower = {named_column(name).name.lower(): name for name in reversed(numeric)}
-    return next((lower[name] for name in TIME_NAMES if name in lower), None)
+    return next(iter([*dates, *(lower[name] for name in TIME_NAMES if name in lower)]), None)
 
 
 def _numbers(column: Any) -> Array:
-    column = column.cast(library("pyarrow").float64(), safe=False)  # the nearest double of a large integer
+    column = column.cast(pa.float64(), safe=False)  # the nearest double of a large integer
     return np.ascontiguousarray(column.to_numpy(), dtype=np.float64)
 
 
-def _seconds(column: Any, name: str, date: bool, reading: ReadOptions) -> Array:
+def _seconds(column: Any, name: str, reading: ReadOptions) -> Array:
     """Stamps in s; of dates and of whole numbers that no double holds from the least one, to keep their digits."""
-    pa, compute = library("pyarrow"), library("pyarrow.compute")
-    if date:
+    word = reading.time_unit or named_column(name).unit or ("ns" if name.lower().endswith("_ns") else "s")
+    size, is_date = SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")], pa.types.is_temporal(column.type)
+    if is_date:
         column, size = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()), 1e-9
-    else:
-        word = reading.time_unit or named_column(name).unit or ("ns" if name.lower().endswith("_ns") else "s")
-        size = SECONDS_PER_UNIT[UNIT_OF_WORD.get(word.lower(), "s")]
-    if date or (column.type == pa.int64() and (compute.max(column).as_py() or 0) > 1 << 53):
-        column = compute.subtract(column, compute.min(column))
+    if is_date or (column.type == pa.int64() and (pc.max(column).as_py() or 0) > 1 << 53):
+        column = pc.subtract(column, pc.min(column))
     return _numbers(column) * size
 
 

@@ -1,70 +1,462 @@
-"""The folder of a fleet, finished or not: arrays to look at, and the recordings to open again.
+"""The answer of a fleet: one filter for all devices, what each loses by it, which differ from the others.
 
-Any program may have written its tables: they are checked once, here, and refused with one line.
+It is written when a run ends. The dashboard reads a folder again, finished or not: any program may have written its
+tables, so that they are checked, and refused with one line.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
-from dataclasses import dataclass, replace
-from functools import cache
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from kalscope.common.numbers import Array, Mask
+from kalscope.common.files import atomic_file, write_atomic
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import OnProgress
-from kalscope.errors import BadFile, KalscopeError
-from kalscope.estimation.pool import Pool, fit_pool, share_served
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
-from kalscope.fleet.answer import WITHIN, Devices, devices_of
-from kalscope.fleet.find import Piece, Unit
-from kalscope.fleet.read import read_block
-from kalscope.fleet.store import (
-    COLUMNS,
-    FINISHED,
-    MAX_TEXT_BYTES,
-    NOTE,
-    POOL,
-    SUMMARY,
-    TABLE,
-    RunNote,
-    library,
-    part_files,
-    pool_from,
-    read_json,
-    read_note,
-    schema,
-    units_of,
+from kalscope.common.text import (
+    THIN_SPACE,
+    count,
+    decibels,
+    duration,
+    escaped,
+    lag_in_full,
+    lag_text,
+    number,
+    percent,
+    program,
+    squared,
+    trimmed,
 )
+from kalscope.errors import BadFile, BadSetting
+from kalscope.estimation import pool as pooling
+from kalscope.estimation.fit import params_for_specification
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.steady import steady_state
+from kalscope.fleet import store
+from kalscope.fleet.read import Piece, Question, Unit, read_block
+from kalscope.fleet.run import Tally
+from kalscope.fleet.store import pa, pq
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
+from kalscope.tuning.file import dumps
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
-MAX_ROWS = 5_000_000
-"""Rows of a table, at most: one of a million devices needs about 1 GB of memory."""
-MAX_BYTES = 2 << 30
-"""Bytes of its columns, at most."""
-MAX_GROUPS = 100_000
-"""Row groups of a file, at most."""
+WITHIN = 0.1
+"""Growth of the prediction error up to which a device counts as served."""
+EXPECTED = 0.05
+"""Devices that chance alone names as unlike the others, in each quantity: one in twenty fleets."""
+CLOCKS = 1e-4
+"""Share by which the rates of equal devices may differ: crystals, and stamps with few digits."""
+QUANTITIES = {"r": "r", "q": "q", "rate_hz": "sample rate"}
+"""The quantities in which devices are compared, and their names for the user."""
+LOST = ("lag_loss_samples", "noise_loss_db", "error_growth")
+"""Columns of what a device loses by the filter for all, in the order of `Losses`."""
+_LEAST, _MOST = math.ulp(0.0), float(np.finfo(np.float64).max)
+RANGES = {
+    **dict.fromkeys(("rate_hz", "gate"), (_LEAST, _MOST)),
+    **dict.fromkeys(("q", "r"), (0.0, MAX_VARIANCE)),
+    **dict.fromkeys(("q_low", "q_high", "r_low", "r_high"), (0.0, math.inf)),
+    "momentum": (0.0, MAX_MOMENTUM),
+}
+"""Columns of numbers, and what they may hold: any program may have written the table."""
 CLOCKS_NS = 2_000_000_000
 """By how much the clocks of a file system and of the driver may differ, ns."""
+MAX_LISTED = 1000
+"""Devices of a list in fleet.json; the table has all."""
+MAX_REASONS, MAX_NAMED = 5, 5
+"""Reasons and devices that are printed; the table and fleet.json have more."""
 
 
 @dataclass(frozen=True)
-class SharedFilter:
+class Devices:
+    """The rows of a table, arrays of shape (rows,), NaN where there is nothing; see `Row` for the columns."""
+
+    ids: list[str]
+    channels: list[str]
+    units: list[str]
+    rate_hz: Array
+    q: Array
+    r: Array
+    q_low: Array
+    q_high: Array
+    r_low: Array
+    r_high: Array
+    momentum: Array
+    gate: Array
+    verdicts: list[str]
+    reasons: list[str]
+    sources: list[str] = field(default_factory=list[str])
+    loss_inputs: Array | None = None
+    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); None in a finished
+    table."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @cached_property
+    def failed(self) -> int:
+        """Rows that could not be read or fitted; the verdicts of others without q and r say what is missing."""
+        return sum(verdict in (store.FAILED, store.TIMED_OUT) for verdict in self.verdicts)
+
+    @property
+    def counted(self) -> str:
+        """The rows, how many have q and r, and how many failed: all that is shown says it in these words."""
+        without = sum(map(bool, self.reasons))
+        parts = ((len(self) - without, "with q and r"), (without - self.failed, "without"), (self.failed, "failed"))
+        texts = ", ".join(f"{count(n)} {what}" for n, what in parts if n)
+        return f"{count(len(self))} {'row' if len(self) == 1 else 'rows'}: {texts}"
+
+    @property
+    def usable(self) -> Mask:
+        """Where q and r are both above 0."""
+        return (self.q > 0.0) & (self.r > 0.0)
+
+    @cached_property
+    def channel(self) -> str:
+        """The most common channel of those with q and r, "signal" without any."""
+        return self._usual(self.channels) or "signal"
+
+    @cached_property
+    def unit(self) -> str:
+        """Their most common unit."""
+        return self._usual(self.units)
+
+    @property
+    def known_rates(self) -> Array:
+        """The sample rates of those with q and r."""
+        return self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
+
+    @property
+    def sample_period(self) -> float | None:
+        """The median sample period of those with q and r, s; None where none is known."""
+        return 1.0 / float(np.median(self.known_rates)) if len(self.known_rates) else None
+
+    def outliers(self, name: str) -> pooling.Outliers:
+        """Which devices differ from the others in one of QUANTITIES."""
+        return pooling.outliers(*self.logs(name), EXPECTED)
+
+    def logs(self, name: str) -> tuple[Array, tuple[Array, Array]]:
+        """Ln of one of QUANTITIES, NaN where there is none, and its interval, unbounded where it is not known."""
+
+        def log(values: Array) -> Array:
+            return np.log(np.where(self.usable & (values > 0.0), values, np.nan))
+
+        logs = log(getattr(self, name))
+        if name == "rate_hz":
+            return logs, (logs - CLOCKS, logs + CLOCKS)
+        low, high = (
+            np.where(np.isnan(logs), np.nan, log(getattr(self, f"{name}_{end}"))) for end in ("low", "high")
+        )
+        below = np.where(np.isnan(low), -np.inf, np.minimum(low, logs))
+        return logs, (below, np.where(np.isnan(high), np.inf, np.maximum(high, logs)))
+
+    def name(self, i: int) -> str:
+        """The recording, with its channel where that is not the usual one."""
+        return self.ids[i] if self.channels[i] == self.channel else f"{self.ids[i]} {self.channels[i]}"
+
+    def _usual(self, texts: list[str]) -> str:
+        common = Counter(text for text, usable in zip(texts, self.usable, strict=True) if usable).most_common(1)
+        return common[0][0] if common else ""
+
+
+def numbers_of(table: Any, name: str, low: float, high: float) -> Array:
+    """A column of a table, NaN in place of numbers that are out of range."""
+    values = np.asarray(table[name].to_numpy(), dtype=np.float64)
+    return np.where((values >= low) & (values <= high), values, math.nan)
+
+
+def devices_of(table: Any) -> Devices:
+    """A pyarrow Table with the columns of a fleet as arrays."""
+    names = ("id", "channel", "unit", "verdict", "reason", "source")
+    columns: dict[str, Any] = {f"{name}s": table[name].to_pylist() for name in names}
+    columns |= {name: numbers_of(table, name, *ends) for name, ends in RANGES.items()}
+    cells = table[store.LOSS_INPUTS].to_pylist() if store.LOSS_INPUTS in table.column_names else None
+    inputs = None if cells is None else store.loss_rows(cells)
+    return Devices(**columns, loss_inputs=inputs)
+
+
+@dataclass(frozen=True)
+class Shared:
     """One filter for all."""
 
     params: FilterParams
-    """The filter."""
+    """The filter: the most likely one, or the one that meets the goal."""
     ratio_interval: tuple[float, float]
     """The q/r that the fleet allows, 95 %."""
     how: str
-    """How it was chosen, in a few words."""
+    """How it was chosen, in a few words, for the tuning file."""
+    losses: pooling.Losses
+    """What each device loses by it, NaN for one that could not be judged."""
+
+    @property
+    def judged(self) -> int:
+        """How many devices could be judged."""
+        return int(np.isfinite(self.losses.error).sum())
+
+    @property
+    def served(self) -> float:
+        """Share of the judged devices whose prediction error grows by at most WITHIN, 0 … 1."""
+        return pooling.share_served(self.losses.error, WITHIN)
+
+    @property
+    def not_served(self) -> list[int]:
+        """The others, the worst first."""
+        beyond = np.flatnonzero(self.losses.error > WITHIN)
+        return beyond[np.argsort(-self.losses.error[beyond], kind="stable")].tolist()
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """What each device loses, by its name in the table and in fleet.json."""
+        return dict(zip(LOST, (self.losses.lag_samples, self.losses.noise_db, self.losses.error), strict=True))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer for a fleet."""
+
+    devices: Devices
+    """The table."""
+    shared: Shared | None
+    """One filter for all; None where there is none, and `refusal` says why."""
+    refusal: str
+    """Why there is no such filter; "" where there is one."""
+    outliers: dict[str, pooling.Outliers]
+    """Which devices differ from the others in each of QUANTITIES."""
+
+
+def answer_for(devices: Devices, pool: pooling.Pool, question: Question) -> Answer:
+    """The answer for a fleet.
+
+    Args:
+        devices: Its table.
+        pool: What all recordings contribute to one filter without momentum.
+        question: What was estimated of each recording; a goal holds for the filter of all too.
+    """
+    shared, refusal = None, ""
+    try:
+        shared = shared_filter(devices, pool, question)
+    except BadSetting as error:
+        refusal = str(error)
+    return Answer(devices, shared, refusal, {name: devices.outliers(name) for name in QUANTITIES})
+
+
+def shared_filter(devices: Devices, pool: pooling.Pool, question: Question | None) -> Shared:
+    """One filter for all; without a question the most likely one. Raises BadSetting where there is none."""
+    period, momentum = devices.sample_period, 0.0
+    step = period or 1.0
+    recording = Recording(np.arange(3.0) * step, ("",), ("",), np.zeros((3, 1)), period)
+    request = None if question is None else question.request(recording)
+    if request is not None and request.target:
+        tau = request.checked_momentum() or 0.0
+        wanted = params_for_specification(
+            1.0, **request.target, sample_period=period, momentum=tau, overshoot=request.overshoot
+        )
+        fit, how, momentum = pooling.pool_at(pool, wanted.ratio), request.goal, wanted.momentum
+    elif request is not None and request.ratio is not None:
+        fit, how = pooling.pool_at(pool, request.ratio), f"q/r = {request.ratio:g}"
+    else:
+        fit, how = pooling.fit_pool(pool), "pooled maximum likelihood"
+    if fit.params is None:
+        got = "r = 0" if fit.q > 0.0 else "q = 0"
+        raise BadSetting(f"q and r of all must both be above 0 (got {got}): a goal such as --lag-ms 50 gives both")
+    params = FilterParams(fit.q, fit.r, momentum=momentum)
+    inputs = store.loss_rows([None] * len(devices)) if devices.loss_inputs is None else devices.loss_inputs
+    return Shared(params, fit.ratio_interval, how, pooling.losses_of(inputs, params))
+
+
+def save_answer(answer: Answer, table: Any, folder: Path) -> None:
+    """Write the table with what each device loses, fleet.json for programs and the tuning of the filter for all.
+
+    Each is written whole or not at all. Without a filter for all there is no tuning file.
+
+    Raises:
+        OSError: The folder cannot be written; the files are unchanged.
+        BadSetting: there is a tuning file that no fleet wrote; the files are unchanged.
+    """
+    shared = answer.shared
+    if shared is not None:
+        store.check_tuning(folder)
+        for name, values in shared.columns.items():
+            column = pa.array(values, pa.float64(), mask=~np.isfinite(values))
+            table = table.set_column(table.column_names.index(name), name, column)
+    with atomic_file(folder / store.TABLE) as file:
+        pq.write_table(table.select(store.FINISHED).cast(store.schema(store.FINISHED)), file, compression="zstd")
+    before = store.known_digest(folder)
+    tuning = b"" if shared is None else dumps(tuning_of(answer.devices, shared)).encode()
+    digests = [one for one in (before, tuning and hashlib.sha256(tuning).hexdigest()) if one]
+    # first: a run that is killed here recognizes both files
+    plain = msgspec.json.format(msgspec.json.encode(as_plain(answer) | {"tuning_sha256": digests}), indent=1)
+    write_atomic(folder / store.SUMMARY, (escaped(plain.decode()) + "\n").encode())
+    if tuning:
+        write_atomic(folder / store.TUNING, tuning)
+    elif before is not None:
+        (folder / store.TUNING).unlink()
+
+
+def tuning_of(devices: Devices, shared: Shared) -> Tuning:
+    """The tuning of the filter for all."""
+    q, r, momentum = shared.params.q, float(shared.params.r), shared.params.momentum
+    served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
+    how = f"one filter for a fleet, {shared.how}{served if shared.judged else ''}"
+    channel = ChannelTuning(devices.channel, devices.unit, q, r, how=how, momentum=momentum)
+    return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
+
+
+def as_plain(answer: Answer) -> dict[str, Any]:
+    """The answer in values that JSON can represent: what is not finite becomes null."""
+    devices, shared = answer.devices, answer.shared
+
+    def listed(rows: Sequence[int] | Indices, values: dict[str, Array]) -> list[dict[str, Any]]:
+        return [
+            {"id": devices.ids[i], "channel": devices.channels[i]}
+            | {name: float(column[i]) for name, column in values.items()}
+            for i in map(int, rows[:MAX_LISTED])
+        ]
+
+    one_filter = None
+    if shared is not None:
+        settled = steady_state(shared.params, devices.sample_period)
+        one_filter = {
+            "q": shared.params.q,
+            "r": float(shared.params.r),
+            "ratio": shared.params.q / float(shared.params.r),
+            "ratio_interval": list(shared.ratio_interval),
+            "momentum": shared.params.momentum,
+            "lag_samples": settled.lag_samples,
+            "noise_reduction_db": settled.noise_reduction_db,
+            "how": shared.how,
+            "within": WITHIN,
+            "judged": shared.judged,
+            "served": shared.served,
+            "lost": {
+                name: (spread := _spread(values)) and dict(zip(("p5", "median", "p95"), spread, strict=True))
+                for name, values in shared.columns.items()
+            },
+            "not_served": listed(shared.not_served, shared.columns),
+        }
+    return {
+        "tool": program(),
+        "rows": len(devices),
+        "usable": int(devices.usable.sum()),
+        "failed": devices.failed,
+        "reasons": dict(Counter(filter(None, devices.reasons)).most_common(MAX_LISTED)),
+        "channel": devices.channel,
+        "unit": devices.unit,
+        "sample_period": devices.sample_period,
+        "one_filter": one_filter,
+        "why_not": answer.refusal or None,
+        "unlike": {
+            name: {
+                "expected_by_chance": one.expected,
+                "middle": math.exp(one.middle),
+                "devices": listed(one.devices, {name: getattr(devices, name), "z": one.z}),
+            }
+            for name, one in answer.outliers.items()
+        },
+    }
+
+
+def _spread(values: Array) -> list[float] | None:
+    """The ends of the middle 90 % of the devices, and between them the median; None where none is judged."""
+    known = values[np.isfinite(values)]
+    return np.percentile(known, (5.0, 50.0, 95.0)).tolist() if len(known) else None
+
+
+def summary(answer: Answer, tally: Tally, folder: Path) -> str:
+    """How many rows, how many without q and r and why, one filter for all, the devices that differ, the files."""
+    done = "nothing was missing"
+    if tally.done:
+        speed = (
+            f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
+        )
+        done = f"{count(tally.done)} of {count(tally.units)} files or row groups done{speed}"
+    files = [f"Table: {folder / store.TABLE}"] + ([f"tuning: {folder / store.TUNING}"] if answer.shared else [])
+    lines = [f"{answer.devices.counted}; {done}", *_lines(answer), "; ".join(files)]
+    # Names come from files, and might move the cursor of a terminal.
+    return "".join("".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line) + "\n" for line in lines)
+
+
+def _lines(answer: Answer) -> Iterator[str]:
+    devices, reasons = answer.devices, Counter(filter(None, answer.devices.reasons))
+    if reasons:
+        common = reasons.most_common(MAX_REASONS)
+        yield "Why not all have q and r:"
+        yield from (f"  {count(times)} × {reason}" for reason, times in common)
+        if others := reasons.total() - sum(times for _, times in common):
+            yield f"  {count(others)} for other reasons"
+    if answer.shared is None:
+        yield f"No filter for all: {answer.refusal}"
+    else:
+        yield from _filter_lines(devices, answer.shared)
+    if devices.usable.any() and not any(len(one.devices) for one in answer.outliers.values()):
+        yield "No device is unlike the others in r, q or sample rate"
+    for quantity, one in answer.outliers.items():
+        if len(one.devices):
+            factors = getattr(devices, quantity) / math.exp(one.middle)
+            named = _named(one.devices, lambda i: f"{devices.name(i)} ({number(factors[i])} ×)")  # noqa: B023
+            chance = trimmed(one.expected)
+            yield f"Unlike the others in {QUANTITIES[quantity]}, {chance} expected by chance: {named}"
+
+
+def _filter_lines(devices: Devices, shared: Shared) -> Iterator[str]:
+    """The filter for all, how many devices it suits, and what it costs them."""
+    period, losses, rates = devices.sample_period, shared.losses, devices.known_rates
+    q, r = trimmed(shared.params.q, 4), trimmed(float(shared.params.r), 4)
+    settled = steady_state(shared.params, period)
+    lag, noise = lag_in_full(settled.lag_samples, period), decibels(-settled.noise_reduction_db)
+    yield f"One filter for all: q = {q}, r = {r} {squared(devices.unit)}, lag {lag}, noise {noise} ({shared.how})"
+    kinds = [
+        ("error", losses.error, percent),
+        ("lag", losses.lag_samples, None),
+        ("noise", losses.noise_db, decibels),
+    ]
+
+    def loss(i: int) -> str:
+        own = partial(lag_text, period=1.0 / float(devices.rate_hz[i]) if devices.rate_hz[i] > 0.0 else None)
+        known = ((name, float(values[i]), text or own) for name, values, text in kinds)
+        texts = (f"{name} {_signed(text(value))}" for name, value, text in known if math.isfinite(value))
+        return f"{devices.name(i)} ({', '.join(texts)})"
+
+    if shared.judged:
+        worst = _named(shared.not_served, loss)
+        yield (
+            f"  for {percent(shared.served)} of {count(shared.judged)} its prediction error on unseen samples is "
+            f"at most {percent(WITHIN)} above that of the device's own filter{worst and f'; not {worst}'}"
+        )
+        usual = [
+            f"{name} {_signed(text(spread[0]))} to {_signed(text(spread[2]))}"
+            for name, values, text in (
+                (name, one, text or partial(lag_text, period=period)) for name, one, text in kinds
+            )
+            if (spread := _spread(values)) is not None
+        ]
+        yield f"  nine of ten devices, against their own filters: {', '.join(usual)}"
+    elif shared.params.momentum > 0.0:
+        yield "  what each device loses is only tried without momentum"
+    if len(rates) and np.any(np.abs(rates / np.median(rates) - 1.0) > 0.1):  # one q per sample does not suit them
+        yield f"  the sample rates differ: q holds for {duration(period)} a sample"
+
+
+def _signed(text: str) -> str:
+    return text if text.startswith(("−", "-")) else f"+{text}"
+
+
+def _named(rows: Sequence[int] | Indices, text: Callable[[int], str]) -> str:
+    """The texts of the first of these rows, and how many more there are."""
+    named = ", ".join(text(int(i)) for i in rows[:MAX_NAMED])
+    return named + (f" and {count(len(rows) - MAX_NAMED)} more" if len(rows) > MAX_NAMED else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,23 +467,13 @@ class Fleet:
     """Its folder."""
     devices: Devices
     """The table; q and r are NaN where they are not variances."""
-    gates: Array
-    """Outlier gate of each on v²/s, NaN where it is off."""
-    verdicts: tuple[str, ...]
-    """Verdict of each."""
-    sources: tuple[str, ...]
-    """Where each recording is, see `Row.source`."""
-    reasons: tuple[str, ...]
-    """Why a row has no q and r; "" where it has."""
-    shared: SharedFilter | None
+    shared: Shared | None
     """One filter for all; None where there is none, or not yet."""
-    growth: Array
-    """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
     distance: Array
     """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN where unknown."""
     outlier: Mask
     """Which differ from the others in r or q."""
-    note: RunNote
+    note: store.RunNote
     """The note of the run."""
     done: int | None
     """Files or row groups done; None where the run is finished."""
@@ -100,208 +482,64 @@ class Fleet:
         return len(self.devices)
 
     @property
-    def served(self) -> float:
-        """Share of the judged devices whose prediction error grows by at most a tenth, 0 … 1."""
-        return share_served(self.growth, WITHIN)
+    def growth(self) -> Array:
+        """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
+        return np.full(len(self), math.nan) if self.shared is None else self.shared.losses.error
 
 
-class FleetReader:
-    """Reads a folder again and again; of a running fleet only the parts that are new. One thread at a time."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder.absolute()
-        self._parts: dict[Path, tuple[Any, frozenset[str]]] = {}
-
-    def read(self) -> Fleet:
-        """The fleet as it is now.
-
-        Raises:
-            BadFile: the folder is not that of a fleet, or a file in it is not valid.
-            BadSetting: pyarrow is missing.
-        """
-        library("pyarrow")
-        folder, note = self._folder, read_note(self._folder)
-        answer, written = folder / SUMMARY, folder / NOTE
-        finished = (folder / TABLE).is_file() and answer.is_file()  # a run writes its answer after the table
-        if finished and (not written.exists() or answer.stat().st_mtime_ns >= written.stat().st_mtime_ns):
-            self._parts.clear()
-            return _fleet(folder, checked_table(folder / TABLE), _saved_filter(answer), note, None)
-        table, pool, done = self._merged(note)
-        fit = fit_pool(pool) if note.pooled and pool.devices else None
-        shared = None
-        if fit is not None and fit.params is not None:
-            shared = SharedFilter(fit.params, fit.ratio_interval, "pooled maximum likelihood so far")
-        return _fleet(folder, table, shared, note, done)
-
-    def _merged(self, note: RunNote) -> tuple[Any, Pool, int]:
-        """All parts of the present options so far: rows, pool, number of units; a later row replaces an earlier."""
-        for path in part_files(self._folder):
-            if path not in self._parts and path.stat().st_mtime_ns >= note.since - CLOCKS_NS:
-                keys = units_of(path)
-                if keys is not None:
-                    self._parts[path] = checked_table(path, part=True), frozenset(keys)
-        if not self._parts:
-            raise BadFile(
-                f"{str(self._folder)!r} must be the folder of a fleet, -o of kalscope fleet (got no {TABLE} and no"
-                " part of one; where a run has just begun, try again)"
-            )
-        if sum(len(rows) for rows, _ in self._parts.values()) > MAX_ROWS:
-            raise BadFile(f"{str(self._folder)!r} must hold at most {MAX_ROWS} rows (got more)")
-        table = library("pyarrow").concat_tables([rows for rows, _ in self._parts.values()])
-        names = zip(table["id"].to_pylist(), table["channel"].to_pylist(), strict=True)
-        last = {name: i for i, name in enumerate(names)}
-        read = {
-            name for name, channel in last if channel
-        }  # a row without a channel is a failure, tried again since
-        table = table.take(sorted(i for (name, channel), i in last.items() if channel or name not in read))
-        pool = Pool.empty()
-        for cell in table[POOL].drop_null().to_pylist():
-            pool = pool + _checked_pool(cell)
-        return table, pool, len({key for _, keys in self._parts.values() for key in keys})
-
-
-@cache
-def _reader_of(folder: Path) -> FleetReader:
-    return FleetReader(folder)
-
-
-def read_fleet(folder: Path, *, whole: bool) -> Fleet:
-    """The fleet of a folder as it is now, see `FleetReader.read`; on one thread.
-
-    Args:
-        folder: Its folder.
-        whole: Read all of it; else only what is new since it was read last, if it was.
-    """
-    if whole:
-        _reader_of.cache_clear()
-    return _reader_of(folder.absolute()).read()
-
-
-def checked_table(path: Path, *, part: bool = False) -> Any:
-    """The table, or a part with its pools, as a pyarrow Table of the known columns and types; no text is missing.
+def read_fleet(folder: Path) -> Fleet:
+    """The fleet of a folder as it is now, finished or not.
 
     Raises:
-        BadFile: it is not such a table, or one that would fill the memory.
+        BadFile: the folder is not that of a fleet, or a file in it is not valid.
     """
-    pa, parquet = library("pyarrow"), library("pyarrow.parquet")
-    known = schema(COLUMNS if part else FINISHED)
-    known = known.append(pa.field(POOL, pa.binary())) if part else known
-    texts = [one.name for one in known if pa.types.is_string(one.type)]
-    try:
-        file = parquet.ParquetFile(path, memory_map=False, read_dictionary=texts)
-        rows, groups = file.metadata.num_rows, range(file.metadata.num_row_groups)
-        size = sum(file.metadata.row_group(i).total_byte_size for i in groups)
-        if rows > MAX_ROWS or size > MAX_BYTES:
-            raise ValueError(f"{rows} rows of {size} bytes; at most {MAX_ROWS} rows and {MAX_BYTES} bytes")
-        missing = [name for name in known.names if name not in file.schema_arrow.names]
-        if missing:
-            raise ValueError(f"no column {missing[0]}; an older Kalscope may have written it: run the fleet again")
-        table = file.read(columns=known.names)
-        columns = [_text(table[one.name]) if one.name in texts else table[one.name].cast(one.type) for one in known]
-        return pa.table(columns, schema=known)
-    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, OverflowError) as error:
-        lines = str(error).splitlines() or [type(error).__name__]
-        raise BadFile(f"{str(path)!r} must be a table of kalscope fleet (got {lines[0][:200]})") from None
-
-
-def _text(column: Any) -> Any:
-    """A column of texts, each short; a text that many rows share is checked once, before it is expanded."""
-    pa, compute = library("pyarrow"), library("pyarrow.compute")
-    for chunk in column.chunks:
-        words = chunk.dictionary if pa.types.is_dictionary(column.type) else chunk
-        longest = compute.max(compute.binary_length(words)).as_py() if len(words) else 0
-        if (longest or 0) > MAX_TEXT_BYTES:
-            raise ValueError(f"a text of {longest} bytes, at most {MAX_TEXT_BYTES}")
-    return compute.fill_null(column.cast(pa.string()), "")
-
-
-def _checked_pool(cell: bytes) -> Pool:
-    try:
-        pool = pool_from(cell)
-    except (ValueError, OverflowError, IndexError):
-        raise BadFile("a part of the fleet must hold sums of its likelihood (got other bytes)") from None
-    return pool if pool.devices > 0 and not np.isnan(pool.sums).any() else Pool.empty()
-
-
-def _saved_filter(path: Path) -> SharedFilter | None:
-    """The filter for all in the answer of a finished run."""
-    one = read_json(path).get("one_filter")
-    if one is None:
-        return None
-    try:
-        low, high = (math.nan if end is None else float(end) for end in one["ratio_interval"])
-        params = FilterParams(float(one["q"]), float(one["r"]), momentum=float(one["momentum"]))
-        if not (params.q > 0.0 and float(params.r) > 0.0):
-            raise ValueError("q and r must be above 0")
-        return SharedFilter(params, (low, high), str(one["how"])[:200])
-    except (KeyError, TypeError, ValueError, OverflowError, KalscopeError):
-        raise BadFile(f"one_filter in {str(path)!r} must hold q and r above 0 (got {str(one)[:100]})") from None
-
-
-def _fleet(folder: Path, table: Any, shared: SharedFilter | None, note: RunNote, done: int | None) -> Fleet:
-    def numbers(name: str, low: float, high: float) -> Array:
-        """A column, NaN in place of numbers that are out of range."""
-        values = np.asarray(table[name].to_numpy(), dtype=np.float64)
-        return np.where((values >= low) & (values <= high), values, math.nan)
-
-    least, most = math.ulp(0.0), float(np.finfo(np.float64).max)
-    devices = replace(
-        devices_of(table),
-        rate_hz=numbers("rate_hz", least, most),
-        q=numbers("q", 0.0, MAX_VARIANCE),
-        r=numbers("r", 0.0, MAX_VARIANCE),
-        momentum=numbers("momentum", 0.0, MAX_MOMENTUM),
-    )
+    folder = folder.absolute()
+    note, written = store.read_json(folder / store.NOTE, store.RunNote), (folder / store.NOTE).stat().st_mtime_ns
+    answer, done, shared = folder / store.SUMMARY, None, None
+    if (folder / store.TABLE).is_file() and answer.is_file() and answer.stat().st_mtime_ns >= written:
+        table = store.checked_table(folder / store.TABLE, store.schema(store.FINISHED))  # a run writes it before
+        devices, saved = devices_of(table), store.read_json(answer, store.Summary).one_filter
+        if saved is not None:
+            low, high = (math.nan if end is None else end for end in saved.ratio_interval)
+            ends = {"error_growth": (math.nextafter(-1.0, 0.0), math.inf)}
+            losses = pooling.Losses(
+                *(numbers_of(table, name, *ends.get(name, (-math.inf, math.inf))) for name in LOST)
+            )
+            params = FilterParams(saved.q, saved.r, momentum=saved.momentum)
+            shared = Shared(params, (low, high), saved.how[:200], losses)
+    else:
+        parts = store.find_parts(folder, since=note.since - CLOCKS_NS)
+        if not parts:
+            raise BadFile(
+                f"{str(folder)!r} must be the folder of a fleet, -o of kalscope fleet (got no {store.TABLE} and no"
+                " part of one; where a run has just begun, try again)"
+            )
+        table, pool = store.merge([list(parts)], parts)
+        devices, done = devices_of(table), len(parts)
+        if note.pooled and pool.devices:
+            with suppress(BadSetting):
+                shared = shared_filter(devices, pool, None)
     compared = [devices.outliers(name) for name in ("r", "q")]
     outlier = np.zeros(len(devices), dtype=bool)
     outlier[np.concatenate([one.devices for one in compared])] = True
-    growth = np.full(len(devices), math.nan)
-    if shared is not None and devices.loss_inputs is not None:
-        growth = devices.losses(shared.params).error
-    elif shared is not None:
-        growth = numbers("error_growth", -1.0 + 1e-12, most)
-    return Fleet(
-        folder=folder,
-        devices=devices,
-        gates=numbers("gate", least, most),
-        verdicts=tuple(table["verdict"].to_pylist()),
-        sources=tuple(table["source"].to_pylist()),
-        reasons=tuple(table["reason"].to_pylist()),
-        shared=shared,
-        growth=growth,
-        distance=np.fmax(*(np.abs(one.z) for one in compared)),
-        outlier=outlier,
-        note=note,
-        done=done,
-    )
-
-
-@dataclass(frozen=True)
-class DeviceSource:
-    """Where the recording of a row is and how the fleet read it."""
-
-    id: str
-    """Name of the device."""
-    source: str
-    """See `Row.source`."""
-    reading: ReadOptions
-    """How the fleet read it."""
-    sample_period: float | None
-    """Sample period in s that the fleet was given; None = by its stamps."""
-
-
-def source_of(fleet: Fleet, i: int) -> DeviceSource:
-    """Where the recording of row `i` is."""
-    return DeviceSource(fleet.devices.ids[i], fleet.sources[i], fleet.note.reading, fleet.note.sample_period)
+    distance = np.fmax(*(np.abs(one.z) for one in compared))
+    return Fleet(folder, devices, shared, distance, outlier, note, done)
 
 
 def reopen(
-    device: DeviceSource, options: ReadOptions | None = None, *, progress: OnProgress | None = None
+    name: str,
+    source: str,
+    note: store.RunNote,
+    options: ReadOptions | None = None,
+    *,
+    progress: OnProgress | None = None,
 ) -> Recording:
     """Read the recording of a row as the fleet read it.
 
     Args:
-        device: Where it is.
+        name: Of the device.
+        source: Where it is, see `Row.source`.
+        note: Of the run.
         options: How to read it; None = as the fleet did.
         progress: See `read_recording`; a data set has none.
 
@@ -309,43 +547,17 @@ def reopen(
         BadFile: it is not where it was when the fleet was read, or cannot be read.
         BadSetting: an option does not suit it.
     """
-    reading, period = device.reading if options is None else options, device.sample_period
-    if not device.source.startswith("["):
-        return read_recording(_existing(device.source), reading, sample_period=period, progress=progress)
-    return read_block(_unit(device), reading, only=device.id).recording(0, reading, period)
-
-
-def device_tuning(fleet: Fleet, i: int) -> Tuning:
-    """The filter that was fitted to this device.
-
-    Raises:
-        BadSetting: it has none.
-    """
-    devices, momentum, gate = fleet.devices, float(fleet.devices.momentum[i]), float(fleet.gates[i])
-    return _tuning(
-        fleet,
-        i,
-        q=float(devices.q[i]),
-        r=float(devices.r[i]),
-        how="its own fit in the fleet",
-        gate=None if math.isnan(gate) else gate,
-        momentum=0.0 if math.isnan(momentum) else momentum,
-        period=1.0 / float(devices.rate_hz[i]) if devices.rate_hz[i] > 0.0 else None,
-    )
-
-
-def shared_tuning(fleet: Fleet, i: int) -> Tuning | None:
-    """The filter for all on the channel of this device; None where there is none."""
-    shared = fleet.shared
-    if shared is None:
-        return None
-    q, r, momentum = shared.params.q, float(shared.params.r), shared.params.momentum
-    return _tuning(fleet, i, q=q, r=r, how=shared.how, momentum=momentum, period=fleet.devices.sample_period)
-
-
-def _tuning(fleet: Fleet, i: int, *, period: float | None, **values: Any) -> Tuning:
-    channel = ChannelTuning(fleet.devices.channels[i], fleet.devices.units[i], **values)
-    return Tuning((channel,), sample_period=period)
+    reading, period = note.reading if options is None else options, note.sample_period
+    if not source.startswith("["):
+        return read_recording(_existing(source), reading, sample_period=period, progress=progress)
+    try:
+        data_set, paths = json.loads(source)
+        pieces = tuple(Piece(_existing(str(path))) for path in paths)
+    except (ValueError, TypeError, RecursionError) as error:
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"the source of {name[:80]!r} must name Parquet files (got {source[:80]!r})") from None
+    return read_block(Unit(name, pieces, data_set=str(data_set)), reading, name).recording(0, reading, period)
 
 
 def _existing(path: str) -> str:
@@ -355,29 +567,24 @@ def _existing(path: str) -> str:
     return path
 
 
-def _unit(device: DeviceSource) -> Unit:
-    """The row groups that a source names."""
-    try:
-        data_set, files = json.loads(device.source)
-        pieces = tuple(Piece(_existing(str(path)), groups=_groups(runs)) for path, runs in files)
-        if not (pieces and all(piece.groups for piece in pieces)):
-            raise ValueError("no row group")
-    except (ValueError, TypeError, RecursionError) as error:
-        if isinstance(error, BadFile):
-            raise
-        name, source = device.id[:80], device.source[:80]
-        raise BadFile(f"the source of {name!r} must name row groups (got {source!r})") from None
-    if data_set is None:
-        return Unit(device.id, pieces)
-    return Unit(device.id, pieces, span=(None, None), data_set=str(data_set))
+def device_tuning(fleet: Fleet, i: int, *, shared: bool = False) -> Tuning:
+    """The filter that was fitted to this device, or with `shared` that for all, where there is one, on its channel.
 
-
-def _groups(runs: Any) -> tuple[int, ...]:
-    """The numbers in some runs, each with its first and its last; above those of the run before."""
-    numbers: list[int] = []
-    for first, last in runs:
-        least = numbers[-1] + 1 if numbers else 0
-        if not (isinstance(first, int) and isinstance(last, int) and least <= first <= last < MAX_GROUPS):
-            raise ValueError("row groups must be ascending whole numbers")
-        numbers += range(first, last + 1)
-    return tuple(numbers)
+    Raises:
+        BadSetting: the device has none.
+    """
+    devices = fleet.devices
+    if shared and fleet.shared is not None:
+        params, how, period = fleet.shared.params, fleet.shared.how, devices.sample_period
+    else:
+        numbers = (devices.q, devices.r, devices.momentum, devices.gate, devices.rate_hz)
+        q, r, momentum, gate, rate = (None if math.isnan(one[i]) else float(one[i]) for one in numbers)
+        if q is None or r is None:
+            raise BadSetting(f"the device must have q and r (got none: {devices.reasons[i]})")
+        params = FilterParams(q, r, momentum=momentum or 0.0, gate=gate)
+        how, period = "its own fit in the fleet", rate and 1.0 / rate
+    q, r, gate = params.q, float(params.r), params.gate
+    channel = ChannelTuning(
+        devices.channels[i], devices.units[i], q, r, how=how, gate=gate, momentum=params.momentum
+    )
+    return Tuning((channel,), sample_period=period)

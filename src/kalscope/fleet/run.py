@@ -6,28 +6,26 @@ earlier run has finished is taken out of them, so that a part never reaches beyo
 
 from __future__ import annotations
 
-import math
 import os
 import queue
 import signal
 import tempfile
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import active_children, resource_tracker
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import done_at_stop, is_ending
 from kalscope.common.text import trimmed
 from kalscope.errors import BadDevice, BadSetting, KalscopeError
 from kalscope.estimation.pool import Pool
-from kalscope.fleet.find import Unit, find_units
-from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.read import FleetOptions, Unit, find_units
 from kalscope.fleet.store import (
     FAILED,
     TIMED_OUT,
@@ -41,7 +39,7 @@ from kalscope.fleet.store import (
     write_note,
     write_part,
 )
-from kalscope.fleet.work import Done, TimedOut, lost_row, run_batch, time_limit, timed_out_unit
+from kalscope.fleet.work import Done, TimedOut, lost_row, noted_unit, run_batch, time_limit
 
 MAX_BATCH_BYTES = 64 << 20
 """Most bytes of a batch of several units: with them a worker needs about 0.5 GB."""
@@ -53,6 +51,8 @@ BATCHES = 1000
 """Batches of a large fleet: a kill loses a thousandth of the work for each worker."""
 MAX_IN_FLIGHT = 2000
 """Most tasks that the scheduler knows at a time, however large the fleet is."""
+MAX_DEATHS = 3
+"""How many times workers must die at a unit until it is lost: another cause may have ended them."""
 LOOK_S = 0.2
 """How often the driver shows its progress, s."""
 PATIENCE_S = 15.0
@@ -67,7 +67,7 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": PATIENCE_S,
     "distributed.admin.tick.limit": "1 h",  # no warnings about an event loop that waited for a fit
     # A worker holds nothing between two batches, so that waiting or writing its memory to disk would not help:
-    # paused workers would never resume. One that is about to exceed its share is ended, and its batch halved.
+    # paused workers would never resume. One that is about to exceed its share is ended.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
@@ -91,59 +91,47 @@ def lay_out(sizes: Sequence[int]) -> list[range]:
     return [*batches, range(first, len(sizes))] if sizes else []
 
 
-class Batch(NamedTuple):
-    """Units that one task does."""
-
-    units: Sequence[int]
-    """Their indices in the fleet, ascending."""
-    suspect: bool = False
-    """Whether it has perhaps killed its workers: it is tried with nothing else in flight."""
-
-    def halves(self, *, suspect: bool) -> list[Batch]:
-        """Two batches with the same units, or one where there is only one unit."""
-        middle = len(self.units) // 2
-        return [Batch(part, suspect) for part in (self.units[:middle], self.units[middle:]) if part]
+Batch = Sequence[int]
+"""Units that one task does: their indices in the fleet, ascending."""
 
 
 @dataclass
 class Dispatcher:
     """Gives out batches until each unit is done or lost.
 
-    A batch over which workers died is halved, and the halves are tried with nothing else in flight: if a worker
-    dies then, that batch has killed it.
+    A unit at which a worker died is tried alone, and the rest of its batch without it.
     """
 
     waiting: deque[Batch]
-    """Those that are not suspects."""
-    suspects: deque[Batch] = field(default_factory=deque[Batch])
+    """Those that are not in flight."""
     running: int = 0
     """Batches in flight."""
+    deaths: Counter[int] = field(default_factory=Counter[int])
+    """How many times the workers of a batch died at each unit."""
 
     @property
     def active(self) -> bool:
         """Whether anything is not done."""
-        return bool(self.waiting or self.suspects or self.running)
+        return bool(self.waiting or self.running)
 
     def next(self) -> Batch | None:
         """The next batch, now in flight; None where none may start before another has ended."""
-        if not self.waiting and (self.running or not self.suspects):
+        if not self.waiting or self.running >= MAX_IN_FLIGHT:
             return None
         self.running += 1
-        return (self.waiting or self.suspects).popleft()
+        return self.waiting.popleft()
 
-    def ended(self, batch: Batch, rest: Sequence[int] = ()) -> None:
-        """A batch has ended; the `rest` of its units goes to several workers, in halves."""
+    def ended(self, *rest: Batch) -> None:
+        """A batch has ended; the rest of its units is given out next."""
         self.running -= 1
-        target = self.suspects if batch.suspect else self.waiting
-        target.extendleft(reversed(Batch(rest).halves(suspect=batch.suspect)))
+        self.waiting.extendleft(filter(len, reversed(rest)))
 
-    def died(self, batch: Batch) -> Sequence[int]:
-        """The workers of a batch have died; the units that are lost."""
-        self.running -= 1
-        if batch.suspect and len(batch.units) == 1:
-            return batch.units
-        self.suspects.extend(batch.halves(suspect=True))
-        return ()
+    def died(self, batch: Batch, unit: int) -> bool:
+        """The workers of a batch have died at this unit of it; whether the unit is lost."""
+        self.deaths[unit] += 1
+        is_lost = self.deaths[unit] >= MAX_DEATHS
+        self.ended([other for other in batch if other != unit], [] if is_lost else [unit])
+        return is_lost
 
 
 class WorkerDied(Exception):
@@ -161,16 +149,6 @@ class Workers:
         self._client = client
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._batches: dict[Any, Batch] = {}
-        self._threads, self._counted = 0, -math.inf
-
-    @property
-    def threads(self) -> int:
-        """Tasks that run at a time, as of a second ago at most: workers come and go."""
-        if time.monotonic() > self._counted + 1.0:
-            with suppress(Exception):  # a scheduler that is gone is noticed by its tasks
-                self._threads = sum(self._client.nthreads().values())
-            self._counted = time.monotonic()
-        return self._threads
 
     def submit(self, batch: Batch, *call: Any) -> None:
         """Start a batch: call[0] with the other arguments, on some worker."""
@@ -217,7 +195,7 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     Raises:
         BadDevice: no scheduler answers there, or it has no worker.
     """
-    dask, distributed = library("dask"), library("distributed")
+    dask, distributed = map(library, ("dask", "distributed"))
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
         place: Any = address
@@ -307,20 +285,10 @@ class Tally:
     """Units of the fleet."""
     kept: int
     """Units that an earlier run had done."""
-    bytes: int
-    """Bytes of all units."""
-    kept_bytes: int
-    """Bytes of those that an earlier run had done."""
     done: int = 0
     """Units done."""
-    done_bytes: int = 0
-    """Their bytes."""
     rows: int = 0
     """Rows written."""
-    again: int = 0
-    """Units that failed for a reason outside of them, for which the next run tries them again."""
-    threads: int = 0
-    """Tasks that ran at a time."""
     seconds: float = 0.0
     """How long the batches took, s."""
 
@@ -332,7 +300,6 @@ def run_fleet(
     cluster: str | None = None,
     show: Callable[[Tally], None] | None = None,
     finish: Callable[[Any, Pool], None] | None = None,
-    on_files: Callable[[int], None] | None = None,
 ) -> Tally:
     """Do the missing work of a fleet.
 
@@ -345,7 +312,6 @@ def run_fleet(
         cluster: Address of a scheduler; None = the cores of this machine.
         show: Called with the tally whenever a task has ended, and a few times a second.
         finish: Called with the merged rows and the sum of the pools, while no other run may write into the folder.
-        on_files: Called with the number of files so far, while the sources are scanned.
 
     Returns:
         What was done.
@@ -360,18 +326,14 @@ def run_fleet(
     with locked(folder):
         check_folder(folder)
         sweep(folder)
-        if on_files is not None:
-            on_files(0)
-        units, fingerprint = find_units(sources, folder, options.row_groups, on_files), options.fingerprint()
+        units, fingerprint = find_units(sources, folder), options.fingerprint()
         write_note(
             folder, len(units), fingerprint, options.reading, options.sample_period, pooled=options.is_pooled
         )
         keys, settled = [unit.key(fingerprint) for unit in units], find_parts(folder, settled=True)
         batches = lay_out([unit.size for unit in units])
         missing = [todo for batch in batches if (todo := [i for i in batch if keys[i] not in settled])]
-        count, total = sum(map(len, missing)), sum(unit.size for unit in units)
-        kept_bytes = total - sum(units[i].size for batch in missing for i in batch)
-        tally = Tally(len(units), len(units) - count, total, kept_bytes)
+        tally = Tally(len(units), len(units) - sum(map(len, missing)))
         if missing:
             with open_workers(cluster, len(missing)) as workers:
                 _Run(units, keys, options, folder, tally).do(missing, workers, show)
@@ -396,38 +358,37 @@ class _Run:
 
     def do(self, missing: Sequence[Sequence[int]], workers: Workers, show: Callable[[Tally], None] | None) -> None:
         """Do the units, given batch by batch."""
-        jobs, tally, start = Dispatcher(deque(map(Batch, missing))), self.tally, time.monotonic()
-        tally.threads = workers.threads
+        jobs, start = Dispatcher(deque(missing)), time.monotonic()
         while jobs.active:
-            window = min(max(2 * max(tally.threads, workers.threads), 4), MAX_IN_FLIGHT)  # one runs, one waits
-            while jobs.running < window and (batch := jobs.next()) is not None:
-                units = [self.units[i] for i in batch.units]
+            while (batch := jobs.next()) is not None:
+                units = [self.units[i] for i in batch]
                 workers.submit(batch, run_batch, units, self.options, str(self.folder))
             if (ended := workers.ended(LOOK_S)) is not None:
                 self._ended(jobs, *ended)
-                tally.seconds = time.monotonic() - start
+                self.tally.seconds = time.monotonic() - start
             if show is not None:
-                show(tally)
+                show(self.tally)
 
     def _ended(self, jobs: Dispatcher, batch: Batch, result: Any) -> None:
         if isinstance(result, Done):
-            self._count(batch.units[: result.units], result.rows, result.again)
-            jobs.ended(batch, batch.units[result.units :])
+            self.tally.done += result.units
+            self.tally.rows += result.rows
+            rest = batch[result.units :]  # to two workers
+            jobs.ended(rest[: len(rest) // 2], rest[len(rest) // 2 :])
         elif isinstance(result, TaskLost):
-            jobs.ended(batch, batch.units)
+            jobs.ended(batch)
         elif isinstance(result, WorkerDied | TimedOut):
-            keys = [self.keys[i] for i in batch.units]
-            slow = timed_out_unit(self.folder, keys)
-            if slow not in keys:
-                for i in jobs.died(batch):
-                    self._give_up(i, LOST, FAILED)
-                return
-            i = batch.units[keys.index(slow)]
-            limit = trimmed(time_limit(self.units[i].size, self.options.device_limit))
-            reason = f"it must be read and fitted within {limit} s (got no result): --device-limit allows more"
-            self._give_up(i, reason, TIMED_OUT)
+            keys = [self.keys[i] for i in batch]
+            key, is_late = noted_unit(self.folder, keys)
+            i = batch[keys.index(key)] if key in keys else batch[0]
             part_path(self.folder, keys, ".note").unlink(missing_ok=True)
-            jobs.ended(batch, [other for other in batch.units if other != i])
+            limit = trimmed(time_limit(self.units[i].size, self.options.device_limit))
+            if is_late:
+                jobs.ended([other for other in batch if other != i])
+                reason = f"it must be read and fitted within {limit} s (got no result): --device-limit allows more"
+                self._give_up(i, reason, TIMED_OUT)
+            elif jobs.died(batch, i):
+                self._give_up(i, LOST, FAILED)
         elif isinstance(result, ImportError):
             raise KalscopeError(
                 f"every worker of --cluster must have kalscope installed, this version (got {result})"
@@ -437,12 +398,6 @@ class _Run:
 
     def _give_up(self, i: int, reason: str, verdict: str) -> None:
         """A row for a unit that has none of its worker."""
-        key, row = self.keys[i], lost_row(self.units[i], reason, verdict)
-        write_part(self.folder, {key: ([row], Pool.empty())}, [key])
-        self._count([i], 1, 1)
-
-    def _count(self, units: Sequence[int], rows: int, again: int) -> None:
-        self.tally.done += len(units)
-        self.tally.done_bytes += sum(self.units[i].size for i in units)
-        self.tally.rows += rows
-        self.tally.again += again
+        write_part(self.folder, {self.keys[i]: ([lost_row(self.units[i], reason, verdict)], Pool.empty())})
+        self.tally.done += 1
+        self.tally.rows += 1

@@ -14,55 +14,27 @@ import io
 import json
 import os
 import re
-import socket
 import time
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from operator import attrgetter
 from pathlib import Path
-from typing import IO, Any
+from typing import Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from kalscope.common.files import make_folder, write_atomic
-from kalscope.common.numbers import Array, above_zero
-from kalscope.errors import BadFile, BadSetting, KalscopeError
+from kalscope.common.numbers import Array
+from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.pool import LOG_RATIO, MOMENTUM, WIDTH, Pool
 from kalscope.filtering.params import MAX_MOMENTUM
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option_texts, options_from_text
-from kalscope.tuning import toml_text as toml
+from kalscope.sources.grammar.read_options import ReadOptions
 
 LIBRARIES = ("dask", "distributed", "pyarrow")
 """What `kalscope[fleet]` installs, imported where it is needed."""
-NOTE, LOCK = "run.json", ".lock"
-"""Names of the note that a run writes when it starts, and of the file that it locks."""
-TABLE, TUNING = "fleet.parquet", "tuning.toml"
-"""Names of the table, and of the tuning of the filter for all."""
-SUMMARY = "fleet.json"
-"""Name of the answer for programs, the last but one file that a run writes."""
-DIGESTS = "tuning_sha256"
-"""Its entry with the digests that tuning.toml may have, of the present file and of its successor."""
-PARTS = "parts"
-"""Folder of the parts; they are spread over folders of two hexadecimal digits."""
-_PART_FILE = re.compile(r"[0-9a-f]{32}\.(?:parquet|note)|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9a-f]{16}\.tmp")
-"""Names of parts, of the notes of time limits and of temporary files; other files are the user's."""
-_TEMPORARY = re.compile(r"\..+\.kalscope-[0-9a-f]{16}\.tmp")
-"""Names that `atomic_file` gives; other hidden files of the folder are the user's."""
-MAX_JSON_BYTES = 10_000_000
-"""Bytes of a file with JSON, at most; fleet.json with all its lists has less than one million."""
-MAX_TEXT_BYTES = 4096
-"""Bytes of a text in the table, at most: no path is longer."""
-MAX_LOG_RATIO = 690.0
-"""|ln λ| of a filter, at most: λ fits a double."""
-MAX_OPEN = 16
-"""Parts that are kept in memory at a time: a batch is in one or a few."""
-
-FAILED = "failed"
-"""Verdict of a recording that could not be read or fitted."""
-TIMED_OUT = "timed_out"
-"""Verdict of one that was not done within the time limit."""
 
 
 def library(module: str) -> Any:
@@ -74,6 +46,41 @@ def library(module: str) -> Any:
             f'a fleet needs {", ".join(LIBRARIES[:-1])} and {LIBRARIES[-1]}: pip install "kalscope[fleet]" '
             f"(got no {module.partition('.')[0]})"
         ) from None
+
+
+pa, pc, pq = map(library, ("pyarrow", "pyarrow.compute", "pyarrow.parquet"))
+
+NOTE, LOCK = "run.json", ".lock"
+"""Names of the note that a run writes when it starts, and of the file that it locks."""
+TABLE, TUNING = "fleet.parquet", "tuning.toml"
+"""Names of the table, and of the tuning of the filter for all."""
+SUMMARY = "fleet.json"
+"""Name of the answer for programs, the last but one file that a run writes."""
+PARTS = "parts"
+"""Folder of the parts; they are spread over folders of two hexadecimal digits."""
+_PART_FILE = re.compile(r"[0-9a-f]{32}\.(?:parquet|note)|\.[0-9a-f]{32}\.parquet\.kalscope-[0-9a-f]{16}\.tmp")
+"""Names of parts, of the notes of time limits and of temporary files; other files are the user's."""
+_TEMPORARY = re.compile(r"\..+\.kalscope-[0-9a-f]{16}\.tmp")
+"""Names that `atomic_file` gives; other hidden files of the folder are the user's."""
+MAX_ROWS = 5_000_000
+"""Rows of a table, at most: one of a million devices needs about 1 GB of memory."""
+MAX_BYTES = 2 << 30
+"""Bytes of its columns, at most."""
+MAX_JSON_BYTES = 10_000_000
+"""Bytes of a file with JSON, at most; fleet.json with all its lists has less than one million."""
+MAX_TEXT_BYTES = 4096
+"""Bytes of a text in the table, at most: no path is longer."""
+MAX_LOG_RATIO = 690.0
+"""|ln λ| of a filter, at most: λ fits a double."""
+MAX_OPEN = 16
+"""Parts that are kept in memory at a time: a batch is in one or a few."""
+
+T = TypeVar("T")
+
+FAILED = "failed"
+"""Verdict of a recording that could not be read or fitted."""
+TIMED_OUT = "timed_out"
+"""Verdict of one that was not done within the time limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +146,12 @@ FINISHED = tuple(name for name in COLUMNS if name != LOSS_INPUTS)
 """The columns of a finished table."""
 KEY, POOL = "unit_key", "unit_pool"
 """Columns of a part: the unit that a row belongs to, and on its first row the pool of the unit."""
-UNITS, AGAIN = b"kalscope_units", b"kalscope_again"
-"""Metadata of a part: the keys of all its units, also of those without rows, and of those to be tried again."""
+UNITS = b"kalscope_units"
+"""Metadata of a part: the keys of all its units, also of those without rows; false for one that has failed."""
 
 
 def schema(names: Collection[str] = COLUMNS) -> Any:
     """The schema of these columns of the table."""
-    pa = library("pyarrow")
     kinds = {"str": pa.string(), "int": pa.int64(), "bytes | None": pa.binary()}
     return pa.schema(
         [(one.name, kinds.get(str(one.type), pa.float64())) for one in fields(Row) if one.name in names]
@@ -174,20 +180,21 @@ def _pool_cell(pool: Pool) -> bytes | None:
     return numbers.astype("<f8").tobytes() if pool.devices else None
 
 
-def pool_from(cell: bytes) -> Pool:
-    """The pool in a cell of a part; ValueError where it is none."""
-    numbers = np.frombuffer(cell, dtype="<f8")
-    return Pool(numbers[2:].reshape(Pool.empty().sums.shape).copy(), int(numbers[0]), int(numbers[1]))
+def _pool_from(cell: bytes) -> Pool:
+    """The pool in a cell of a part; an empty one where its numbers are none."""
+    try:
+        numbers = np.frombuffer(cell, dtype="<f8")
+        pool = Pool(numbers[2:].reshape(Pool.empty().sums.shape).copy(), int(numbers[0]), int(numbers[1]))
+    except (ValueError, OverflowError, IndexError):
+        raise BadFile("a part of the fleet must hold sums of its likelihood (got other bytes)") from None
+    return pool if pool.devices > 0 and not np.isnan(pool.sums).any() else Pool.empty()
 
 
-def table_text(text: str) -> str:
-    """A text as the table holds it: bytes that are not UTF-8 escaped, the end of a long text replaced by a hash."""
+def _table_text(text: str) -> str:
+    """A text as the table holds it: bytes that are not UTF-8 escaped, the end of a long text cut."""
     if text.isascii() and len(text) <= MAX_TEXT_BYTES:  # nearly all of them, millions in a large fleet
         return text
-    data = text.encode("utf-8", "backslashreplace")
-    if len(data) <= MAX_TEXT_BYTES:
-        return data.decode()
-    return f"{data[: MAX_TEXT_BYTES - 24].decode('utf-8', 'ignore')}… {hashlib.sha256(data).hexdigest()[:16]}"
+    return text.encode("utf-8", "backslashreplace")[:MAX_TEXT_BYTES].decode("utf-8", "ignore")
 
 
 def part_path(folder: Path, keys: Iterable[str], suffix: str = ".parquet") -> Path:
@@ -196,67 +203,66 @@ def part_path(folder: Path, keys: Iterable[str], suffix: str = ".parquet") -> Pa
     return folder / PARTS / name[:2] / f"{name}{suffix}"
 
 
-def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]], again: Collection[str] = ()) -> Path:
-    """Write the rows and the pool of some units, by their keys, durably.
-
-    Args:
-        folder: Of the fleet.
-        units: The rows and the pool of each, by its key.
-        again: The keys of those that the next run tries again.
+def write_part(folder: Path, units: Mapping[str, tuple[Sequence[Row], Pool]]) -> Path:
+    """Write the rows and the pool of some units, by their keys, durably; the next run tries failed ones again.
 
     Raises:
         OSError: The disk is full or the folder cannot be written; no file remains.
     """
-    pa, parquet = library("pyarrow"), library("pyarrow.parquet")
     rows = [row for several, _ in units.values() for row in several]
     cells = zip(*map(attrgetter(*COLUMNS), rows), strict=True) if rows else [()] * len(COLUMNS)
     columns = [
-        pa.array(map(table_text, column) if one.type == pa.string() else column, one.type)
+        pa.array(map(_table_text, column) if one.type == pa.string() else column, one.type)
         for one, column in zip(schema(), cells, strict=True)
     ]
     keys = pa.array([key for key, (several, _) in units.items() for _ in several], pa.string())
     pools = [_pool_cell(pool) if i == 0 else None for several, pool in units.values() for i in range(len(several))]
     table = pa.table([keys, *columns, pa.array(pools, pa.binary())], names=[KEY, *COLUMNS, POOL])
-    table = table.replace_schema_metadata({UNITS: json.dumps(list(units)), AGAIN: json.dumps(sorted(again))})
+    lost = {key for key, (several, _) in units.items() for row in several if row.verdict in (FAILED, TIMED_OUT)}
     buffer = io.BytesIO()
     repeated = [KEY, "channel", "unit", "verdict", "source"]
-    parquet.write_table(table, buffer, compression="zstd", use_dictionary=repeated)
+    table = table.replace_schema_metadata({UNITS: json.dumps({key: key not in lost for key in units})})
+    pq.write_table(table, buffer, compression="zstd", use_dictionary=repeated)
     path = part_path(folder, units)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(path, buffer.getvalue())
     return path
 
 
-def units_of(path: Path) -> dict[str, bool] | None:
-    """The keys of the units of a part, each with whether it is done for good; None where it is not a part."""
-    pa, parquet = library("pyarrow"), library("pyarrow.parquet")
+def units_of(path: Path) -> dict[str, bool]:
+    """The keys of the units of a part, each with whether it is done for good; none where it is not a part."""
     try:
-        footer = parquet.read_metadata(path)
-        keys, again = (list(map(str, json.loads(footer.metadata[name]))) for name in (UNITS, AGAIN))
+        footer = pq.read_metadata(path)
         names = [footer.schema.column(i).name for i in range(footer.num_columns)]
+        units = msgspec.json.decode(footer.metadata[UNITS], type=dict[str, bool])
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError):
-        return None
-    done = dict.fromkeys(keys, True) | dict.fromkeys(again, False)
-    return done if names == [KEY, *COLUMNS, POOL] else None
+        return {}
+    return units if names == [KEY, *COLUMNS, POOL] else {}
 
 
-def find_parts(folder: Path, *, settled: bool = False) -> dict[str, Path]:
-    """The part of each finished unit, by its key; with `settled` only those that are not to be tried again."""
-    good: dict[str, Path] = {}
-    again: dict[str, Path] = {}
-    for path in part_files(folder):  # of those to be tried again the last attempt counts
-        for key, done in (units_of(path) or {}).items():
-            (good if done else again)[key] = path
-    return good if settled else again | good
+@cache
+def _units_at(path: Path, _stamp: int) -> dict[str, bool]:
+    return units_of(path)
 
 
-def part_files(folder: Path) -> list[Path]:
-    """The files that may be parts, in the order in which they were written, by their time stamps."""
+def find_parts(folder: Path, *, settled: bool = False, since: int = 0) -> dict[str, Path]:
+    """The part of each finished unit, by its key.
+
+    Args:
+        folder: Of the fleet.
+        settled: Leave out those that are to be tried again.
+        since: Leave out parts that were written before, ns since 1970.
+    """
     stamped: list[tuple[int, Path]] = []
     for path in _files(folder, ".parquet"):
         with suppress(OSError):  # removed meanwhile
             stamped.append((path.stat().st_mtime_ns, path))
-    return [path for _, path in sorted(stamped)]
+    good: dict[str, Path] = {}
+    again: dict[str, Path] = {}
+    for stamp, path in sorted(stamped):  # of those to be tried again the last attempt counts
+        for key, done in _units_at(path, stamp).items() if stamp >= since else ():
+            (good if done else again)[key] = path
+    return good if settled else again | good
 
 
 def sweep(folder: Path, keep: Collection[Path] | None = None) -> None:
@@ -281,29 +287,64 @@ def merge(batches: Sequence[Sequence[str]], parts: Mapping[str, Path]) -> tuple[
     Args:
         batches: The keys of the units of each batch, in the order of the fleet.
         parts: The part of each unit. A unit in none has no rows.
+
+    Raises:
+        BadFile: a part is damaged.
     """
-    pa, read, merged, pool = library("pyarrow"), lru_cache(MAX_OPEN)(_read_part), list[Any](), Pool.empty()
+    merged, pool = [schema().empty_table()], Pool.empty()
     for keys in batches:
         place = {key: i for i, key in enumerate(keys) if key in parts}
         tables: list[Any] = []
         for path in dict.fromkeys(parts[key] for key in place):
-            table = read(path)
-            names = enumerate(table[KEY].to_pylist())
-            wanted = [i for i, key in names if key in place and parts[key] == path]
-            tables.append(table.take(pa.array(wanted, pa.int64())))
+            table = _part(path, path.stat().st_mtime_ns)
+            here = [key in place and parts[key] == path for key in table[KEY].to_pylist()]
+            tables.append(table.filter(pa.array(here, pa.bool_())))
         if tables:
             rows = pa.concat_tables(tables)
-            places = [place[key] for key in rows[KEY].to_pylist()]
-            rows = rows.take(pa.array(sorted(range(len(rows)), key=places.__getitem__), pa.int64()))
-            merged.append(rows.select(COLUMNS).cast(schema()))
+            rows = rows.take(np.argsort([place[key] for key in rows[KEY].to_pylist()], kind="stable"))
+            merged.append(rows.select(COLUMNS))
             for cell in rows[POOL].drop_null().to_pylist():
-                pool = pool + pool_from(cell)
-    return pa.concat_tables([schema().empty_table(), *merged]), pool
+                pool = pool + _pool_from(cell)
+    return pa.concat_tables(merged), pool
 
 
-def _read_part(path: Path) -> Any:
-    """A part, read whole: no memory map of the file stays open."""
-    return library("pyarrow.parquet").ParquetFile(path, memory_map=False).read()
+@lru_cache(MAX_OPEN)
+def _part(path: Path, _stamp: int) -> Any:
+    return checked_table(path, pa.schema([(KEY, pa.string()), *schema(), (POOL, pa.binary())]))
+
+
+def checked_table(path: Path, known: Any) -> Any:
+    """A table that any program may have written, with the columns and types of a schema; no text is missing.
+
+    Raises:
+        BadFile: it is not such a table, or one that would fill the memory.
+    """
+    texts = [one.name for one in known if pa.types.is_string(one.type)]
+    try:
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=texts)
+        rows, groups = file.metadata.num_rows, range(file.metadata.num_row_groups)
+        size = sum(file.metadata.row_group(i).total_byte_size for i in groups)
+        if rows > MAX_ROWS or size > MAX_BYTES:
+            raise ValueError(f"{rows} rows of {size} bytes; at most {MAX_ROWS} rows and {MAX_BYTES} bytes")
+        missing = [name for name in known.names if name not in file.schema_arrow.names]
+        if missing:
+            raise ValueError(f"no column {missing[0]}; an older Kalscope may have written it: run the fleet again")
+        table = file.read(columns=known.names, use_threads=rows > 100_000)
+        columns = [_text(table[one.name]) if one.name in texts else table[one.name].cast(one.type) for one in known]
+        return pa.table(columns, schema=known)
+    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+        lines = str(error).splitlines() or [type(error).__name__]
+        raise BadFile(f"{str(path)!r} must be a table of kalscope fleet (got {lines[0][:200]})") from None
+
+
+def _text(column: Any) -> Any:
+    """A column of texts, each short; a text that many rows share is checked once, before it is expanded."""
+    for chunk in column.chunks:
+        words = chunk.dictionary if pa.types.is_dictionary(column.type) else chunk
+        longest = pc.max(pc.binary_length(words)).as_py() if len(words) else 0
+        if (longest or 0) > MAX_TEXT_BYTES:
+            raise ValueError(f"a text of {longest} bytes, at most {MAX_TEXT_BYTES}")
+    return pc.fill_null(column.cast(pa.string()), "")
 
 
 @contextmanager
@@ -314,123 +355,88 @@ def locked(folder: Path) -> Generator[None]:
         folder: Of the results; it is made where it does not exist.
 
     Raises:
-        BadSetting: Another process holds it, it is a file, or its lock is a file that no fleet wrote.
+        BadSetting: Another process holds it, or it is a file.
         OSError: It cannot be written.
     """
     make_folder(folder)
-    with open(folder / LOCK, "a+", encoding="utf-8", errors="replace") as file:
-        is_free = _take(file)
-        file.seek(0)
-        holder = file.read(200).strip()
-        if not is_free:
-            other = holder or "another process"
-            raise BadSetting(
-                f"-o must name a folder that no other run writes (got {str(folder)!r}, held by {other})"
-            )
-        if holder and not holder.startswith("process "):  # it would be overwritten
-            raise BadSetting(f"-o must name a folder whose {LOCK} is that of a fleet (got {str(folder)!r})")
-        with suppress(OSError):  # a full disk is reported for the results, by their name
-            os.truncate(file.fileno(), 0)
-            os.write(file.fileno(), f"process {os.getpid()} on {socket.gethostname()}".encode())
+    with open(folder / LOCK, "ab") as file:
+        try:
+            if os.name == "nt":
+                import msvcrt
+
+                getattr(msvcrt, "locking")(file.fileno(), getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009 (unknown to a type checker elsewhere)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise BadSetting(f"-o must name a folder that no other run writes (got {str(folder)!r})") from None
         yield
-
-
-def _take(file: IO[str]) -> bool:
-    """Lock the open file; False where another process has. Closing it, or the end of the process, releases it."""
-    try:
-        if os.name == "nt":
-            import msvcrt
-
-            lock = getattr(msvcrt, "locking")  # noqa: B009 (unknown to a type checker elsewhere)
-            file.seek(1 << 30)  # beyond the text, which stays readable
-            lock(file.fileno(), getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)
 class RunNote:
     """What a run notes when it starts: its results can be looked at before its end, and opened again."""
 
-    units: int | None = None
-    """Files or row groups of the fleet; None where it is not known."""
-    options: str = ""
+    units: int
+    """Files or row groups of the fleet."""
+    options: str
     """Hash of the options."""
-    since: int = 0
+    since: int
     """When the first run with these options started, ns since 1970: older parts belong to other options."""
-    pooled: bool = True
+    pooled: bool
     """Whether the filter for all is the most likely one; False where a goal was given."""
-    reading: ReadOptions = DEFAULTS
+    reading: ReadOptions
     """How files are read."""
-    sample_period: float | None = None
+    sample_period: Annotated[float, msgspec.Meta(gt=0.0)] | None
     """Sample period in s in place of that of the recordings."""
+
+
+@dataclass(frozen=True)
+class SavedFilter:
+    """The filter for all in the answer of a finished run."""
+
+    q: Annotated[float, msgspec.Meta(gt=0.0)]
+    r: Annotated[float, msgspec.Meta(gt=0.0)]
+    momentum: float
+    ratio_interval: tuple[float | None, float | None]
+    """The q/r that the fleet allows, 95 %; None where it is not known."""
+    how: str
+    """How it was chosen, in a few words."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What is read again of the answer for programs."""
+
+    one_filter: SavedFilter | None
+    tuning_sha256: tuple[str, ...] = ()
+    """The digests that tuning.toml may have, of the present file and of its successor."""
 
 
 def write_note(
     folder: Path, units: int, fingerprint: str, reading: ReadOptions, sample_period: float | None, *, pooled: bool
 ) -> None:
     """Write the note of a run with options of this fingerprint in a folder that has passed `check_folder`."""
-    options, before = hashlib.sha256(fingerprint.encode("utf-8", "surrogatepass")).hexdigest(), read_note(folder)
-    content = {
-        "units": units,
-        "options": options,
-        "since": before.since if before.options == options else time.time_ns(),
-        "pooled": pooled,
-        "reading": option_texts(reading),
-        "sample_period": sample_period,
-    }
-    write_atomic(folder / NOTE, (json.dumps(content, indent=1) + "\n").encode())
+    options, path = hashlib.sha256(fingerprint.encode("utf-8", "surrogatepass")).hexdigest(), folder / NOTE
+    before = read_json(path, RunNote) if path.exists() else None
+    since = before.since if before is not None and before.options == options else time.time_ns()
+    note = RunNote(units, options, since, pooled, reading, sample_period)
+    write_atomic(path, msgspec.json.format(msgspec.json.encode(note)) + b"\n")
 
 
-def read_note(folder: Path) -> RunNote:
-    """The note of the last run; an empty one where there is none.
-
-    Raises:
-        BadFile: the file exists and is not such a note.
-    """
-    path = folder / NOTE
-    if not path.exists():
-        return RunNote()
-    content = read_json(path)
-    try:
-        texts = {str(name): [str(text) for text in several] for name, several in content["reading"].items()}
-        missing = texts.pop("missing", [])
-        single: dict[str, Any] = {name: several[0] for name, several in texts.items()}
-        if "day_first" in single:
-            single["day_first"] = single["day_first"] == "day"
-        period = content["sample_period"]
-        return RunNote(
-            int(content["units"]),
-            str(content["options"]),
-            int(content["since"]),
-            bool(content["pooled"]),
-            options_from_text(**single, missing=missing),
-            None if period is None else above_zero("sample_period", period),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, KalscopeError) as error:
-        raise BadFile(f"{str(path)!r} must be the note of a run of kalscope fleet (got {error!r:.100})") from None
-
-
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path, kind: type[T]) -> T:
     """An object in JSON from a file that any program may have written.
 
     Raises:
-        BadFile: it cannot be read, is too large, or is not an object.
+        BadFile: it cannot be read, is too large, or is not such an object.
     """
     try:
         if path.stat().st_size > MAX_JSON_BYTES:
             raise ValueError("more than 10 MB")
-        content = json.loads(path.read_bytes())
-        if not isinstance(content, dict):
-            raise ValueError(f"a {type(content).__name__}")
+        return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, ValueError, RecursionError) as error:
-        raise BadFile(f"{str(path)!r} must be an object in JSON (got {str(error)[:100]})") from None
-    return content  # pyright: ignore[reportUnknownVariableType]
+        raise BadFile(f"{str(path)!r} must be written by kalscope fleet (got {str(error)[:100]})") from None
 
 
 def check_folder(folder: Path) -> None:
@@ -439,14 +445,14 @@ def check_folder(folder: Path) -> None:
     Raises:
         BadSetting: there is such a file.
     """
-    foreign: str | None = None
-    if (folder / NOTE).exists():
-        try:
-            read_note(folder)
-        except BadFile:
-            foreign = NOTE
-    else:
-        foreign = next((name for name in (TABLE, SUMMARY, TUNING) if (folder / name).exists()), None)
+    try:
+        if (folder / NOTE).exists():
+            read_json(folder / NOTE, RunNote)
+            foreign = None
+        else:
+            foreign = next((name for name in (TABLE, SUMMARY, TUNING) if (folder / name).exists()), None)
+    except BadFile:
+        foreign = NOTE
     if foreign is not None:
         raise BadSetting(
             f"-o must name a new folder or that of a fleet (got {str(folder)!r}, whose {foreign} no fleet wrote)"
@@ -454,19 +460,13 @@ def check_folder(folder: Path) -> None:
     check_tuning(folder)
 
 
-def tuning_digest(text: str) -> str:
-    """The digest of the values of a tuning file: comments may be added."""
-    values = json.dumps(toml.parse(text), sort_keys=True, default=str)
-    return hashlib.sha256(values.encode("utf-8", "surrogatepass")).hexdigest()
-
-
 def known_digest(folder: Path) -> str | None:
     """The digest of tuning.toml where the fleet has written it; None where there is none, or it is the user's."""
     try:
-        digest, known = tuning_digest(toml.read_text(folder / TUNING)), read_json(folder / SUMMARY)[DIGESTS]
-    except (BadFile, KeyError):
+        digest = hashlib.sha256((folder / TUNING).read_bytes()).hexdigest()
+        return digest if digest in read_json(folder / SUMMARY, Summary).tuning_sha256 else None
+    except (OSError, BadFile):
         return None
-    return digest if isinstance(known, list) and digest in known else None
 
 
 def check_tuning(folder: Path) -> None:

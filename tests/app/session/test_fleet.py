@@ -11,7 +11,7 @@ from required import not_here
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.fleet.results import FleetReader, reopen, source_of
+from kalscope.fleet.results import read_fleet, reopen
 from kalscope_app.session.changes import (
     at_device,
     close_fleet,
@@ -36,7 +36,7 @@ except ImportError:
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
-    return FleetReader(finished_fleet(tmp_path_factory.mktemp("fleet"))).read()
+    return read_fleet(finished_fleet(tmp_path_factory.mktemp("fleet")))
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def state(fleet):
 
 def at(fleet, state, i):
     """As the dashboard opens a device."""
-    return at_device(fleet, i)(opened(reopen(source_of(fleet, i)), state))
+    return at_device(fleet, i)(opened(reopen(fleet.devices.ids[i], fleet.devices.sources[i], fleet.note), state))
 
 
 @pytest.mark.slow

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fleet_folder import devices_with
 
 from kalscope import FilterParams, synthesize
-from kalscope.fleet.answer import Devices
-from kalscope.fleet.results import Fleet, SharedFilter
+from kalscope.estimation.pool import Losses
+from kalscope.fleet.results import Fleet, Shared
 from kalscope.fleet.store import RunNote
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope_app.session.changes import open_fleet, pick_device, set_fleet_colour
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_ROWS, OpenFleet, loss_text
@@ -25,28 +26,14 @@ RANGES = (-6, 2), (-4, 2)
 def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 1.0), names=None):
     """A fleet with these arrays; `odd` are unlike the others."""
     n = len(q)
-    ids = names or [f"dev{i:06d}.csv" for i in range(n)]
-    nothing, unlike = np.full(n, np.nan), np.zeros(n, dtype=bool)
+    unlike = np.zeros(n, dtype=bool)
     unlike[list(odd)] = True
-    devices = Devices(
-        ids, ["light"] * n, ["lx"] * n, np.full(n, 100.0), np.asarray(q, float), np.asarray(r, float),
-        (nothing, nothing), (nothing, nothing), np.zeros(n), Counter("empty" for value in q if not value > 0.0),
-    )  # fmt: skip
-    one = None if shared is None else SharedFilter(FilterParams(*shared), (0.009, 0.011), "pooled")
-    return Fleet(
-        folder=Path("fleet"),
-        devices=devices,
-        gates=nothing,
-        verdicts=tuple(verdicts or ["ok"] * n),
-        sources=("",) * n,
-        reasons=tuple("" if value > 0.0 else "it is empty" for value in devices.q),
-        shared=one,
-        growth=np.zeros(n) if growth is None else np.asarray(growth, float),
-        distance=np.where(unlike, 9.0, 1.0),
-        outlier=unlike,
-        note=RunNote(units=2 * n),
-        done=done,
-    )
+    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=verdicts or ["ok"] * n)
+    zeros = np.zeros(n)
+    losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
+    one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
+    note = RunNote(2 * n, "", 0, True, ReadOptions(), None)
+    return Fleet(Path("fleet"), devices, one, np.where(unlike, 9.0, 1.0), unlike, note, done)
 
 
 def large(n=100_000):
