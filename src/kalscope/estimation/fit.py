@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,7 +111,7 @@ def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | 
 # q and r from what is known: a lag or a cut-off, one of the two, or the rounding of the readings.
 
 
-_MAX_FACTOR = 1e100
+MAX_FACTOR = 1e100
 """A given r this many times above or below the largest squared step of the readings has another unit."""
 
 _MAX_CHANGING = 0.8
@@ -196,7 +196,7 @@ def estimate_fixed_r(
 def _fit_q(data: Differences, r: float, progress: Progress) -> tuple[Pair, Peak]:
     """The most likely q of one channel where r, unit², is known."""
     scaled = r / data.scale / data.scale
-    if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
+    if not MAX_FACTOR**-1 < scaled < MAX_FACTOR:
         return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=verdict.OTHER_UNIT), NOWHERE
     constant = data.m * (math.log(2.0 * math.pi) + math.log(r))
 
@@ -260,7 +260,7 @@ def above_rounding(fit: Fit) -> Fit:
             said = f" {verdict.rounding_share(step, floor / r)}" if r < step * step else ""
             return replace(one, message=f"{one.message}{said}")
         data = differences(z, steps)
-        if _shows_steps(data) and _largest_noise(one, data) <= step * step:
+        if shows_steps(np.count_nonzero(data.d), data.m) and _largest_noise(one, data) <= step * step:
             return _at_floor(one, data, progress.part(0.9, 1.0))
         return replace(one, message=f"{one.message} {verdict.rounding_floor(step)}")
 
@@ -315,9 +315,9 @@ def _with_noise(one: Estimate, data: Differences, r: float, progress: Progress) 
     return conclude_momentum(replace(found, region=(*found.region, *border)), "")
 
 
-def _shows_steps(data: Differences) -> bool:
-    """Whether many readings repeat, and enough do not."""
-    return _MIN_CHANGES <= int(np.count_nonzero(data.d)) <= _MAX_CHANGING * data.m
+def shows_steps(changes: Any, m: Any) -> Any:
+    """Whether many readings repeat, and enough do not; elementwise."""
+    return (changes >= _MIN_CHANGES) & (changes <= _MAX_CHANGING * m)
 
 
 def _largest_noise(one: Estimate, data: Differences) -> float:

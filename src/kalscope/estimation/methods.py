@@ -13,7 +13,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import correlation, number
 from kalscope.estimation.kernels import em_pass, fixed_gain_innovations, lagged_products
-from kalscope.estimation.likelihood import Differences, Peak, find_peak, find_top_near, grid_for
+from kalscope.estimation.likelihood import MAX_LOG_RATIO, ONE, Differences, Peak, find_top_near, search_records
 from kalscope.estimation.result import Pair
 
 # Maximum likelihood with the exact diffuse start and the scale concentrated out: one search over ln λ.
@@ -27,36 +27,50 @@ _DERIVATIVE_STEP = 1e-3
 
 def search(data: Differences, progress: Progress) -> Peak:
     """The peak of the concentrated likelihood over λ, with its 95 % interval."""
-    return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], progress)
+    return search_records(data.records, progress=progress).one()
 
 
 def fit_near(data: Differences, ratio: float, progress: Progress) -> Pair:
     """The pair of a record whose λ is probably near `ratio`: searched there first."""
-    peak = find_top_near(data.concentrated, math.log(ratio)) if 0.0 < ratio < math.inf else None
+    peak = find_top_near(data, math.log(ratio)) if 0.0 < ratio < math.inf else None
     return fit_maximum_likelihood(data, peak or search(data, progress))
 
 
 def fit_maximum_likelihood(data: Differences, peak: Peak) -> Pair:
-    """The pair at the peak, and their standard errors from the observed information in (ln r, ln λ).
+    """The pair at the peak of the likelihood, and their standard errors."""
+    place = np.array([peak.log_ratio])
+    chi2, _ = data.records.sums(ONE, ratios_near(place))
+    q_error, r_error = (float(one[0]) for one in relative_errors(place, np.array([peak.curvature]), chi2, data.m))
+    if peak.log_ratio == math.inf:
+        q = data.random_walk()[1]
+        return Pair(q, 0.0, q * q_error, math.inf)
+    r = float(chi2[0, 0]) / data.m
+    q = math.exp(peak.log_ratio) * r
+    return Pair(q, r, q * q_error if q else math.inf, r * r_error)
+
+
+def ratios_near(log_ratios: Array) -> Array:
+    """λ at each ln λ, and a small step before and after it, shape (k, 3), for `relative_errors`."""
+    near = log_ratios[:, None] + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+    return np.exp(np.minimum(near, MAX_LOG_RATIO))
+
+
+def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array | int) -> tuple[Array, Array]:
+    """Standard errors of ln q and ln r from the observed information in (ln r, ln λ), shape (k,).
 
     There var(ln λ) = −1/ℓ″, and r given λ has var(ln r) = 2/m (m squared innovations), while the best r moves
     with λ by the slope b: var(ln r) = 2/m + b² var(ln λ), var(ln q) = 2/m + (1 + b)² var(ln λ).
+
+    Args:
+        log_ratios: ln λ of each peak.
+        curvature: second derivative of its log-likelihood.
+        chi2: Σv²/f of `ratios_near`, shape (k, 3).
+        m: scored innovations.
     """
-    spread = 2.0 / data.m
-    if peak.log_ratio == math.inf:
-        q = data.random_walk()[1]
-        return Pair(q, 0.0, q * math.sqrt(spread), math.inf)
-    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
-    chi2 = data.sums(np.exp(near))[0]
-    r = float(chi2[0]) / data.m
-    if peak.log_ratio == -math.inf:
-        return Pair(0.0, r, math.inf, r * math.sqrt(spread))
-    variance = -1.0 / peak.curvature if peak.curvature < 0.0 else math.inf
-    slope = float(np.log(chi2[2] / chi2[1])) / (2.0 * _DERIVATIVE_STEP)
-    q = math.exp(peak.log_ratio) * r
-    return Pair(
-        q, r, q * math.sqrt(spread + (1.0 + slope) ** 2 * variance), r * math.sqrt(spread + slope**2 * variance)
-    )
+    slope = np.log(chi2[:, 2] / chi2[:, 1]) / (2.0 * _DERIVATIVE_STEP)
+    variance = np.divide(-1.0, curvature, out=np.full(len(slope), math.inf), where=curvature < 0.0)
+    variance[np.isinf(log_ratios)] = 0.0
+    return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
 
 
 # EM: smooth with the current pair, take the variances of the smoothed signal as the next pair, repeat.

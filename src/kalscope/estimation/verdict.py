@@ -12,6 +12,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import count as whole
 from kalscope.common.text import decibels, number, percent, plural, trimmed
+from kalscope.estimation.kernels import MIN_SAMPLES
 from kalscope.estimation.likelihood import Differences, Peak, differences
 from kalscope.estimation.result import USABLE, Estimate, Pair
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
@@ -38,9 +39,6 @@ FLAT = (
 
 NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
 """EM reached its limit of passes."""
-
-MIN_SAMPLES = 8
-"""Finite samples that an estimate needs."""
 
 
 def too_few(n: int) -> str:

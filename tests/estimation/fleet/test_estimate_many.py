@@ -9,10 +9,9 @@ import pytest
 from each import each
 
 from kalscope import BadSetting, Cancelled, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
-from kalscope.estimation import fit, likelihood, many_kernels, verdict
+from kalscope.estimation import kernels
 from kalscope.estimation import many as estimate_many_module
-from kalscope.estimation.kernels import suspect_each
-from kalscope.estimation.many import VERDICTS, Series, pair_intervals, series_of
+from kalscope.estimation.many import Series, pair_intervals, series_of
 
 NAN = np.nan
 
@@ -183,7 +182,7 @@ def test_few_series_without_spikes_are_looked_at_twice():
     rows = np.stack([walk(seed, 400, 0.05) for seed in range(300)])
     many, table = series_of(rows, None), estimate_many(rows, robust=False)
     suspect = np.empty(300, np.bool_)
-    suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect)
+    kernels.suspect_each(many.values, many.steps, many.starts, table.q, table.r, suspect)
     assert suspect.sum() <= 6
 
 
@@ -227,11 +226,11 @@ def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
 
 def test_memory_that_may_not_be_written_is_no_reason_to_compile_again():
     rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
-    table, loops = estimate_many(rows), len(many_kernels.fit_each.dispatcher.signatures)
+    table, loops = estimate_many(rows), len(kernels.take_apart.dispatcher.signatures)
     rows.setflags(write=False)
     whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
     assert estimate_many(rows).q.tolist() == estimate_many(whole).q.tolist() == table.q.tolist()
-    assert len(many_kernels.fit_each.dispatcher.signatures) == loops
+    assert len(kernels.take_apart.dispatcher.signatures) == loops
 
 
 def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():
@@ -282,14 +281,3 @@ def test_a_stop_is_seen_between_two_calls_and_progress_ends_at_one():
     assert seen[-1] == 1.0
     with pytest.raises(Cancelled):
         estimate_many(rows, cancelled=lambda: True)
-
-
-def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
-    assert (many_kernels.STEP, many_kernels.DROP) == (likelihood.STEP, likelihood.DROP)
-    assert many_kernels.MAX_PEAKS == likelihood._MAX_PEAKS
-    assert many_kernels.MIN_SAMPLES == verdict.MIN_SAMPLES
-    assert many_kernels.MIN_VARIANCE == verdict.MIN_VARIANCE
-    assert (many_kernels.MIN_CHANGES, many_kernels.MAX_CHANGING) == (fit._MIN_CHANGES, fit._MAX_CHANGING)
-    assert many_kernels.MAX_FACTOR == fit._MAX_FACTOR
-    assert VERDICTS[many_kernels.NO_MOVEMENT] == "no_movement"
-    assert VERDICTS[many_kernels.BAD_STEPS] == "bad_steps"
