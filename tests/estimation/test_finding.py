@@ -204,7 +204,7 @@ def test_contradictions_and_numbers_out_of_range_are_refused(asked: dict, says: 
         ask(Z, **asked)
 
 
-@pytest.mark.parametrize("asked", [{}, {"method": "em"}, {"target": {"gain": 0.2}}])
+@pytest.mark.parametrize("asked", [{}, {"method": "als"}, {"target": {"gain": 0.2}}])
 def test_a_search_can_be_cancelled(asked: dict) -> None:
     with pytest.raises(Cancelled):
         ask(Z, cancelled=lambda: True, **asked)

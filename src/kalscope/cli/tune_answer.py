@@ -437,7 +437,6 @@ VERDICT_WORDS = {
     "constant": "all readings equal",
     "bad_unit": "numbers out of range",
     "irregular": "needs regular sampling",
-    "not_converged": "not converged",
     "too_many_outliers": "too many spikes",
     "below_resolution": "noise below the rounding step",
     "only_spikes": "r → 0 except for spikes",

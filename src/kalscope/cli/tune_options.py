@@ -113,7 +113,7 @@ NOTHING = TuneOptions()
 NO_FUSION: dict[str, Any] = {}
 
 
-Method = Annotated[str | None, typer.Option(metavar="NAME", help="ml (default), em, moments, als or allan.")]
+Method = Annotated[str | None, typer.Option(metavar="NAME", help="ml (default), moments, als or allan.")]
 LagMs = Annotated[float | None, number_option("Target: largest lag behind a ramp, ms.")]
 CutoffHz = Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")]
 NoiseReductionDb = Annotated[float | None, number_option("Target: reduction of white noise, dB.")]

@@ -41,8 +41,8 @@ def estimate(
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
-        method: "ml" maximum likelihood (recommended), or for comparison: "em" the same by small safe steps,
-            "moments" of the differences, "als" correlations of the innovations, "allan" variance.
+        method: "ml" maximum likelihood (recommended), or for comparison: "moments" of the differences,
+            "als" correlations of the innovations, "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.
@@ -69,9 +69,8 @@ def estimate(
     tau = checked_momentum(momentum, method)
 
     def walk(data: Differences, progress: Progress) -> Estimate:
-        searched = 0.1 if method == "em" else 0.9  # EM's passes take most of the time
-        peak = methods.search(data, progress.part(0.0, searched))
-        return conclude(method, data, methods.fit_by_name(method, data, peak, progress.part(searched, 1.0)), peak)
+        peak = methods.search(data, progress.part(0.0, 0.9))
+        return conclude(method, data, methods.fit_by_name(method, data, peak, progress.part(0.9, 1.0)), peak)
 
     def channel(tau: float | None) -> Fit:
         def fit(data: Differences, progress: Progress) -> Estimate:

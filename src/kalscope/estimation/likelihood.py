@@ -389,7 +389,7 @@ def find_peak(loglik: Callable[[Array], Array], grid: Array, at_infinity: float,
 def find_peaks(logliks: LogLiks, grid: Array, counts: Indices, at_infinity: Array, progress: Progress) -> Peaks:
     """`find_peak` of k records at once, each over the first `counts` values of its row of the grid."""
     progress(0.0, "likelihood over all ratios q/r")
-    k, n = grid.shape
+    k, n = len(grid), int(grid.shape[1])
     values = logliks(np.arange(k), np.column_stack([np.full(k, -math.inf), grid]))
     outside: Mask = np.greater_equal(np.arange(n), counts[:, None])
     at_zero, values = values[:, 0], np.where(outside, -math.inf, values[:, 1:])
@@ -602,9 +602,7 @@ def likelihood_contour(
 
     Source: likelihood-ratio regions, e.g. Pawitan 2001, section 2.6; the concentrated r as in `likelihood`.
     """
-    if best.verdict in ("too_few", "constant", "bad_unit", "not_converged") or not math.isfinite(
-        float(best.loglik)
-    ):
+    if best.verdict in ("too_few", "constant", "bad_unit") or not math.isfinite(float(best.loglik)):
         return None
     low, high = _first_reach(best)
     for _ in range(6):

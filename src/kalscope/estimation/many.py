@@ -35,7 +35,7 @@ from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 VERDICTS = (
     "ok", "flat", "no_noise", "no_movement", "too_few", "constant", "bad_unit", "infinite", "bad_steps",
-    "below_resolution", "only_spikes", "too_many_outliers", "not_converged", "irregular",
+    "below_resolution", "only_spikes", "too_many_outliers", "irregular",
 )  # fmt: skip
 """Every verdict by its code: those of `Estimate`, and "infinite" (a sample is inf) and "bad_steps" (a step is
 negative or not finite), for which `estimate` raises an error."""

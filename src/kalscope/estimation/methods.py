@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
-from kalscope.common.text import correlation, number
-from kalscope.estimation.kernels import em_pass, fixed_gain_innovations, lagged_products
+from kalscope.common.text import correlation
+from kalscope.estimation.kernels import fixed_gain_innovations, lagged_products
 from kalscope.estimation.likelihood import MAX_LOG_RATIO, ONE, Differences, Peak, find_top_near, search_records
 from kalscope.estimation.result import Pair
 
@@ -71,46 +70,6 @@ def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array |
     variance = np.divide(-1.0, curvature, out=np.full(len(slope), math.inf), where=curvature < 0.0)
     variance[np.isinf(log_ratios)] = 0.0
     return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
-
-
-# EM: smooth with the current pair, take the variances of the smoothed signal as the next pair, repeat.
-#
-# Monotone and robust, but slow: it reaches the maximum of the same likelihood as "ml" in hundreds of passes, and
-# an edge (q = 0, r = 0) never. Shumway & Stoffer (1982).
-
-
-SETTLED = 1e-8
-"""Relative change of q and r in one pass at which EM has converged."""
-
-_MAX_PASSES = 3000
-_MAX_SAMPLES = 20_000_000
-"""Passes, and passes × samples, at which EM gives up: one to two seconds."""
-
-
-def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
-    """The passes of EM without end: (q, r, log-likelihood of that pair), in scale² and for the scaled data."""
-    z = np.concatenate([[0.0], np.cumsum(data.d)])
-    x, p = np.empty_like(z), np.empty_like(z)
-    q = r = float(np.mean(data.d**2)) / 3.0  # the variance of a difference is q + 2r
-    while True:
-        q_next, r_next, loglik = em_pass(z, data.gap, q, r, x, p)
-        yield q, r, loglik
-        q, r = q_next, r_next
-
-
-def fit_by_em(data: Differences, progress: Progress) -> Pair:
-    """The pair where EM converges, or that of its last pass ("not_converged")."""
-    limit = max(50, min(_MAX_PASSES, _MAX_SAMPLES // (data.m + 1)))
-    q_before = r_before = q = r = math.nan
-    for i, (q, r, _) in enumerate(passes(data)):
-        if abs(q - q_before) <= SETTLED * q and abs(r - r_before) <= SETTLED * r:
-            return Pair(q, r, math.inf, math.inf)
-        if i >= limit or not (q > 0.0 and r > 0.0):
-            break
-        q_before, r_before = q, r
-        if i % 10 == 0:
-            progress(i / limit, f"EM pass {i} of at most {limit}")
-    return Pair(q, r, math.inf, math.inf, verdict="not_converged" if q > 0.0 and r > 0.0 else "")
 
 
 # ALS: the autocovariances of a running filter's innovations, solved for q and r by least squares.
@@ -312,7 +271,7 @@ def allan_variances(
 # The methods by their names, one way to call all of them.
 
 
-METHODS = ("ml", "em", "moments", "als", "allan")
+METHODS = ("ml", "moments", "als", "allan")
 """The methods of `estimate`, in the order in which `compare_methods` shows them."""
 
 QUICK = {"moments": fit_by_moments, "als": fit_by_correlations, "allan": fit_by_allan}
@@ -323,18 +282,5 @@ def fit_by_name(method: str, data: Differences, peak: Peak, progress: Progress) 
     """The pair that a method of METHODS finds; `peak` is that of the likelihood."""
     if method == "ml":
         return replace(fit_maximum_likelihood(data, peak), note=what_differences_say(data))
-    if method == "em":
-        return _climbed(data, peak, progress)
     progress(0.0, method)
     return QUICK[method](data)
-
-
-def _climbed(data: Differences, peak: Peak, progress: Progress) -> Pair:
-    """EM's pair, with the errors of the likelihood that it climbs."""
-    pair = fit_by_em(data, progress)
-    top = fit_maximum_likelihood(data, peak)
-    if math.isfinite(peak.log_ratio):
-        return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
-    # EM approaches an edge but never reaches it.
-    stopped = f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r else ""
-    return replace(top, note=stopped)

@@ -37,9 +37,6 @@ FLAT = (
 )
 """Every λ from 0 to ∞ explains the record almost equally well."""
 
-NOT_CONVERGED = "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
-"""EM reached its limit of passes."""
-
 
 def too_few(n: int) -> str:
     """Fewer than MIN_SAMPLES finite samples."""
@@ -302,8 +299,6 @@ def _message(verdict: str, pair: Pair, peak: Peak) -> str:
         return blind("movement", low, high) if low > 0.0 else no_movement(lag_of(high))
     if verdict == "flat":
         return FLAT
-    if verdict == "not_converged":
-        return NOT_CONVERGED
     return ok(gain_of(pair.q / pair.r), (lag_of(high), lag_of(low)), (low, high))
 
 
