@@ -14,7 +14,7 @@ from kalscope.common.numbers import Array, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import methods, verdict
-from kalscope.estimation.likelihood import Differences, Peak, differences, find_peak, grid_for
+from kalscope.estimation.likelihood import Differences, Peak, differences, search_records
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.momentum import conclude as conclude_momentum
 from kalscope.estimation.momentum import fit_movement, with_given_momentum, with_momentum
@@ -197,14 +197,7 @@ def _fit_q(data: Differences, r: float, progress: Progress) -> tuple[Pair, Peak]
     scaled = r / data.scale / data.scale
     if not MAX_FACTOR**-1 < scaled < MAX_FACTOR:
         return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=verdict.OTHER_UNIT), NOWHERE
-    constant = data.m * (math.log(2.0 * math.pi) + math.log(r))
-
-    def loglik(log_ratios: Array) -> Array:
-        chi2, logdet = data.sums(np.exp(log_ratios))
-        return -0.5 * (constant + logdet + chi2 / scaled)
-
-    # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
-    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
+    peak = search_records(data.records, np.array([scaled]), progress).one()
     q = math.exp(peak.log_ratio) * scaled
     q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
     return Pair(q, scaled, q_se, 0.0), peak

@@ -728,33 +728,6 @@ def repeats(samples: Array) -> bool:
 
 
 @compiled()
-def far_each(values: Array, starts: NDArray[np.int64], far: NDArray[np.bool_], repeated: NDArray[np.bool_]) -> None:
-    """Write which samples of each series are far from the centred median, and whether its readings repeat."""
-    for i in range(repeated.shape[0]):
-        z = values[starts[i] : starts[i + 1]]
-        samples = z[np.isfinite(z)]
-        repeated[i] = repeats(samples)
-        away, scale = distances_from_median(samples)
-        if scale == 0.0 and away.any():
-            scale = np.median(away[away > 0.0])
-        k = 0
-        for j in range(z.shape[0]):
-            present = not math.isnan(z[j])
-            far[starts[i] + j] = present and away[k] > START_SIGMAS * scale
-            k += present
-
-
-@compiled()
-def unpredicted_each(
-    values: Array, steps: Array, starts: NDArray[np.int64], q: Array, r: Array, scores: Array
-) -> None:
-    """Write `unpredicted` of each series."""
-    for i in range(q.shape[0]):
-        here = slice(starts[i], starts[i + 1])
-        scores[here] = unpredicted(values[here], steps[here] if len(steps) else steps, q[i], r[i], None)
-
-
-@compiled()
 def beyond_chance(distances: Array, least: float) -> bool:
     """Whether more distances, in standard deviations, exceed `least` than by chance, or one exceeds it by far."""
     n = distances.shape[0]

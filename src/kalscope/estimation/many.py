@@ -26,7 +26,7 @@ from kalscope.estimation.fit import (
 from kalscope.estimation.likelihood import MAX_LOG_RATIO, Records, search_records, take_apart
 from kalscope.estimation.methods import ratios_near, relative_errors
 from kalscope.estimation.result import USABLE, Estimate
-from kalscope.estimation.spikes import MAX_FITS, checked_robust, more_than_chance
+from kalscope.estimation.spikes import MAX_FITS, checked_robust, far_from_median, more_than_chance
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
@@ -279,31 +279,30 @@ def spike_free(many: Series, fit: Fit) -> Mask:
         many: the series that look spiky, and can be fitted, in memory of their own.
         fit: how.
     """
-    far, repeated = np.zeros(len(many.values), np.bool_), np.zeros(len(many), np.bool_)
-    kernels.far_each(many.values, many.starts, far, repeated)
-    free, seen = np.zeros(len(many), np.bool_), [set[bytes]() for _ in range(len(many))]
-    active, away, last = np.flatnonzero(~repeated), far, np.zeros(len(many), np.bool_)
+    pieces = [many.one(i) for i in range(len(many))]
+    away, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
+    free, last = np.zeros(len(many), np.bool_), np.zeros(len(many), np.bool_)
+    active = [i for i, (z, _) in enumerate(pieces) if not kernels.repeats(z[np.isfinite(z)])]
     for _ in range(MAX_FITS + 1):
-        if not len(active):
+        if not active:
             break
-        some = many.some(active)
-        now = np.concatenate([away[many.starts[i] : many.starts[i + 1]] for i in active])
-        q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), active)
-        scores = np.empty(len(some.values))
-        kernels.unpredicted_each(some.values, some.steps, some.starts, q, r, scores)
-        going = good.copy()
+        some, going = many.some(np.array(active)), list[int]()
+        now = np.concatenate([away[i] for i in active])
+        q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), np.array(active))
         for k in np.flatnonzero(good):
-            i, here = int(active[k]), slice(int(some.starts[k]), int(some.starts[k + 1]))
-            before, after = now[here], scores[here] > 0.0
+            i = active[k]
+            z, before = pieces[i][0], away[i]
+            scores = kernels.unpredicted(*pieces[i], q[k], r[k], None)
+            after = scores > 0.0
             if last[i] or np.array_equal(before, after):
-                free[i] = not more_than_chance(np.where(before, scores[here], 0.0), some.values[here])
-                going[k] = False
+                free[i] = not more_than_chance(np.where(before, scores, 0.0), z)
                 continue
             if after.tobytes() in seen[i]:  # a few doubtful samples come and go: they stay in
                 last[i], after = True, before & after
             seen[i].add(before.tobytes())
-            away[many.starts[i] : many.starts[i + 1]] = after
-        active = active[going]
+            away[i] = after
+            going.append(i)
+        active = going
     return free
 
 

@@ -69,15 +69,6 @@ def assert_same(table, row, one, named=""):
         assert ends == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
 
 
-@pytest.mark.slow
-def test_simulated_series_give_the_numbers_of_estimate():
-    series = list(simulated(120))
-    table = estimate_many(series, robust=False)
-    assert len(set(table.verdict)) >= 4  # the sample is worth the comparison
-    for row, z in enumerate(series):
-        assert_same(table, row, estimate(z, momentum=0.0, robust=False), row)
-
-
 def test_edge_series_give_the_verdicts_of_estimate():
     table = estimate_many(list(EDGES.values()), robust=False)
     assert {"too_few", "constant", "no_noise", "no_movement", "bad_unit", "below_resolution"} <= set(table.verdict)
@@ -92,28 +83,6 @@ def steps_for(z, seed):
         if seed % 3
         else rng.integers(1, 3, len(z)).astype(float)
     )
-
-
-@pytest.mark.slow
-def test_irregular_steps_give_the_numbers_of_estimate():
-    series = [walk(seed, 200 + seed, 0.1) for seed in range(30)]
-    series[4][50:60] = NAN
-    series[5][:] = np.repeat(series[5][::5], 5)[: len(series[5])]
-    steps = [steps_for(z, seed) for seed, z in enumerate(series)]
-    steps[6] = np.ones(len(series[6]))
-    table = estimate_many(series, steps, robust=False)
-    for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
-        assert_same(table, row, estimate(z, dt=dt, momentum=0.0, robust=False), row)
-
-
-@pytest.mark.slow
-def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
-    series = [walk(seed, 150, 10.0 ** (seed % 5 - 3)) for seed in range(20)]
-    values = np.linspace(0.2, 3.0, 20)
-    by_r, by_ratio = estimate_many(series, r=values, robust=False), estimate_many(series, ratio=0.01, robust=False)
-    for row, z in enumerate(series):
-        assert_same(by_r, row, estimate_fixed_r(z, values[row], robust=False), row)
-        assert_same(by_ratio, row, estimate_fixed_ratio(z, 0.01, robust=False), row)
 
 
 def test_a_known_r_of_another_unit_is_said():
