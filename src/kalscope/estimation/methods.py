@@ -130,26 +130,14 @@ def _autocovariances(innovations: Array, lags: int) -> tuple[Array, Array]:
 
 def solve(design: Array, seen: Array, errors: Array) -> Pair:
     """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
+    from scipy.optimize import nnls
+
     weighted = design / errors[:, None]
-    q, r = not_negative(weighted, seen / errors)
+    q, r = nnls(weighted, seen / errors)[0]
     covariance = np.linalg.pinv(weighted.T @ weighted)
     q_se, r_se = np.sqrt(np.diag(covariance))
     q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
     return Pair(q, r, float(q_se), float(r_se))
-
-
-def not_negative(a: Array, b: Array) -> tuple[float, float]:
-    """The pair x ≥ 0 with the least ‖a x − b‖, a of shape (m, 2).
-
-    What is minimised is convex: where the pair without bounds has a negative part, the best one has a part of 0.
-    """
-    free = np.linalg.lstsq(a, b, rcond=None)[0]
-    if free.min() >= 0.0:
-        return float(free[0]), float(free[1])
-    squares, products = np.sum(a * a, axis=0), a.T @ b
-    alone = np.divide(products, squares, out=np.zeros(2), where=squares > 0.0).clip(0.0)
-    gained = alone * products  # what each takes off ‖b‖²
-    return (float(alone[0]), 0.0) if gained[0] >= gained[1] else (0.0, float(alone[1]))
 
 
 def _gain(q: float, r: float) -> float:

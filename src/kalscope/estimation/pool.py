@@ -29,8 +29,8 @@ M_LOG_R, LOG_R, LOGDET, SLOPES = range(4)
 """The rows of sums at each ln λ: Σ m ln r̂, Σ ln r̂ with the best r̂ = χ²/m of each device, ΣΣln f, and the
 sum of the squares of each device's slope of the log-likelihood with its best r̂, 0 at the ends."""
 
-_NEAREST = 24
-"""Points of the grid that the polynomial between two of them goes through."""
+_ORDER = 15
+"""Order of the spline through the points of the grid."""
 
 
 @dataclass(frozen=True)
@@ -75,18 +75,19 @@ class Pool:
 
     def _between(self, row: Array, log_ratios: Array) -> Array:
         """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
-        grid = DEFAULT_LOG_RATIOS
-        out = np.empty(len(log_ratios))
-        zero, infinite = np.isneginf(log_ratios), np.isposinf(log_ratios)
-        out[zero], out[infinite] = row[-2], row[-1]
-        inner = ~(zero | infinite)
-        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
-        longer = np.concatenate([np.full(_NEAREST, ends[0]), row[:-2], np.full(_NEAREST, ends[1])])
-        step = float(grid[1] - grid[0])
-        out[inner] = _interpolated(
-            longer, (np.clip(log_ratios[inner], grid[0], grid[-1]) - grid[0]) / step + _NEAREST
+        from scipy.interpolate import make_interp_spline
+
+        grid, beyond = (
+            DEFAULT_LOG_RATIOS,
+            (DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0]) * np.arange(1, _ORDER + 1),
         )
-        return out
+        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
+        places = np.concatenate([grid[0] - beyond[::-1], grid, grid[-1] + beyond])
+        longer = np.concatenate([np.full(_ORDER, ends[0]), row[:-2], np.full(_ORDER, ends[1])])
+        inner = (
+            make_interp_spline(places, longer - ends[0], _ORDER)(np.clip(log_ratios, grid[0], grid[-1])) + ends[0]
+        )
+        return np.where(np.isneginf(log_ratios), row[-2], np.where(np.isposinf(log_ratios), row[-1], inner))
 
 
 def pool_of(
@@ -126,19 +127,6 @@ def _pool_of(data: Records, rows: Indices) -> Pool:
     slopes = np.zeros_like(log_r)
     slopes[:, 1:-3] = -0.5 * change / (grid[2:] - grid[:-2])
     return Pool(np.stack([m * log_r, log_r, logdet, slopes * slopes]).sum(axis=1), len(rows), int(m.sum()))
-
-
-def _interpolated(values: Array, where: Array) -> Array:
-    """Values at 0, 1, 2 …, read between them: the polynomial through the nearest points, barycentric."""
-    first = np.clip(np.floor(where).astype(np.int64) - _NEAREST // 2 + 1, 0, len(values) - _NEAREST)
-    points = first[:, None] + np.arange(_NEAREST)
-    away = where[:, None] - points
-    exact = np.abs(away) < 1e-12
-    weights = np.array([(-1.0) ** j * math.comb(_NEAREST - 1, j) for j in range(_NEAREST)])
-    terms = weights / np.where(exact, 1.0, away)
-    base = values[points[:, :1]]
-    smooth = np.sum(terms * (values[points] - base), axis=1) / np.sum(terms, axis=1) + base[:, 0]
-    return np.where(exact.any(axis=1), values[points[np.arange(len(points)), exact.argmax(axis=1)]], smooth)
 
 
 @dataclass(frozen=True)
