@@ -396,5 +396,3 @@ def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters
     before, after = (steady_state(each.channel("a").params) for each in (tuning, shorter))
     assert after.gain == pytest.approx(before.gain, rel=1e-3)
     assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)
-
-

@@ -300,17 +300,17 @@ def table(checks: Checks) -> str:
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
 
 
-# Part of the Check tab: five methods side by side, and which lie within the interval of the first.
+# Part of the Check tab: four methods side by side, and which lie within the interval of the first.
 
 
-FIVE_METHODS = (
-    "Five methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
+METHODS_COMPARED = (
+    "Four methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
 )
 """Why the table may find no noise where the search finds some: shown above the table, too."""
 
 
 class EstimatorsView:
-    """The button "Run five methods" and its table; they run as a job."""
+    """The button "Run four methods" and its table; they run as a job."""
 
     def __init__(
         self, gui: viser.GuiApi, check_tab: AbstractContextManager[object], session: Session, jobs: Jobs
@@ -319,7 +319,7 @@ class EstimatorsView:
         self._stop = threading.Event()
         with check_tab:
             heading = gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run five methods", hint="Four other methods beside maximum likelihood.")
+            compare = gui.add_button("Run four methods", hint="Three other methods beside maximum likelihood.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and compare nothing.")
             self._comparison = gui.add_markdown("")
@@ -352,9 +352,9 @@ def samples_to_compare(state: State) -> Array:
 
 
 def comparison_text(state: State) -> str:
-    """The five methods side by side, and which of them lie outside the interval, as markdown."""
+    """The four methods side by side, and which of them lie outside the interval, as markdown."""
     if not state.answers.method_comparison:
-        return FIVE_METHODS
+        return METHODS_COMPARED
     period = state.recording.sample_period
     rows: list[str] = []
     best = state.answers.method_comparison[0]
@@ -366,7 +366,7 @@ def comparison_text(state: State) -> str:
         rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
     said = comparison(state.answers.method_comparison) or "No two of them can be compared."
     head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
-    return f"{FIVE_METHODS}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"
+    return f"{METHODS_COMPARED}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"
 
 
 # The likelihood over the momentum: a button in the Check tab, a chart of it, and what it says.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from kalscope.common.numbers import Array, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import methods, verdict
-from kalscope.estimation.likelihood import Differences, Peak, differences, find_peak, grid_for
+from kalscope.estimation.likelihood import Differences, Peak, differences, search_records
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.momentum import conclude as conclude_momentum
 from kalscope.estimation.momentum import fit_movement, with_given_momentum, with_momentum
@@ -41,8 +41,8 @@ def estimate(
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
-        method: "ml" maximum likelihood (recommended), or for comparison: "em" the same by small safe steps,
-            "moments" of the differences, "als" correlations of the innovations, "allan" variance.
+        method: "ml" maximum likelihood (recommended), or for comparison: "moments" of the differences,
+            "als" correlations of the innovations, "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.
@@ -69,9 +69,8 @@ def estimate(
     tau = checked_momentum(momentum, method)
 
     def walk(data: Differences, progress: Progress) -> Estimate:
-        searched = 0.1 if method == "em" else 0.9  # EM's passes take most of the time
-        peak = methods.search(data, progress.part(0.0, searched))
-        return conclude(method, data, methods.fit_by_name(method, data, peak, progress.part(searched, 1.0)), peak)
+        peak = methods.search(data, progress.part(0.0, 0.9))
+        return conclude(method, data, methods.fit_by_name(method, data, peak, progress.part(0.9, 1.0)), peak)
 
     def channel(tau: float | None) -> Fit:
         def fit(data: Differences, progress: Progress) -> Estimate:
@@ -111,7 +110,7 @@ def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | 
 # q and r from what is known: a lag or a cut-off, one of the two, or the rounding of the readings.
 
 
-_MAX_FACTOR = 1e100
+MAX_FACTOR = 1e100
 """A given r this many times above or below the largest squared step of the readings has another unit."""
 
 _MAX_CHANGING = 0.8
@@ -196,16 +195,9 @@ def estimate_fixed_r(
 def _fit_q(data: Differences, r: float, progress: Progress) -> tuple[Pair, Peak]:
     """The most likely q of one channel where r, unit², is known."""
     scaled = r / data.scale / data.scale
-    if not _MAX_FACTOR**-1 < scaled < _MAX_FACTOR:
+    if not MAX_FACTOR**-1 < scaled < MAX_FACTOR:
         return Pair(0.0, 0.0, math.inf, math.inf, verdict="bad_unit", text=verdict.OTHER_UNIT), NOWHERE
-    constant = data.m * (math.log(2.0 * math.pi) + math.log(r))
-
-    def loglik(log_ratios: Array) -> Array:
-        chi2, logdet = data.sums(np.exp(log_ratios))
-        return -0.5 * (constant + logdet + chi2 / scaled)
-
-    # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
-    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
+    peak = search_records(data.records, np.array([scaled]), progress).one()
     q = math.exp(peak.log_ratio) * scaled
     q_se = q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf
     return Pair(q, scaled, q_se, 0.0), peak
@@ -260,7 +252,7 @@ def above_rounding(fit: Fit) -> Fit:
             said = f" {verdict.rounding_share(step, floor / r)}" if r < step * step else ""
             return replace(one, message=f"{one.message}{said}")
         data = differences(z, steps)
-        if _shows_steps(data) and _largest_noise(one, data) <= step * step:
+        if shows_steps(np.count_nonzero(data.d), data.m) and _largest_noise(one, data) <= step * step:
             return _at_floor(one, data, progress.part(0.9, 1.0))
         return replace(one, message=f"{one.message} {verdict.rounding_floor(step)}")
 
@@ -314,9 +306,9 @@ def _with_noise(one: Estimate, data: Differences, r: float, progress: Progress) 
     return conclude_momentum(replace(found, region=(*found.region, *border)), "")
 
 
-def _shows_steps(data: Differences) -> bool:
-    """Whether many readings repeat, and enough do not."""
-    return _MIN_CHANGES <= int(np.count_nonzero(data.d)) <= _MAX_CHANGING * data.m
+def shows_steps(changes: Any, m: Any) -> Any:
+    """Whether many readings repeat, and enough do not; elementwise."""
+    return (changes >= _MIN_CHANGES) & (changes <= _MAX_CHANGING * m)
 
 
 def _largest_noise(one: Estimate, data: Differences) -> float:

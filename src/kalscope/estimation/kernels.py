@@ -28,6 +28,7 @@ from kalscope.filtering.kernels import transition as filter_kernels
 
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
 
 BLOCK = 8
 """Samples that a lane processes before the next lane: its state stays in registers."""
@@ -45,13 +46,23 @@ FULL = 1e150
 """A product of f beyond this is turned into its logarithm, so that a logarithm a sample is not needed."""
 
 
-@compiled(error_model="numpy")
-def scan_ratios(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) -> None:
-    """Write Σ v²/f and Σ ln f of every lane into `chi2` and `logdet`.
+@compiled()
+def scan_ratios(d: Array, gap: Array, starts: Whole, rows: Whole, ratio: Array, chi2: Array, logdet: Array) -> None:
+    """Write Σ v²/f and Σ ln f of every lane of some records into `chi2` and `logdet`, shape (rows, lanes).
 
-    `d` holds the differences of neighbouring finite samples, `gap` the periods between them (empty: 1 each),
-    `ratio` λ ≥ 0 in descending order, a multiple of LANES long. Source: Durbin & Koopman (2012), section 2.10.
+    `d` holds the differences of neighbouring finite samples, `gap` the periods between them (empty: 1 each), both
+    of one record after the other, `ratio` λ ≥ 0 in descending order, a multiple of LANES. Source: Durbin & Koopman
+    (2012), section 2.10.
     """
+    for i in range(rows.shape[0]):
+        first, stop = starts[rows[i]], starts[rows[i] + 1]
+        own = gap[first:stop] if gap.shape[0] else gap
+        scan_record(d[first:stop], gap[:0] if all_ones(own) else own, ratio[i], chi2[i], logdet[i])
+
+
+@compiled(error_model="numpy")
+def scan_record(d: Array, gap: Array, ratio: Array, chi2: Array, logdet: Array) -> None:
+    """`scan_ratios` of one record."""
     n, lanes, regular = d.shape[0], ratio.shape[0], gap.shape[0] == 0
     v, p, kept = np.zeros(lanes), np.ones(lanes), np.zeros(lanes)
     product, squares, since = np.ones(lanes), np.zeros(lanes), np.zeros(lanes, np.int64)
@@ -207,43 +218,96 @@ def advance_settled(d: Array, kept: Array, v: Array, squares: Array) -> None:
             v[j], squares[j] = vj, total
 
 
-# The compiled loops of the compared estimators, nothing else: EM's pass, and innovations under a fixed gain.
+GOOD, TOO_FEW, CONSTANT, HOLDS_INF, BAD_STEPS = range(5)
+"""The defect of a record: none; fewer finite samples than MIN_SAMPLES; all are equal; one is
+infinite; a step is negative or not finite."""
+
+MIN_SAMPLES = 8
+"""Finite samples that an estimate needs."""
+
+MAX_GAP = 1e150
+"""Periods; a longer gap changes nothing, and its product with λ must fit a double."""
 
 
 @compiled(error_model="numpy")
-def em_pass(z: Array, gap: Array, q: float, r: float, x: Array, p: Array) -> tuple[float, float, float]:
-    """One EM step from q, r > 0: filter forward, smooth backward, new variances. Works in `x` and `p`.
+def take_apart(  # noqa: PLR0912
+    values: Array, steps: Array, firsts: Whole, stops: Whole, whole: bool, d: Array, gap: Array, starts: Whole,
+    scale: Array, counts: Whole,
+) -> bool:  # fmt: skip
+    """Write `d`, `gap`, `starts` and `scale` of `Records`, and return whether all gaps are 1.
 
-    `z` holds the finite samples, `gap[i]` the periods from z[i] to z[i + 1] (empty: 1 each). Returns the new q,
-    the new r, and the log-likelihood of the old pair. Shumway & Stoffer (1982), with the exact diffuse start.
+    The rows of `counts` are the finite samples, those that differ from the one before, and the defect of each.
     """
-    n, regular = z.shape[0], gap.shape[0] == 0
-    x[0], p[0] = z[0], r
-    chi2 = logdet = 0.0
-    for i in range(1, n):
-        predicted = p[i - 1] + q * (1.0 if regular else gap[i - 1])
-        f = predicted + r
-        v = z[i] - x[i - 1]
-        chi2 += v * v / f
-        logdet += math.log(f)
-        x[i] = x[i - 1] + predicted / f * v
-        p[i] = predicted * (r / f)
-    xs, vs = x[n - 1], p[n - 1]  # smoothed mean and variance of the sample after
-    noise, movement, moves = (z[n - 1] - xs) ** 2 + vs, 0.0, 0
-    for i in range(n - 2, -1, -1):
-        g = 1.0 if regular else gap[i]
-        j = p[i] / (p[i] + q * g)
-        x_here = x[i] + j * (xs - x[i])
-        v_here = p[i] + j * j * (vs - p[i] - q * g)
-        if g > 0.0:
-            # V(i) + V(i+1) − 2 J V(i+1), written without its cancellation
-            both = (1.0 - j) ** 2 * vs + j * q * g
-            movement += ((xs - x_here) ** 2 + both) / g
-            moves += 1
-        noise += (z[i] - x_here) ** 2 + v_here
-        xs, vs = x_here, v_here
-    loglik = -0.5 * ((n - 1) * math.log(2.0 * math.pi) + logdet + chi2)
-    return movement / max(moves, 1), noise / n, loglik
+    m, even, has_steps = 0, True, steps.shape[0] > 0
+    for k in range(firsts.shape[0]):
+        begin, finite, changes, waited, last, largest, defect = m, 0, 0, 0.0, 0.0, 0.0, GOOD
+        for i in range(firsts[k], stops[k]):
+            z = values[i]
+            if has_steps and not 0.0 <= steps[i] < math.inf:
+                defect = BAD_STEPS
+                break
+            waited += steps[i] if has_steps else 1.0
+            if not math.isfinite(z):
+                if math.isnan(z):
+                    continue
+                defect = HOLDS_INF
+                break
+            half = 0.5 * z - 0.5 * last  # halved: they may lie two of the largest doubles apart
+            if finite == 0:
+                finite = 1
+            elif whole or waited > 0.0 or half != 0.0:
+                if even and waited != 1.0:
+                    even = False
+                    gap[:m] = 1.0
+                if not even:
+                    gap[m] = min(waited, MAX_GAP)
+                d[m] = half
+                largest = max(largest, abs(half))
+                if half != 0.0:
+                    changes += 1
+                finite += 1
+                m += 1
+            last, waited = z, 0.0
+        if defect != GOOD:
+            finite = 0
+        elif finite < MIN_SAMPLES or changes == 0:
+            defect = TOO_FEW if finite < MIN_SAMPLES else CONSTANT
+        if defect != GOOD and not whole:
+            m = begin
+        exponent = min(math.frexp(largest)[1], 1022) if changes > 0 else -1
+        factor, rest = math.ldexp(1.0, -(exponent // 2)), math.ldexp(1.0, exponent // 2 - exponent)
+        for i in range(begin, m):
+            d[i] = d[i] * factor * rest  # one factor alone may exceed a double
+        scale[k], starts[k + 1] = math.ldexp(1.0, exponent + 1), m
+        counts[0, k], counts[1, k], counts[2, k] = finite, changes, defect
+    return even
+
+
+@compiled(error_model="numpy", fastmath={"contract"})
+def squares_since(d: Array, gap: Array, starts: Whole, since: Whole, ratio: Array, errors: Array) -> None:
+    """Write the root mean square of v from the difference `since` on, at each λ of each record, r = 1.
+
+    `errors` are of shape (rows, lanes), in units of the scale, NaN where there is no such difference.
+    """
+    lanes = ratio.shape[1]
+    state = np.empty(4 * lanes)  # v, p, 1 − k, Σv²: in one array the compiler puts several lanes into a vector
+    for k in range(ratio.shape[0]):
+        first, stop = starts[k] + since[k], starts[k + 1]
+        for j in range(lanes):
+            state[j], state[lanes + j], state[2 * lanes + j], state[3 * lanes + j] = 0.0, 1.0, 0.0, 0.0
+        for i in range(starts[k] if first < stop else stop, stop):
+            g, counted = gap[i] if gap.shape[0] else 1.0, 1.0 if i >= first else 0.0
+            for j in range(lanes):
+                v = d[i] + state[2 * lanes + j] * state[j]
+                predicted = state[lanes + j] + ratio[k, j] * g
+                kept = 1.0 / (predicted + 1.0)
+                state[j], state[lanes + j], state[2 * lanes + j] = v, predicted * kept, kept
+                state[3 * lanes + j] += counted * v * v
+        for j in range(lanes):
+            errors[k, j] = math.sqrt(state[3 * lanes + j] / (stop - first)) if first < stop else math.nan
+
+
+# The compiled loops of the compared estimators, nothing else: lagged products, and innovations under a fixed gain.
 
 
 @compiled(fastmath={"contract", "reassoc"})
@@ -627,15 +691,14 @@ def judge_samples(
 def suspect_each(
     values: Array,
     steps: Array,
-    starts: NDArray[np.int64],
-    ends: NDArray[np.int64],
+    starts: Whole,
     q: Array,
     r: Array,
     suspect: NDArray[np.bool_],
 ) -> None:
     """Write whether each series with q and r, unit², may have spikes; those whose q and r are both 0 do not."""
     for i in range(q.shape[0]):
-        here = slice(starts[i], ends[i])
+        here = slice(starts[i], starts[i + 1])
         suspect[i] = q[i] + r[i] > 0.0 and is_suspect(
             values[here], steps[here] if len(steps) else steps, q[i], r[i]
         )
@@ -662,33 +725,6 @@ def repeats(samples: Array) -> bool:
     for i in range(1, samples.shape[0]):
         equal += samples[i] == samples[i - 1]
     return equal > EQUAL_SHARE * (samples.shape[0] - 1)
-
-
-@compiled()
-def far_each(values: Array, starts: NDArray[np.int64], far: NDArray[np.bool_], repeated: NDArray[np.bool_]) -> None:
-    """Write which samples of each series are far from the centred median, and whether its readings repeat."""
-    for i in range(repeated.shape[0]):
-        z = values[starts[i] : starts[i + 1]]
-        samples = z[np.isfinite(z)]
-        repeated[i] = repeats(samples)
-        away, scale = distances_from_median(samples)
-        if scale == 0.0 and away.any():
-            scale = np.median(away[away > 0.0])
-        k = 0
-        for j in range(z.shape[0]):
-            present = not math.isnan(z[j])
-            far[starts[i] + j] = present and away[k] > START_SIGMAS * scale
-            k += present
-
-
-@compiled()
-def unpredicted_each(
-    values: Array, steps: Array, starts: NDArray[np.int64], q: Array, r: Array, scores: Array
-) -> None:
-    """Write `unpredicted` of each series."""
-    for i in range(q.shape[0]):
-        here = slice(starts[i], starts[i + 1])
-        scores[here] = unpredicted(values[here], steps[here] if len(steps) else steps, q[i], r[i], None)
 
 
 @compiled()
@@ -734,16 +770,17 @@ def distances_from_median(samples: Array) -> tuple[Array, float]:
 def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float | None) -> Array:
     """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others."""
     n = z.shape[0]
-    back = np.empty(steps.shape[0])
+    v, s, refused = np.empty((2, n)), np.empty((2, n)), np.empty((2, n), np.bool_)
+    found, any_found = np.zeros(n), False
+    judge_samples(z, steps, q, r, tau, start_of(z, steps, q, r), v[0], s[0], refused[0])
+    if not refused[0].any():
+        return found
+    back, turned = np.empty(steps.shape[0]), np.empty(n)
     for i in range(steps.shape[0]):
         back[i] = 1.0 if i == 0 else steps[n - i]
-    v, s, refused = np.empty((2, n)), np.empty((2, n)), np.empty((2, n), np.bool_)
-    turned = np.empty(n)
     for i in range(n):
         turned[i] = z[n - 1 - i]
-    judge_samples(z, steps, q, r, tau, start_of(z, steps, q, r), v[0], s[0], refused[0])
     judge_samples(turned, back, q, r, tau, start_of(turned, back, q, r), v[1], s[1], refused[1])
-    found, any_found = np.zeros(n), False
     for i in range(n):
         j = n - 1 - i
         if not math.isnan(z[i]) and refused[0, i] and refused[1, j]:
@@ -855,7 +892,6 @@ def insert(values: Array, count: int, value: float) -> None:
 # (1992), Biometrika 79, 823.
 
 
-Whole = NDArray[np.int64]
 Transition = tuple[float, float, float, float, float]
 
 FUSION_FULL = 1e100

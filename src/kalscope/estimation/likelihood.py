@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import Chebyshev
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation import kernels as profile_kernels
+from kalscope.estimation import kernels
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams, one_record
@@ -33,20 +35,78 @@ DEFAULT_LOG_RATIOS.setflags(write=False)
 MAX_LOG_RATIO = 300.0
 """Largest |ln λ| of a profile."""
 
-_MAX_GAP = 1e150
-"""Periods; a longer gap changes nothing, and its product with λ must fit a double."""
+
+@dataclass(frozen=True)
+class Records:
+    """Records as input of the likelihood: differences of neighbouring finite samples, one record after another."""
+
+    d: Array
+    """Differences of each record divided by its scale, the largest between ½ and 1."""
+    gap: Array
+    """Nominal sample periods between the two samples, shape of `d`, ≥ 0; empty = 1 each."""
+    starts: Indices
+    """Where the differences of each record begin, shape (k + 1,); the last is the end of all."""
+    scale: Array
+    """A power of two each, unit: dividing by it costs no digit, so the answers do not depend on the unit."""
+
+    @property
+    def m(self) -> Array:
+        """Scored innovations, shape (k,)."""
+        return np.diff(self.starts).astype(np.float64)
+
+    def only(self, rows: Indices) -> Records:
+        """Some of the records, ascending; the others must have no differences."""
+        return Records(self.d, self.gap, np.append(self.starts[rows], self.starts[-1]), self.scale[rows])
+
+    def sums(self, rows: Indices, ratios: Array) -> tuple[Array, Array]:
+        """Σv²/f (in scale²) and Σln f for each λ ≥ 0 of some records, shape (rows, ratios), in any order; r = 1."""
+        count = ratios.shape[1]
+        order = np.argsort(-ratios, axis=1)
+        padded = np.concatenate([order, np.repeat(order[:, -1:], -count % kernels.LANES, axis=1)], axis=1)
+        found, out = np.empty((2, *padded.shape)), np.empty((2, *ratios.shape))
+        lanes = np.take_along_axis(ratios, padded, 1)
+        kernels.scan_ratios(self.d, self.gap, self.starts, rows, lanes, found[0], found[1])
+        np.put_along_axis(out, order[None], found[:, :, :count], axis=2)
+        return out[0], out[1]
+
+    def logliks(self, rows: Indices, chi2: Array, logdet: Array, noise: Array | None = None) -> Array:
+        """`loglik_of` some records, of shape (rows, …); `noise` of shape (rows,)."""
+        r = None if noise is None else noise[:, None]
+        return loglik_of(self.m[rows, None], self.scale[rows, None], chi2, logdet, r)
+
+    @cached_property
+    def random_walk(self) -> tuple[Array, Array, Array]:
+        """λ = ∞, no measurement noise: Σd²/g in scale², Σln g, and the steps of more than 0 periods, shape (k,).
+
+        Two samples at one instant that differ rule it out: inf.
+        """
+        firsts, squares = self.starts[:-1], self.d * self.d
+        if not len(self.gap):
+            return np.add.reduceat(squares, firsts), np.zeros(len(firsts)), self.m
+        moved = self.gap > 0.0
+        chi2 = np.divide(squares, self.gap, out=np.where(squares > 0.0, math.inf, 0.0), where=moved)
+        logdet = np.log(np.where(moved, self.gap, 1.0))
+        counts = np.add.reduceat(moved, firsts, dtype=np.float64)
+        return np.add.reduceat(chi2, firsts), np.add.reduceat(logdet, firsts), counts
+
+    def without_noise(self) -> tuple[Array, Array]:
+        """The log-likelihood of λ = ∞ with the best q, −inf where ruled out, and that q in scale², shape (k,)."""
+        chi2, logdet, counts = self.random_walk
+        q = np.where(counts > 0.0, chi2 / np.maximum(counts, 1.0), math.inf)
+        loglik = self.logliks(np.arange(len(q)), (q * self.m)[:, None], logdet[:, None])[:, 0]
+        return loglik, q
 
 
 @dataclass(frozen=True)
 class Differences:
-    """One channel as input of the likelihood: the differences of neighbouring finite samples."""
+    """One record as input of the likelihood; see `Records`."""
 
     d: Array
-    """Differences divided by `scale`, shape (m,), largest between ½ and 1; m = 0 for fewer than two samples."""
+    """Differences divided by `scale`, shape (m,); m = 0 for fewer than two samples."""
     gap: Array
     """Nominal sample periods between the two samples, shape (m,), ≥ 0; empty = 1 each."""
     scale: float
-    """A power of two, unit: dividing by it costs no digit, so the answers do not depend on the unit."""
+    """A power of two, unit."""
 
     @property
     def m(self) -> int:
@@ -57,6 +117,11 @@ class Differences:
     def span(self) -> float:
         """Sample periods from the first sample to the last."""
         return float(self.gap.sum()) if len(self.gap) else float(self.m)
+
+    @property
+    def records(self) -> Records:
+        """The same as records, one of them."""
+        return Records(self.d, self.gap, np.array([0, self.m]), np.array([self.scale]))
 
     def parts(self, stretches: Iterable[tuple[int, int]]) -> Differences:
         """The record with only the samples from each first to before its stop; the others are missing."""
@@ -75,69 +140,63 @@ class Differences:
 
     def sums(self, ratios: Array) -> tuple[Array, Array]:
         """Σv²/f (in scale²) and Σln f for each λ ≥ 0, shape of `ratios`, in any order; r = 1."""
-        order = np.argsort(-ratios)
-        lanes = len(ratios) + -len(ratios) % profile_kernels.LANES
-        filled = np.full(lanes, ratios[order[-1]])
-        filled[: len(ratios)] = ratios[order]
-        chi2, logdet = np.empty(lanes), np.empty(lanes)
-        profile_kernels.scan_ratios(self.d, self.gap, filled, chi2, logdet)
-        out = np.empty_like(ratios), np.empty_like(ratios)
-        out[0][order], out[1][order] = chi2[: len(ratios)], logdet[: len(ratios)]
-        return out
-
-    def concentrated(self, log_ratios: Array) -> Array:
-        """Log-likelihood of the data for each ln λ (−inf is λ = 0) with the best r of that λ."""
-        chi2, logdet = self.sums(np.exp(log_ratios))
-        return self.from_sums(chi2, logdet)
+        chi2, logdet = self.records.sums(ONE, ratios[None])
+        return chi2[0], logdet[0]
 
     def from_sums(self, chi2: Array, logdet: Array) -> Array:
-        """−½[m ln 2π + m + m ln(χ²/m) + Σln f] in the unit of the data."""
-        with np.errstate(divide="ignore"):
-            log_r = np.log(chi2 / self.m) + 2.0 * math.log(self.scale)
-        return -0.5 * (self.m * (math.log(2.0 * math.pi) + 1.0 + log_r) + logdet)
+        """The log-likelihood with the most likely r, χ²/m, in the unit of the data."""
+        return loglik_of(self.m, self.scale, chi2, logdet)
+
+    def concentrated(self, log_ratios: Array) -> Array:
+        """Log-likelihood of each ln λ (−inf is λ = 0) with the best r of that λ."""
+        return self.from_sums(*self.sums(np.exp(log_ratios)))
 
     def random_walk(self) -> tuple[float, float]:
-        """λ = ∞, no measurement noise: the concentrated log-likelihood and q in scale².
+        """λ = ∞: see `Records.without_noise`."""
+        (loglik,), (q,) = self.records.without_noise()
+        return float(loglik), float(q)
 
-        Two samples at one instant that differ rule it out: −inf.
-        """
-        if len(self.gap) == 0:
-            q = float(np.mean(self.d * self.d))
-            return float(self.from_sums(np.array(q * self.m), np.zeros(()))), q
-        gap = self.gap
-        moved = gap > 0.0
-        if np.any(self.d[~moved] != 0.0) or not moved.any():
-            return -math.inf, 0.0
-        q = float(np.mean(self.d[moved] ** 2 / gap[moved]))
-        loglik = self.from_sums(np.array(q * self.m), np.log(gap[moved]).sum())
-        return float(loglik), q
+
+def loglik_of(m: Any, scale: Any, chi2: Array, logdet: Array, noise: Any = None) -> Array:
+    """−½[m ln 2π + m ln r + χ²/r + Σln f] in the unit of the data; r is `noise`, in scale², or the best, χ²/m."""
+    with np.errstate(divide="ignore"):
+        log_r = np.log(chi2 / m if noise is None else noise) + 2.0 * np.log(scale)
+    return -0.5 * (m * (math.log(2.0 * math.pi) + log_r) + logdet + (m if noise is None else chi2 / noise))
 
 
 def differences(column: Array, steps: Array) -> Differences:
     """The finite samples of one channel, shape (n,), as differences; `steps` empty means regular sampling."""
-    finite = np.isfinite(column)
-    if finite.all():
-        samples, gap = column, steps[1:]
-    else:
-        where = np.flatnonzero(finite)
-        samples = column[where]
-        if len(where) < 2:
-            gap = np.empty(0)
-        elif len(steps):
-            gap = np.add.reduceat(steps[: where[-1] + 1], where[:-1] + 1)
-        else:
-            gap = np.subtract(where[1:], where[:-1], out=np.empty(len(where) - 1))
-        del where
-    if len(gap) and np.all(gap == 1.0):
-        gap = np.empty(0)
-    half = np.diff(0.5 * samples)  # halved: two values near the largest double may lie two of them apart
-    largest = max(float(half.max(initial=0.0)), -float(half.min(initial=0.0)))
-    if largest == 0.0:
-        return Differences(half, np.minimum(gap, _MAX_GAP), 1.0)
-    exponent = min(math.frexp(largest)[1], 1022)
-    return Differences(
-        np.ldexp(half, -exponent, out=half), np.minimum(gap, _MAX_GAP), math.ldexp(1.0, exponent + 1)
-    )
+    data = take_apart(column, steps, np.array([0]), np.array([len(column)]), whole=True)[0]
+    return Differences(data.d, data.gap, float(data.scale[0]))
+
+
+def take_apart(
+    values: Array, steps: Array, firsts: Indices, stops: Indices, whole: bool = False
+) -> tuple[Records, Indices, Indices, Indices]:
+    """Some stretches of samples as records.
+
+    Args:
+        values: samples, shape (n,), NaN where missing.
+        steps: nominal sample periods before each; empty = 1 each.
+        firsts: where each stretch begins, shape (k,).
+        stops: where it ends.
+        whole: keep what cannot be fitted, and lines of the same time and value as the one before, which add
+            nothing, yet would prove r = 0.
+
+    Returns:
+        The records; of each its finite samples, how many differ from the one before, and its defect, as
+        `kernels.take_apart` names it. Without `whole` a record with a defect has no differences.
+    """
+    k, room = len(firsts), int(np.sum(stops - firsts))
+    d, gap, scale, starts = np.empty(room), np.empty(room), np.empty(k), np.zeros(k + 1, np.intp)
+    counts = np.empty((3, k), np.intp)
+    even = kernels.take_apart(values, steps, firsts, stops, whole, d, gap, starts, scale, counts)
+    m = int(starts[-1])
+    return Records(d[:m], np.empty(0) if even else gap[:m], starts, scale), counts[0], counts[1], counts[2]
+
+
+ONE = np.zeros(1, np.intp)
+"""The row of a record that is alone."""
 
 
 @dataclass(frozen=True)
@@ -236,19 +295,23 @@ def log_likelihood(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = No
 # alone would stop at √(rounding), 1e-8, and the answer would depend on the unit of the data.
 
 
-LogLik = Callable[[Array], Array]
-
 STEP = 0.8
 """Step of the first grid in ln λ."""
 
 DROP = 1.9207294103470617
 """Half the 95 % quantile of χ² with 1 degree of freedom: the drop in log-likelihood to the ends of the interval."""
 
-_POINTS = 17
-"""Points of the polynomial over one or two steps of the grid."""
+_POINTS, _FEWER = 17, 12
+"""Points of the polynomial over two steps of the grid, and over one: either replaces the likelihood to rounding."""
 
 _MAX_PEAKS = 4
 """Local maxima of the grid to refine: its highest point need not be nearest to the maximum."""
+
+_FINE = np.linspace(-1.0, 1.0, 33)
+"""Where a change of sign is looked for."""
+
+LogLiks = Callable[[Indices, Array], Array]
+"""The log-likelihood of some records, by their places, at ln λ of shape (rows, points)."""
 
 
 @dataclass(frozen=True)
@@ -265,105 +328,226 @@ class Peak:
     """ln λ between which the log-likelihood is within DROP of the maximum; ends may be ∓inf."""
 
 
+@dataclass(frozen=True)
+class Peaks:
+    """`Peak` of each of k records, arrays of shape (k,)."""
+
+    log_ratio: Array
+    loglik: Array
+    curvature: Array
+    low: Array
+    high: Array
+
+    def one(self) -> Peak:
+        """That of the first record."""
+        top, best, curvature, low, high = (
+            float(row[0]) for row in (self.log_ratio, self.loglik, self.curvature, self.low, self.high)
+        )
+        return Peak(top, best, curvature, (low, high))
+
+
 def grid_for(m: int, highest: float = 24.0) -> Array:
     """First values of ln λ, ascending: from a lag far beyond m samples to `highest`."""
-    lowest = min(-24.0, -2.0 * math.log(m) - 6.0)
-    return lowest + STEP * np.arange(math.ceil((highest - lowest) / STEP) + 1, dtype=np.float64)
+    return _grids(np.array([float(m)]), np.array([highest]))[0][0]
 
 
-def find_peak(loglik: LogLik, grid: Array, at_infinity: float, progress: Progress) -> Peak:
+def _grids(m: Array, highest: Array) -> tuple[Array, Indices]:
+    """`grid_for` each record, shape (k, longest), and how many values each has."""
+    lowest = np.minimum(-24.0, -2.0 * np.log(m) - 6.0)
+    counts = np.ceil((highest - lowest) / STEP).astype(np.intp) + 1
+    places: Indices = np.arange(int(np.max(counts)))
+    return lowest[:, None] + STEP * np.minimum(places, counts[:, None] - 1), counts
+
+
+def search_records(data: Records, noise: Array | None = None, progress: Progress | None = None) -> Peaks:
+    """The peak of each record's likelihood over λ, with r concentrated out, or with r = `noise`, in scale²."""
+
+    def logliks(rows: Indices, log_ratios: Array) -> Array:
+        sums = data.sums(rows, np.exp(log_ratios))
+        return data.logliks(rows, *sums, None if noise is None else noise[rows])
+
+    highest, at_infinity = np.full(len(data.scale), 24.0), np.full(len(data.scale), -math.inf)
+    if noise is None:
+        at_infinity = data.without_noise()[0]
+    else:  # λ can hardly exceed the largest squared difference (at most 1 in this scale) over r
+        highest = np.maximum(highest, 4.0 - np.log(noise))
+    return find_peaks(logliks, *_grids(data.m, highest), at_infinity, progress or Progress())
+
+
+def find_peak(loglik: Callable[[Array], Array], grid: Array, at_infinity: float, progress: Progress) -> Peak:
     """Search `loglik` (a function of ln λ, −inf allowed) over the grid, the point λ = 0, and λ = ∞.
 
     `at_infinity` is the log-likelihood at λ = ∞, −inf where that is not a candidate.
     """
+
+    def logliks(_: Indices, log_ratios: Array) -> Array:
+        return loglik(log_ratios.ravel()).reshape(log_ratios.shape)
+
+    return find_peaks(logliks, grid[None], np.array([len(grid)]), np.array([at_infinity]), progress).one()
+
+
+def find_peaks(logliks: LogLiks, grid: Array, counts: Indices, at_infinity: Array, progress: Progress) -> Peaks:
+    """`find_peak` of k records at once, each over the first `counts` values of its row of the grid."""
     progress(0.0, "likelihood over all ratios q/r")
-    values = loglik(np.append(grid, -math.inf))
-    values, at_zero = values[:-1], float(values[-1])
+    k, n = len(grid), int(grid.shape[1])
+    values = logliks(np.arange(k), np.column_stack([np.full(k, -math.inf), grid]))
+    outside: Mask = np.greater_equal(np.arange(n), counts[:, None])
+    at_zero, values = values[:, 0], np.where(outside, -math.inf, values[:, 1:])
     progress(0.6, "likelihood around the best ratio")
-    top, best, curvature = _refine(loglik, grid, values)
-    slack = 1e-9 + 1e-12 * abs(best)  # an inner maximum must exceed the rounding of the sums
-    if max(at_zero, at_infinity) >= best - slack:
-        top = -math.inf if at_zero >= at_infinity else math.inf
-        best, curvature = max(best, at_zero, at_infinity), 0.0
+    top, best, curvature = _refine(logliks, grid, values)
+    edge = np.maximum(at_zero, at_infinity)
+    on_edge = edge >= best - 1e-9 - 1e-12 * np.abs(best)  # an inner maximum must exceed the rounding of the sums
+    top = np.where(on_edge, np.where(at_zero >= at_infinity, -math.inf, math.inf), top)
+    best, curvature = np.where(on_edge, np.maximum(best, edge), best), np.where(on_edge, 0.0, curvature)
     progress(0.8, "interval of the ratio")
-    return Peak(top, best, curvature, _interval(loglik, grid, values, (at_zero, at_infinity), top, best - DROP))
+    low, high = _interval(logliks, grid, values, counts, (at_zero, at_infinity), top, best - DROP)
+    return Peaks(top, best, curvature, low, high)
 
 
-def find_top_near(loglik: LogLik, log_ratio: float) -> Peak | None:
+def find_top_near(data: Differences, log_ratio: float) -> Peak | None:
     """The maximum within a step of `log_ratio`, without its interval; None where that is no inner maximum."""
-    (curve,) = _curves(loglik, [(log_ratio - STEP, log_ratio + STEP)])
-    at, best, curvature = _top(curve)
-    return Peak(at, best, curvature, (-math.inf, math.inf)) if abs(at - log_ratio) < 0.95 * STEP else None
+    low, high = np.array([log_ratio - STEP]), np.array([log_ratio + STEP])
+    x, height, bend = _tops(_series(data.concentrated(_points(low, high, _POINTS)[0])[None]))
+    at = log_ratio + STEP * float(x[0])
+    peak = Peak(at, float(height[0]), float(bend[0]) / STEP**2, (-math.inf, math.inf))
+    return peak if abs(at - log_ratio) < 0.95 * STEP else None
 
 
-def _refine(loglik: LogLik, grid: Array, values: Array) -> tuple[float, float, float]:
-    """The best inner maximum: ln λ, log-likelihood, curvature."""
-    padded = np.concatenate([[-math.inf], values, [-math.inf]])
-    is_peak = (values >= padded[:-2]) & (values >= padded[2:])
-    tops = np.flatnonzero(is_peak)
-    tops = tops[np.argsort(-values[tops], kind="stable")[:_MAX_PEAKS]]
-    lows, highs = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
-    stretches = list(zip(lows.tolist(), highs.tolist(), strict=True))
-    found = [_top(curve) for curve in _curves(loglik, stretches)]
-    return max(found, key=lambda one: one[1])
-
-
-def _curves(loglik: LogLik, stretches: list[tuple[float, float]]) -> list[Chebyshev]:
-    """A polynomial for each stretch of ln λ, all of them from one pass over the data."""
-    unit = np.polynomial.chebyshev.chebpts1(_POINTS)
-    middles = np.array([0.5 * (a + b) for a, b in stretches])
-    halves = np.array([0.5 * (b - a) for a, b in stretches])
-    points = middles[:, None] + halves[:, None] * unit
-    values = loglik(points.ravel()).reshape(points.shape)
-    vander = np.polynomial.chebyshev.chebvander(unit, _POINTS - 1)
-    weights = np.full(_POINTS, 2.0 / _POINTS)
-    weights[0] /= 2.0
-    return [
-        Chebyshev(weights * (vander.T @ (row - row[0])) + row[0] * (np.arange(_POINTS) == 0), domain=stretch)
-        for row, stretch in zip(values, stretches, strict=True)
-    ]
-
-
-def _top(curve: Chebyshev) -> tuple[float, float, float]:
-    low, high = curve.domain
-    places = np.append(_roots(curve.deriv()), [low, high])
-    heights = curve(places)
-    at = float(places[heights.argmax()])
-    return at, float(heights.max()), float(curve.deriv(2)(at))
-
-
-def _roots(curve: Chebyshev) -> Array:
-    """Real roots within the domain."""
-    if not np.any(curve.coef):
-        return np.empty(0)
-    bent = curve.trim(1e-16 * np.abs(curve.coef).max())  # a leading coefficient near 0 gives false roots
-    roots = np.asarray(bent.roots(), dtype=np.complex128)
-    real = roots.real[np.abs(roots.imag) < 1e-6]
-    return real[(real >= curve.domain[0]) & (real <= curve.domain[1])]
+def _refine(logliks: LogLiks, grid: Array, values: Array) -> tuple[Array, Array, Array]:
+    """The best inner maximum of each row: ln λ, log-likelihood, curvature."""
+    everyone = np.arange(len(grid))
+    before, after = (
+        np.column_stack(both) for both in ((values[:, :1], values[:, :-1]), (values[:, 1:], values[:, -1:]))
+    )
+    with np.errstate(invalid="ignore"):
+        # Between two points the likelihood exceeds both by an eighth of its second difference, or little more.
+        worth = values + (2.0 * values - before - after) >= values.max(axis=1, keepdims=True)
+    is_peak = (values >= before) & (values >= after) & worth
+    is_peak[everyone, values.argmax(axis=1)] = True
+    for row in np.flatnonzero(is_peak.sum(axis=1) > _MAX_PEAKS):
+        places = np.flatnonzero(is_peak[row])
+        is_peak[row, places[np.argsort(-values[row, places], kind="stable")[_MAX_PEAKS:]]] = False
+    rows, place = np.nonzero(is_peak)
+    low, high = grid[rows, np.maximum(place - 1, 0)], grid[rows, np.minimum(place + 1, grid.shape[1] - 1)]
+    half = 0.5 * (high - low)
+    x, height, bend = _tops(_series(logliks(rows, _points(low, high, _POINTS))))
+    order = np.lexsort((-height, rows))
+    first = order[np.searchsorted(rows, everyone)]
+    return (low + half * (x + 1.0))[first], height[first], (bend / half**2)[first]
 
 
 def _interval(
-    loglik: LogLik, grid: Array, values: Array, edges: tuple[float, float], top: float, cut: float
-) -> tuple[float, float]:
-    """The outermost ln λ whose log-likelihood reaches `cut`."""
-    if math.isfinite(top):
-        place = int(np.searchsorted(grid, top))
-        grid, values = np.insert(grid, place, top), np.insert(values, place, cut + DROP)
-    inside = np.flatnonzero(values >= cut)
-    if len(inside) == 0:  # the maximum is an edge so sharp that no point of the grid comes near
-        return (-math.inf, float(grid[0])) if top < 0 else (float(grid[-1]), math.inf)
-    first, last = inside[0], inside[-1]
-    crossings: list[tuple[float, float]] = []
-    if edges[0] < cut and first > 0:
-        crossings.append((float(grid[first - 1]), float(grid[first])))
-    has_low = len(crossings) == 1
-    if edges[1] < cut and last < len(grid) - 1:
-        crossings.append((float(grid[last]), float(grid[last + 1])))
-    has_high = len(crossings) > has_low
-    places = [_roots(curve - cut) for curve in _curves(loglik, crossings)] if crossings else []
-    low = float(min(places[0], default=crossings[0][0])) if has_low else -math.inf
-    high = float(max(places[-1], default=crossings[-1][1])) if has_high else math.inf
-    return low, high
+    logliks: LogLiks,
+    grid: Array,
+    values: Array,
+    counts: Indices,
+    edges: tuple[Array, Array],
+    top: Array,
+    cut: Array,
+) -> tuple[Array, Array]:
+    """The outermost ln λ of each row whose log-likelihood reaches `cut`."""
+    everyone, n = np.arange(len(grid)), grid.shape[1]
+    inside = values >= cut[:, None]
+    place = np.sum(grid < top[:, None], axis=1)  # of the top among the points of the grid
+    place = np.minimum(place, counts)
+    first = np.where(inside.any(axis=1), inside.argmax(axis=1), counts)
+    last = np.where(inside.any(axis=1), n - 1 - inside[:, ::-1].argmax(axis=1), -1)
+    inner = np.stack([np.where(place <= first, top, grid[everyone, np.minimum(first, n - 1)]),
+                      np.where(place > last, top, grid[everyone, last])])  # fmt: skip
+    first, last = np.minimum(first, place), np.maximum(last, place - 1)
+    outer = np.stack([grid[everyone, np.maximum(first - 1, 0)], grid[everyone, np.minimum(last + 1, counts - 1)]])
+    falls = np.stack([(edges[0] < cut) & (first > 0), (edges[1] < cut) & (last < counts - 1)])
+    ends = np.where(falls, outer, np.array([[-math.inf], [math.inf]]))
+    falls &= np.isfinite(inner)  # an edge may be so sharp that no point of the grid comes near
+    rows = np.flatnonzero(falls.any(axis=0))
+    if len(rows):
+        # Seen from outside: ln λ falls from the outer to the inner end of an upper stretch.
+        both = [np.where(falls[i], i, 1 - i)[rows] for i in (0, 1)]
+        away, near = (np.stack([side[at, rows] for at in both]) for side in (outer, inner))
+        points = _points(away.T.ravel(), near.T.ravel(), _FEWER).reshape(len(rows), -1)
+        heights = logliks(rows, points) - cut[rows, None]
+        x = _first_root(_series(heights.reshape(-1, _FEWER))).reshape(-1, 2).T
+        found = away + 0.5 * (near - away) * (x + 1.0)
+        ends[:, rows] = np.where(falls[:, rows], found, ends[:, rows])
+    return ends[0], ends[1]
+
+
+@cache
+def _polynomials(count: int) -> tuple[Array, Array, Array, Array]:
+    """Of Chebyshev series: the points, and the matrices that give the series, its slope, its fine heights."""
+    points, orders = chebyshev.chebpts1(count), np.arange(count)
+    to_series = chebyshev.chebvander(points, count - 1) * np.where(orders, 2.0, 1.0) / count
+    slope = np.array([np.pad(chebyshev.chebder(one), (0, 1)) for one in np.eye(count)])
+    made: tuple[Any, ...] = points, to_series, slope, chebyshev.chebvander(_FINE, count - 1).T
+    return made[0], made[1], made[2], made[3]
+
+
+def _points(first: Array, last: Array, count: int) -> Array:
+    """The points of a polynomial on each stretch, shape (stretches, count), from −1 at `first` to 1 at `last`."""
+    return 0.5 * (first + last)[:, None] + 0.5 * (last - first)[:, None] * _polynomials(count)[0]
+
+
+def _times(series: Array, which: int) -> Array:
+    """Each series turned by one of the matrices of `_polynomials`; BLAS would start threads for it."""
+    return np.einsum("ij,jk->ik", series, _polynomials(series.shape[1])[which])
+
+
+def _series(values: Array) -> Array:
+    """The Chebyshev series through the values at `_points`; the first value is added last, without loss."""
+    series = _times(values - values[:, :1], 1)
+    series[:, 0] += values[:, 0]
+    return series
+
+
+def _at(series: Array, x: Array) -> Array:
+    """Each series at its x, −1 … 1."""
+    return np.einsum("ik,ik->i", series, _powers(x, series.shape[1]))
+
+
+def _powers(x: Array, count: int) -> Array:
+    """The Chebyshev polynomials at each x, shape (k, count); the way that is quick for a few x is slow for many."""
+    return np.asarray(
+        chebyshev.chebvander(x, count - 1) if len(x) > 50 else np.cos(np.arccos(x)[:, None] * np.arange(count)),
+        dtype=np.float64,
+    )
+
+
+def _root(series: Array, low: Array, high: Array) -> Array:
+    """The root of each series between two places of different sign: Newton's steps, halves where these leave."""
+    slope = _times(series, 2)
+    rising, x = _at(series, high) > 0.0, 0.5 * (low + high)
+    for _ in range(60):
+        powers = _powers(x, series.shape[1])
+        height, steep = np.einsum("ik,ik->i", series, powers), np.einsum("ik,ik->i", slope, powers)
+        above = (height > 0.0) == rising
+        high, low = np.where(above, x, high), np.where(above, low, x)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = x - height / steep
+        after = np.where((after >= low) & (after <= high), after, 0.5 * (low + high))
+        if np.abs(after - x).max(initial=0.0) <= 1e-9:  # the next step would change 1e-18
+            return after
+        x = after
+    return x
+
+
+def _tops(series: Array) -> tuple[Array, Array, Array]:
+    """The highest place of each series on −1 … 1: x, the height there, and the second derivative by x."""
+    slope = _times(series, 2)
+    at = _times(series, 3).argmax(axis=1)
+    low, high = _FINE[np.maximum(at - 1, 0)], _FINE[np.minimum(at + 1, len(_FINE) - 1)]
+    inner = (_at(slope, low) > 0.0) & (_at(slope, high) < 0.0)
+    x = _FINE[at]
+    x[inner] = _root(slope[inner], low[inner], high[inner])
+    return x, _at(series, x), _at(_times(slope, 2), x)
+
+
+def _first_root(series: Array) -> Array:
+    """The first x from −1 on at which each series reaches 0; −1 where it never does."""
+    above = _times(series, 3) >= 0.0
+    step, x = above.argmax(axis=1), np.full(len(series), -1.0)
+    crosses = step > 0
+    x[crosses] = _root(series[crosses], _FINE[step[crosses] - 1], _FINE[step[crosses]])
+    return x
 
 
 # The pairs (q, r) that a record allows together: the contour of its likelihood around the best pair.
@@ -418,9 +602,7 @@ def likelihood_contour(
 
     Source: likelihood-ratio regions, e.g. Pawitan 2001, section 2.6; the concentrated r as in `likelihood`.
     """
-    if best.verdict in ("too_few", "constant", "bad_unit", "not_converged") or not math.isfinite(
-        float(best.loglik)
-    ):
+    if best.verdict in ("too_few", "constant", "bad_unit") or not math.isfinite(float(best.loglik)):
         return None
     low, high = _first_reach(best)
     for _ in range(6):

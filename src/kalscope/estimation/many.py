@@ -10,20 +10,24 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, Mask
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation import kernels, many_kernels
+from kalscope.estimation import kernels
 from kalscope.estimation.fit import (
+    MAX_FACTOR,
     checked_momentum,
     estimate,
     estimate_fixed_r,
     estimate_fixed_ratio,
     may_be_below_resolution,
+    shows_steps,
 )
-from kalscope.estimation.kernels import suspect_each
+from kalscope.estimation.likelihood import MAX_LOG_RATIO, Records, search_records, take_apart
+from kalscope.estimation.methods import ratios_near, relative_errors
 from kalscope.estimation.result import USABLE, Estimate
-from kalscope.estimation.spikes import MAX_FITS, checked_robust, more_than_chance
+from kalscope.estimation.spikes import MAX_FITS, checked_robust, far_from_median, more_than_chance
+from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 # EstimateTable: what was found in each of many series, one array a quantity.
@@ -31,7 +35,7 @@ from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 VERDICTS = (
     "ok", "flat", "no_noise", "no_movement", "too_few", "constant", "bad_unit", "infinite", "bad_steps",
-    "below_resolution", "only_spikes", "too_many_outliers", "not_converged", "irregular",
+    "below_resolution", "only_spikes", "too_many_outliers", "irregular",
 )  # fmt: skip
 """Every verdict by its code: those of `Estimate`, and "infinite" (a sample is inf) and "bad_steps" (a step is
 negative or not finite), for which `estimate` raises an error."""
@@ -137,6 +141,10 @@ def reductions_of(ratio: Array) -> Array:
 # Many series in one piece of memory: what every compiled loop over a fleet takes.
 
 
+_MAX_ROWS = 20_000
+"""Series of one search: their tables of likelihoods take some 10 MB."""
+
+
 @dataclass(frozen=True)
 class Series:
     """k series of different lengths, one after the other."""
@@ -156,7 +164,11 @@ class Series:
         here = slice(int(self.starts[index]), int(self.starts[index + 1]))
         return self.values[here], self.steps[here] if len(self.steps) else self.steps
 
-    def some(self, rows: NDArray[np.intp]) -> Series:
+    def between(self, first: int, stop: int) -> Series:
+        """The series from `first` to before `stop`, in the same memory."""
+        return Series(self.values, self.starts[first : stop + 1], self.steps)
+
+    def some(self, rows: Indices) -> Series:
         """Some of the series, in memory of their own."""
         pieces = [self.one(int(i)) for i in rows]
         starts = np.cumsum([0, *(len(values) for values, _ in pieces)], dtype=np.int64)
@@ -168,7 +180,7 @@ class Series:
         first = 0
         while first < len(self):
             end = int(np.searchsorted(self.starts, int(self.starts[first]) + samples, side="right")) - 1
-            stop = min(max(end, first + 1), len(self))
+            stop = min(max(end, first + 1), first + _MAX_ROWS, len(self))
             yield first, stop
             first = stop
 
@@ -205,10 +217,10 @@ def _writeable(array: Any) -> Any:
     return array if array.flags.writeable else array.copy()
 
 
-def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array:
-    """One number above 0 a series, shape (count,), of one for all or one each; NaN each for None."""
+def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array | None:
+    """One number above 0 a series, shape (count,), of one for all or one each; None for None."""
     if value is None:
-        return np.full(count, np.nan)
+        return None
     try:
         array: Array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
     except (TypeError, ValueError):
@@ -256,7 +268,7 @@ def _check(series: Series) -> None:
 # one compiled call, so that only those with true spikes are left to the fit of a single one.
 
 
-Fit = Callable[[Series, NDArray[np.intp]], tuple[Array, Array, Mask]]
+Fit = Callable[[Series, Indices], tuple[Array, Array, Mask]]
 """q, r and whether they can be trusted of some series, which are at these places among those given."""
 
 
@@ -267,68 +279,157 @@ def spike_free(many: Series, fit: Fit) -> Mask:
         many: the series that look spiky, and can be fitted, in memory of their own.
         fit: how.
     """
-    far, repeated = np.zeros(len(many.values), np.bool_), np.zeros(len(many), np.bool_)
-    kernels.far_each(many.values, many.starts, far, repeated)
-    free, seen = np.zeros(len(many), np.bool_), [set[bytes]() for _ in range(len(many))]
-    active, away, last = np.flatnonzero(~repeated), far, np.zeros(len(many), np.bool_)
+    pieces = [many.one(i) for i in range(len(many))]
+    away, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
+    free, last = np.zeros(len(many), np.bool_), np.zeros(len(many), np.bool_)
+    active = [i for i, (z, _) in enumerate(pieces) if not kernels.repeats(z[np.isfinite(z)])]
     for _ in range(MAX_FITS + 1):
-        if not len(active):
+        if not active:
             break
-        some = many.some(active)
-        now = np.concatenate([away[many.starts[i] : many.starts[i + 1]] for i in active])
-        q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), active)
-        scores = np.empty(len(some.values))
-        kernels.unpredicted_each(some.values, some.steps, some.starts, q, r, scores)
-        going = good.copy()
+        some, going = many.some(np.array(active)), list[int]()
+        now = np.concatenate([away[i] for i in active])
+        q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), np.array(active))
         for k in np.flatnonzero(good):
-            i, here = int(active[k]), slice(int(some.starts[k]), int(some.starts[k + 1]))
-            before, after = now[here], scores[here] > 0.0
+            i = active[k]
+            z, before = pieces[i][0], away[i]
+            scores = kernels.unpredicted(*pieces[i], q[k], r[k], None)
+            after = scores > 0.0
             if last[i] or np.array_equal(before, after):
-                free[i] = not more_than_chance(np.where(before, scores[here], 0.0), some.values[here])
-                going[k] = False
+                free[i] = not more_than_chance(np.where(before, scores, 0.0), z)
                 continue
             if after.tobytes() in seen[i]:  # a few doubtful samples come and go: they stay in
                 last[i], after = True, before & after
             seen[i].add(before.tobytes())
-            away[many.starts[i] : many.starts[i + 1]] = after
-        active = active[going]
+            away[i] = after
+            going.append(i)
+        active = going
     return free
 
 
-# The fit without momentum and without a search for spikes, of many series in one compiled call.
+# The fit without momentum and without a search for spikes, of many series at once.
 
-
-KINDS = {"ml": many_kernels.FREE, "fixed_r": many_kernels.KNOWN_R, "fixed_ratio": many_kernels.KNOWN_RATIO}
-"""What each method of `Estimate` knows, as the kernels name it."""
 
 EQUAL = 1e-6
 """Relative difference between the q/r of two fits that are the same."""
 
+NORMAL = 1.9599639845400545
+"""Standard errors from an estimate to the end of its 95 % interval."""
+
+_AT_ONCE, SEARCHED = 4_000_000, 500_000
+"""Samples between two reports of progress, a fraction of a second, and of one search, which stay in the cache."""
+
+OK, FLAT, NO_NOISE, NO_MOVEMENT, TOO_FEW, CONSTANT, BAD_UNIT, HOLDS_INF, BAD_STEPS = range(9)
+_OF_DEFECT = np.array([OK, TOO_FEW, CONSTANT, HOLDS_INF, BAD_STEPS], np.uint8)
+"""Verdicts by their places in VERDICTS, and those of the defects of `kernels.take_apart`."""
+
+Q, R, Q_SE, R_SE, LOGLIK, LOW, HIGH, Q_LOW, Q_HIGH, R_LOW, R_HIGH = range(11)
+"""The rows of numbers."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of each series, shape (k,): r in unit², or λ = q/r, or nothing."""
+
+    r: Array | None = None
+    ratio: Array | None = None
+
+    def some(self, rows: Indices | slice) -> Known:
+        """That of some of the series."""
+        return Known(None if self.r is None else self.r[rows], None if self.ratio is None else self.ratio[rows])
+
+
+NOTHING = Known()
+
 
 def fit_plain(
-    many: Series, kind: int, known: Array, ends: NDArray[np.int64]
-) -> tuple[Array, NDArray[np.uint8], NDArray[np.int64], Mask]:
-    """Fit each series up to one of `ends`, indices into the values, shape (series,).
+    many: Series, stops: NDArray[np.int64], known: Known = NOTHING
+) -> tuple[Array, NDArray[np.uint8], Indices, Mask]:
+    """Fit each series up to one of `stops`, indices into the values, shape (series,).
 
     Returns:
-        The columns of numbers and the codes of the kernels, the finite samples, and whether readings repeat.
+        The rows of numbers, shape (11, series); the verdicts as places in VERDICTS; the finite samples; whether
+        readings repeat.
     """
-    k = len(many)
-    numbers, codes = np.empty((k, many_kernels.NUMBERS)), np.empty(k, np.uint8)
-    samples, stepped = np.empty(k, np.int64), np.empty(k, np.bool_)
-    many_kernels.fit_each(
-        many.values, many.steps, many.starts[:-1], ends, kind, known, numbers, codes, samples, stepped
+    numbers = np.zeros((11, len(many)))
+    numbers[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH]] = math.inf
+    codes, samples, stepped = (
+        np.empty(len(many), np.uint8),
+        np.empty(len(many), np.intp),
+        np.empty(len(many), np.bool_),
     )
+    for first, stop in many.parts(SEARCHED):
+        here = slice(first, stop)
+        data, samples[here], changes, defects = take_apart(
+            many.values, many.steps, many.starts[first:stop], stops[here]
+        )
+        codes[here] = _OF_DEFECT[defects]
+        chosen = np.flatnonzero(defects == kernels.GOOD)
+        if len(chosen):
+            rows = first + chosen
+            numbers[:, rows], codes[rows] = _fit(data.only(chosen), known.some(rows))
+        stepped[here] = shows_steps(changes, samples[here] - 1) & (codes[here] <= NO_NOISE)
     return numbers, codes, samples, stepped
 
 
-def fitted_ratios(many: Series, ends: NDArray[np.int64]) -> Array:
-    """The most likely λ of each series up to one of `ends`, 0 … inf; NaN without any."""
-    numbers, codes, _, _ = fit_plain(many, many_kernels.FREE, np.empty(len(many)), ends)
+def _fit(data: Records, known: Known) -> tuple[Array, NDArray[np.uint8]]:
+    """The rows of numbers of records that can be fitted, and their codes."""
+    m, everyone = data.m, np.arange(len(data.scale))
+    noise, fits = None, np.ones(len(m), np.bool_)
+    with np.errstate(all="ignore"):
+        unit = data.scale * data.scale
+        if known.r is not None:
+            noise = known.r / data.scale / data.scale
+            fits = (noise > 1.0 / MAX_FACTOR) & (noise < MAX_FACTOR)
+            noise = np.where(fits, noise, 1.0)
+        peaks = search_records(data, noise)
+        place = peaks.log_ratio if known.ratio is None else np.log(known.ratio)
+        ends = np.exp(np.minimum(np.stack([peaks.low, peaks.high], axis=1), MAX_LOG_RATIO))
+        chi2, logdet = data.sums(everyone, np.concatenate([ratios_near(place), ends], axis=1))
+        sizes = chi2 / m[:, None]
+        loglik = data.logliks(everyone, chi2[:, :1], logdet[:, :1], noise)[:, 0]
+        walk, (at_infinity, q_walk) = np.isposinf(place), data.without_noise()
+        r = np.where(walk, 0.0, sizes[:, 0] if noise is None else noise)
+        q = np.where(walk, q_walk, np.exp(place) * r)
+        low, high = np.exp(peaks.low), np.exp(peaks.high)
+        alone = np.sqrt(2.0 / m)
+        if noise is not None:
+            q_error, r_error = np.where(peaks.curvature < 0.0, 1.0 / np.sqrt(-peaks.curvature), math.inf), 0.0 * m
+            intervals = [low * noise, high * noise, noise, noise]
+        elif known.ratio is not None:
+            q_error = r_error = alone
+            intervals = [value * np.exp(side * NORMAL * alone) for value in (q, r) for side in (-1.0, 1.0)]
+        else:
+            q_error, r_error = relative_errors(place, peaks.curvature, chi2[:, :3], m)
+            least = np.where(np.isinf(high), 0.0, sizes[:, 4])
+            q_ends = low * sizes[:, 3], np.where(np.isinf(high), q_walk, high * least)
+            values = ((q, q_ends[0], -1.0), (q, q_ends[1], 1.0), (r, least, -1.0), (r, sizes[:, 3], 1.0))
+            intervals = [_apart(value, end, side * NORMAL * alone) for value, end, side in values]
+        errors = [np.where(value > 0.0, value * error, math.inf) for value, error in ((q, q_error), (r, r_error))]
+        sizes = np.stack([q, r, *errors, *intervals]) * unit
+        for value, size in ((q, sizes[0]), (r, sizes[1])):
+            fits &= (value == 0.0) | ((size > MIN_VARIANCE) & (size <= MAX_VARIANCE))
+    numbers = np.stack([*sizes[:4], np.where(walk, at_infinity, loglik), low, high, *sizes[4:]])
+    flat = np.isneginf(peaks.low) & np.isposinf(peaks.high)
+    codes = np.select([~fits, r == 0.0, q == 0.0, flat], [BAD_UNIT, NO_NOISE, NO_MOVEMENT, FLAT], OK)
+    least = np.zeros((11, 1))
+    least[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH]] = math.inf
+    return np.where(fits, numbers, least), codes.astype(np.uint8)
+
+
+def _apart(value: Array, end: Array, wide: Array) -> Array:
+    """One end of an interval: of the shape it is `end`, of the size it lies `wide` (in ln, signed) from `value`.
+
+    The two combine on the scale of the logarithm (Zou & Donner 2008, Statistics in Medicine 27, 1693-1702).
+    """
+    both = value * np.exp(np.copysign(np.hypot(np.log(end / value), wide), wide))
+    return np.where(end <= 0.0, 0.0, np.where(value <= 0.0, end * np.exp(wide), both))
+
+
+def fitted_ratios(many: Series, stops: NDArray[np.int64]) -> Array:
+    """The most likely λ of each series up to one of `stops`, 0 … inf; NaN without any."""
+    numbers, codes, _, _ = fit_plain(many, stops)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(
-            codes <= many_kernels.NO_MOVEMENT, numbers[:, many_kernels.Q] / numbers[:, many_kernels.R], math.nan
-        )
+        return np.where(codes <= NO_MOVEMENT, numbers[Q] / numbers[R], math.nan)
 
 
 def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float, float, float]:
@@ -346,40 +447,35 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
         Least and largest q, least and largest r, unit²; 0 and inf where nothing is excluded.
     """
     wald = (*_around(one.q, one.q_se), *_around(one.r, one.r_se))
-    kind = KINDS.get(one.method)
-    if kind is None or float(one.momentum) > 0.0 or not (float(one.q) > 0.0 and float(one.r) > 0.0):
-        return wald
-    used = z if one.outliers is None else np.where(one.outliers, np.nan, z)
-    many = Series(np.array(used, dtype=np.float64), np.array([0, len(z)]), steps)
-    known = np.array(
-        [{many_kernels.KNOWN_R: one.r, many_kernels.KNOWN_RATIO: one.ratio}.get(kind, math.nan)], np.float64
-    )
-    (found,), (code,), _, _ = fit_plain(many, kind, known, many.starts[1:])
+    q, r = np.array([one.q]), np.array([one.r])
     if (
-        code not in (many_kernels.OK, many_kernels.FLAT)
-        or abs(found[many_kernels.Q] / found[many_kernels.R] / float(one.ratio) - 1.0) > EQUAL
+        one.method not in ("ml", "fixed_r", "fixed_ratio")
+        or one.momentum > 0.0
+        or not (one.q > 0.0 and one.r > 0.0)
     ):
         return wald
+    known = {"fixed_r": Known(r=r), "fixed_ratio": Known(ratio=q / r)}.get(one.method, NOTHING)
+    used = z if one.outliers is None else np.where(one.outliers, np.nan, z)
+    many = Series(np.array(used, dtype=np.float64), np.array([0, len(z)]), steps)
+    numbers, (code,), _, _ = fit_plain(many, many.starts[1:], known)
+    found = numbers[:, 0]
+    if code not in (OK, FLAT) or abs(found[Q] / found[R] / one.ratio - 1.0) > EQUAL:
+        return wald
     # The spike-proof fit corrects r for the good samples that its rule removes.
-    factor = 1.0 if kind == many_kernels.KNOWN_R else float(one.r) / found[many_kernels.R]
-    low, high, r_low, r_high = (factor * found[many_kernels.Q_LOW :]).tolist()
+    factor = 1.0 if one.method == "fixed_r" else one.r / found[R]
+    low, high, r_low, r_high = (factor * found[Q_LOW:]).tolist()
     return low, high, r_low, r_high
 
 
 def _around(value: float, error: float) -> tuple[float, float]:
     """The 95 % interval of a variance from its standard error, on the scale of the logarithm."""
-    size, spread = value, error
-    if not (size > 0.0 and math.isfinite(spread)):
+    if not (value > 0.0 and math.isfinite(error)):
         return 0.0, math.inf
-    factor = math.exp(min(many_kernels.NORMAL * spread / size, 700.0))
-    return size / factor, size * factor
+    factor = math.exp(min(NORMAL * error / value, 700.0))
+    return value / factor, value * factor
 
 
 # `estimate_many`: q and r of many series in one compiled call, without Python code per series.
-
-
-_AT_ONCE = 4_000_000
-"""Samples of one compiled call, a fraction of a second; progress and cancellation are handled between two."""
 
 
 def estimate_many(
@@ -421,129 +517,69 @@ def estimate_many(
     Source: as `estimate`.
     """
     many = series_of(series, dt)
-    asked = _Asked.of(len(many), momentum, robust, r, ratio)
+    k, tau, wanted = len(many), checked_momentum(momentum, "ml"), checked_robust(robust)
+    if r is not None and ratio is not None:
+        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
+    known = Known(above_zero_each("r", r, k), above_zero_each("ratio", ratio, k))
+    if (r is not None or ratio is not None) and tau != 0.0:
+        raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
+
+    def alone(i: int) -> Estimate:
+        z, steps = many.one(i)
+        dt = steps if len(steps) else None
+        if known.r is not None:
+            return estimate_fixed_r(z, float(known.r[i]), dt, robust)
+        if known.ratio is not None:
+            return estimate_fixed_ratio(z, float(known.ratio[i]), dt, robust)
+        return estimate(z, dt=dt, momentum=momentum, robust=robust)
+
     report = Progress(progress, cancelled)
-    table = _Columns(len(many))
+    numbers, codes, samples = np.empty((11, k)), np.empty(k, np.uint8), np.empty(k, np.intp)
+    taus, spikes, gate, set_aside = np.zeros((3, k)), np.zeros(k, np.intp), np.full(k, math.inf), list[Indices]()
     report(0.0, "fit")
-    compiled = asked.tau == 0.0 and asked.robust is not True
-    for first, stop in many.parts(_AT_ONCE if compiled else 1):
-        part = Series(many.values, many.starts[first : stop + 1], many.steps)
-        table.fit(part, asked, slice(first, stop))
-        again = range(first, stop) if not compiled else first + np.flatnonzero(table.again[first:stop])
-        for i in again:
-            if asked.kind == many_kernels.FREE or asked.robust is not False:
-                table.refine(int(i), many, asked)
-        report(stop / max(len(many), 1), "fit")
-    return table.as_table()
+    together = tau == 0.0 and wanted is not True
+    for first, stop in many.parts(_AT_ONCE if together else 1):
+        here, some = slice(first, stop), many.between(first, stop)
+        numbers[:, here], codes[here], samples[here], again = fit_plain(some, some.starts[1:], known.some(here))
+        if not together:
+            again = codes[here] < TOO_FEW
+        elif wanted is None:
+            again |= _spiky(some, numbers[:, here], again, known.some(here))
+        elif r is not None or ratio is not None:
+            again[:] = False
+        for i in (first + np.flatnonzero(again)).tolist():
+            z, steps = many.one(i)
+            if together and wanted is False and not may_be_below_resolution(z, float(numbers[R, i])):
+                continue
+            one = alone(i)
+            ends = pair_intervals(one, z, steps)
+            numbers[:, i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
+            codes[i] = VERDICTS.index(one.verdict)
+            taus[:, i] = (one.momentum, *one.momentum_interval)
+            gate[i] = math.inf if one.gate is None else one.gate
+            if one.outliers is not None:
+                away = np.flatnonzero(one.outliers)
+                spikes[i] = len(away)
+                set_aside.append(int(many.starts[i]) + away)
+        report(stop / max(k, 1), "fit")
+    q, r_found, q_se, r_se, loglik, *ends = numbers
+    return EstimateTable(
+        q, r_found, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
+        codes, samples, taus[0], (taus[1], taus[2]), spikes, gate,
+        np.concatenate([np.empty(0, np.intp), *set_aside]),
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What the caller asked for, checked."""
+def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
+    """Which series may have spikes that `estimate` would set aside; False where readings repeat."""
+    suspect = np.empty(len(many), np.bool_)
+    kernels.suspect_each(many.values, many.steps, many.starts, numbers[Q], numbers[R], suspect)
+    chosen = np.flatnonzero(suspect & ~stepped)
 
-    tau: float | None
-    """Momentum; None = to be found."""
-    robust: bool | None
-    """Whether spikes are set aside; None = where there are any."""
-    kind: int
-    """What is known, as the kernels name it."""
-    known: Array
-    """r or λ of each series, shape (k,)."""
+    def fit(some: Series, at: Indices) -> tuple[Array, Array, Mask]:
+        found, codes, _, repeats = fit_plain(some, some.starts[1:], known.some(chosen[at]))
+        return found[Q], found[R], (codes <= NO_MOVEMENT) & ~repeats
 
-    @staticmethod
-    def of(count: int, momentum: Any, robust: Any, r: Any, ratio: Any) -> _Asked:
-        if r is not None and ratio is not None:
-            raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
-        tau = checked_momentum(momentum, "ml")
-        kind = (
-            many_kernels.KNOWN_R
-            if r is not None
-            else many_kernels.KNOWN_RATIO
-            if ratio is not None
-            else many_kernels.FREE
-        )
-        if kind != many_kernels.FREE and tau != 0.0:
-            raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
-        known = above_zero_each("r", r, count) if r is not None else above_zero_each("ratio", ratio, count)
-        return _Asked(tau, checked_robust(robust), kind, known)
-
-    def of_one(self, index: int, z: Array, dt: Array | None) -> Estimate:
-        """The estimate of one series, as the library finds it for a single one."""
-        robust = "auto" if self.robust is None else self.robust
-        if self.kind == many_kernels.KNOWN_R:
-            return estimate_fixed_r(z, float(self.known[index]), dt, robust)
-        if self.kind == many_kernels.KNOWN_RATIO:
-            return estimate_fixed_ratio(z, float(self.known[index]), dt, robust)
-        return estimate(z, dt=dt, momentum="auto" if self.tau is None else self.tau, robust=robust)
-
-
-class _Columns:
-    """The table while it is filled."""
-
-    def __init__(self, count: int) -> None:
-        self.numbers = np.empty((count, many_kernels.NUMBERS))
-        self.codes = np.empty(count, np.uint8)
-        self.samples = np.empty(count, np.int64)
-        self.again = np.empty(count, np.bool_)
-        self.momentum = np.zeros((3, count))
-        self.spikes = np.zeros(count, np.int64)
-        self.gate = np.full(count, math.inf)
-        self.set_aside: list[NDArray[np.int64]] = []
-
-    def fit(self, many: Series, asked: _Asked, rows: slice) -> None:
-        """Fit some series, in one compiled call."""
-        found = fit_plain(many, asked.kind, asked.known[rows], many.starts[1:])
-        self.numbers[rows], self.codes[rows], self.samples[rows], self.again[rows] = found
-        if asked.robust is None:
-            q, r = np.ascontiguousarray(self.numbers[rows, [many_kernels.Q, many_kernels.R]].T)
-            suspect = np.empty(len(many), np.bool_)
-            suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], q, r, suspect)
-            self._clear(many, asked, rows, suspect)
-            self.again[rows] |= suspect
-
-    def _clear(self, many: Series, asked: _Asked, rows: slice, suspect: Mask) -> None:
-        """Unmark the suspect series that have no spikes after all."""
-        chosen = np.flatnonzero(suspect & ~self.again[rows])
-        if not len(chosen):
-            return
-        known = asked.known[rows][chosen]
-
-        def fit(some: Series, at: NDArray[np.intp]) -> tuple[Array, Array, Mask]:
-            numbers, codes, _, stepped = fit_plain(some, asked.kind, known[at], some.starts[1:])
-            q, r = np.ascontiguousarray(numbers[:, [many_kernels.Q, many_kernels.R]].T)
-            return q, r, (codes <= many_kernels.NO_MOVEMENT) & ~stepped
-
+    if len(chosen):
         suspect[chosen] = ~spike_free(many.some(chosen), fit)
-
-    def refine(self, i: int, many: Series, asked: _Asked) -> None:
-        """Fit one series as `estimate` does, unless nothing in it can be fitted or its numbers would stay."""
-        if self.codes[i] in (
-            many_kernels.HOLDS_INF,
-            many_kernels.BAD_STEPS,
-            many_kernels.TOO_FEW,
-            many_kernels.CONSTANT,
-        ):
-            return
-        (z, steps), start = many.one(i), int(many.starts[i])
-        plain = asked.tau == 0.0 and asked.robust is False
-        if plain and not may_be_below_resolution(z, float(self.numbers[i, many_kernels.R])):
-            return
-        one = asked.of_one(i, z, steps if len(steps) else None)
-        ends = pair_intervals(one, z, steps)
-        self.numbers[i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
-        self.codes[i] = VERDICTS.index(str(one.verdict))
-        self.momentum[:, i] = (one.momentum, *one.momentum_interval)
-        if one.outliers is not None:
-            away = np.flatnonzero(one.outliers)
-            self.spikes[i] = len(away)
-            self.set_aside.append(start + away)
-        self.gate[i] = math.inf if one.gate is None else float(one.gate)
-
-    def as_table(self) -> EstimateTable:
-        q, r, q_se, r_se, loglik, *ends = np.ascontiguousarray(self.numbers.T)
-        tau, tau_low, tau_high = self.momentum
-        away = np.concatenate([np.empty(0, np.int64), *self.set_aside])
-        return EstimateTable(
-            q, r, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
-            self.codes, self.samples, tau, (tau_low, tau_high), self.spikes, self.gate, away,
-        )  # fmt: skip
+    return suspect

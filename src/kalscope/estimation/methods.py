@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
-from kalscope.common.text import correlation, number
-from kalscope.estimation.kernels import em_pass, fixed_gain_innovations, lagged_products
-from kalscope.estimation.likelihood import Differences, Peak, find_peak, find_top_near, grid_for
+from kalscope.common.text import correlation
+from kalscope.estimation.kernels import fixed_gain_innovations, lagged_products
+from kalscope.estimation.likelihood import MAX_LOG_RATIO, ONE, Differences, Peak, find_top_near, search_records
 from kalscope.estimation.result import Pair
 
 # Maximum likelihood with the exact diffuse start and the scale concentrated out: one search over ln λ.
@@ -27,76 +26,50 @@ _DERIVATIVE_STEP = 1e-3
 
 def search(data: Differences, progress: Progress) -> Peak:
     """The peak of the concentrated likelihood over λ, with its 95 % interval."""
-    return find_peak(data.concentrated, grid_for(data.m), data.random_walk()[0], progress)
+    return search_records(data.records, progress=progress).one()
 
 
 def fit_near(data: Differences, ratio: float, progress: Progress) -> Pair:
     """The pair of a record whose λ is probably near `ratio`: searched there first."""
-    peak = find_top_near(data.concentrated, math.log(ratio)) if 0.0 < ratio < math.inf else None
+    peak = find_top_near(data, math.log(ratio)) if 0.0 < ratio < math.inf else None
     return fit_maximum_likelihood(data, peak or search(data, progress))
 
 
 def fit_maximum_likelihood(data: Differences, peak: Peak) -> Pair:
-    """The pair at the peak, and their standard errors from the observed information in (ln r, ln λ).
+    """The pair at the peak of the likelihood, and their standard errors."""
+    place = np.array([peak.log_ratio])
+    chi2, _ = data.records.sums(ONE, ratios_near(place))
+    q_error, r_error = (float(one[0]) for one in relative_errors(place, np.array([peak.curvature]), chi2, data.m))
+    if peak.log_ratio == math.inf:
+        q = data.random_walk()[1]
+        return Pair(q, 0.0, q * q_error, math.inf)
+    r = float(chi2[0, 0]) / data.m
+    q = math.exp(peak.log_ratio) * r
+    return Pair(q, r, q * q_error if q else math.inf, r * r_error)
+
+
+def ratios_near(log_ratios: Array) -> Array:
+    """λ at each ln λ, and a small step before and after it, shape (k, 3), for `relative_errors`."""
+    near = log_ratios[:, None] + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+    return np.exp(np.minimum(near, MAX_LOG_RATIO))
+
+
+def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array | int) -> tuple[Array, Array]:
+    """Standard errors of ln q and ln r from the observed information in (ln r, ln λ), shape (k,).
 
     There var(ln λ) = −1/ℓ″, and r given λ has var(ln r) = 2/m (m squared innovations), while the best r moves
     with λ by the slope b: var(ln r) = 2/m + b² var(ln λ), var(ln q) = 2/m + (1 + b)² var(ln λ).
+
+    Args:
+        log_ratios: ln λ of each peak.
+        curvature: second derivative of its log-likelihood.
+        chi2: Σv²/f of `ratios_near`, shape (k, 3).
+        m: scored innovations.
     """
-    spread = 2.0 / data.m
-    if peak.log_ratio == math.inf:
-        q = data.random_walk()[1]
-        return Pair(q, 0.0, q * math.sqrt(spread), math.inf)
-    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
-    chi2 = data.sums(np.exp(near))[0]
-    r = float(chi2[0]) / data.m
-    if peak.log_ratio == -math.inf:
-        return Pair(0.0, r, math.inf, r * math.sqrt(spread))
-    variance = -1.0 / peak.curvature if peak.curvature < 0.0 else math.inf
-    slope = float(np.log(chi2[2] / chi2[1])) / (2.0 * _DERIVATIVE_STEP)
-    q = math.exp(peak.log_ratio) * r
-    return Pair(
-        q, r, q * math.sqrt(spread + (1.0 + slope) ** 2 * variance), r * math.sqrt(spread + slope**2 * variance)
-    )
-
-
-# EM: smooth with the current pair, take the variances of the smoothed signal as the next pair, repeat.
-#
-# Monotone and robust, but slow: it reaches the maximum of the same likelihood as "ml" in hundreds of passes, and
-# an edge (q = 0, r = 0) never. Shumway & Stoffer (1982).
-
-
-SETTLED = 1e-8
-"""Relative change of q and r in one pass at which EM has converged."""
-
-_MAX_PASSES = 3000
-_MAX_SAMPLES = 20_000_000
-"""Passes, and passes × samples, at which EM gives up: one to two seconds."""
-
-
-def passes(data: Differences) -> Iterator[tuple[float, float, float]]:
-    """The passes of EM without end: (q, r, log-likelihood of that pair), in scale² and for the scaled data."""
-    z = np.concatenate([[0.0], np.cumsum(data.d)])
-    x, p = np.empty_like(z), np.empty_like(z)
-    q = r = float(np.mean(data.d**2)) / 3.0  # the variance of a difference is q + 2r
-    while True:
-        q_next, r_next, loglik = em_pass(z, data.gap, q, r, x, p)
-        yield q, r, loglik
-        q, r = q_next, r_next
-
-
-def fit_by_em(data: Differences, progress: Progress) -> Pair:
-    """The pair where EM converges, or that of its last pass ("not_converged")."""
-    limit = max(50, min(_MAX_PASSES, _MAX_SAMPLES // (data.m + 1)))
-    q_before = r_before = q = r = math.nan
-    for i, (q, r, _) in enumerate(passes(data)):
-        if abs(q - q_before) <= SETTLED * q and abs(r - r_before) <= SETTLED * r:
-            return Pair(q, r, math.inf, math.inf)
-        if i >= limit or not (q > 0.0 and r > 0.0):
-            break
-        q_before, r_before = q, r
-        if i % 10 == 0:
-            progress(i / limit, f"EM pass {i} of at most {limit}")
-    return Pair(q, r, math.inf, math.inf, verdict="not_converged" if q > 0.0 and r > 0.0 else "")
+    slope = np.log(chi2[:, 2] / chi2[:, 1]) / (2.0 * _DERIVATIVE_STEP)
+    variance = np.divide(-1.0, curvature, out=np.full(len(slope), math.inf), where=curvature < 0.0)
+    variance[np.isinf(log_ratios)] = 0.0
+    return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
 
 
 # ALS: the autocovariances of a running filter's innovations, solved for q and r by least squares.
@@ -157,26 +130,14 @@ def _autocovariances(innovations: Array, lags: int) -> tuple[Array, Array]:
 
 def solve(design: Array, seen: Array, errors: Array) -> Pair:
     """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
+    from scipy.optimize import nnls
+
     weighted = design / errors[:, None]
-    q, r = not_negative(weighted, seen / errors)
+    q, r = nnls(weighted, seen / errors)[0]
     covariance = np.linalg.pinv(weighted.T @ weighted)
     q_se, r_se = np.sqrt(np.diag(covariance))
     q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
     return Pair(q, r, float(q_se), float(r_se))
-
-
-def not_negative(a: Array, b: Array) -> tuple[float, float]:
-    """The pair x ≥ 0 with the least ‖a x − b‖, a of shape (m, 2).
-
-    What is minimised is convex: where the pair without bounds has a negative part, the best one has a part of 0.
-    """
-    free = np.linalg.lstsq(a, b, rcond=None)[0]
-    if free.min() >= 0.0:
-        return float(free[0]), float(free[1])
-    squares, products = np.sum(a * a, axis=0), a.T @ b
-    alone = np.divide(products, squares, out=np.zeros(2), where=squares > 0.0).clip(0.0)
-    gained = alone * products  # what each takes off ‖b‖²
-    return (float(alone[0]), 0.0) if gained[0] >= gained[1] else (0.0, float(alone[1]))
 
 
 def _gain(q: float, r: float) -> float:
@@ -298,7 +259,7 @@ def allan_variances(
 # The methods by their names, one way to call all of them.
 
 
-METHODS = ("ml", "em", "moments", "als", "allan")
+METHODS = ("ml", "moments", "als", "allan")
 """The methods of `estimate`, in the order in which `compare_methods` shows them."""
 
 QUICK = {"moments": fit_by_moments, "als": fit_by_correlations, "allan": fit_by_allan}
@@ -309,18 +270,5 @@ def fit_by_name(method: str, data: Differences, peak: Peak, progress: Progress) 
     """The pair that a method of METHODS finds; `peak` is that of the likelihood."""
     if method == "ml":
         return replace(fit_maximum_likelihood(data, peak), note=what_differences_say(data))
-    if method == "em":
-        return _climbed(data, peak, progress)
     progress(0.0, method)
     return QUICK[method](data)
-
-
-def _climbed(data: Differences, peak: Peak, progress: Progress) -> Pair:
-    """EM's pair, with the errors of the likelihood that it climbs."""
-    pair = fit_by_em(data, progress)
-    top = fit_maximum_likelihood(data, peak)
-    if math.isfinite(peak.log_ratio):
-        return replace(pair, q_se=top.q_se, r_se=top.r_se)  # the same likelihood has the same curvature
-    # EM approaches an edge but never reaches it.
-    stopped = f"EM approaches this edge slowly and stopped at q/r = {number(pair.q / pair.r)}." if pair.r else ""
-    return replace(top, note=stopped)

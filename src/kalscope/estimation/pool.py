@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array, Indices, Mask, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation import many_kernels
+from kalscope.estimation import kernels
 from kalscope.estimation.fit import estimate
-from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, find_peak
-from kalscope.estimation.many import Series, fitted_ratios, lags_of, reductions_of, series_of
+from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, Records, find_peak, take_apart
+from kalscope.estimation.many import SEARCHED, Series, fitted_ratios, lags_of, reductions_of, series_of
 from kalscope.estimation.verdict import exp
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -25,8 +25,12 @@ from kalscope.filtering.steady import steady_state
 # One filter for a whole fleet, by the sum of its likelihoods: what each batch adds, and the maximum.
 
 
-_NEAREST = 24
-"""Points of the grid that the polynomial between two of them goes through."""
+M_LOG_R, LOG_R, LOGDET, SLOPES = range(4)
+"""The rows of sums at each ln λ: Σ m ln r̂, Σ ln r̂ with the best r̂ = χ²/m of each device, ΣΣln f, and the
+sum of the squares of each device's slope of the log-likelihood with its best r̂, 0 at the ends."""
+
+_ORDER = 15
+"""Order of the spline through the points of the grid."""
 
 
 @dataclass(frozen=True)
@@ -51,40 +55,39 @@ class Pool:
     @staticmethod
     def empty() -> Pool:
         """The pool of no device: where a sum of pools begins."""
-        return Pool(np.zeros((many_kernels.SUMS, len(DEFAULT_LOG_RATIOS) + 2)), 0, 0)
+        return Pool(np.zeros((4, len(DEFAULT_LOG_RATIOS) + 2)), 0, 0)
 
     def loglik(self, log_ratios: Array) -> Array:
         """The summed log-likelihood at each ln λ, ∓inf allowed, with the best r of each device."""
         terms = self.innovations * (math.log(2.0 * math.pi) + 1.0)
-        return self._between(
-            -0.5 * (terms + self.sums[many_kernels.M_LOG_R] + self.sums[many_kernels.LOGDET]), log_ratios
-        )
+        return self._between(-0.5 * (terms + self.sums[M_LOG_R] + self.sums[LOGDET]), log_ratios)
 
     def noise(self, log_ratio: float) -> float:
         """The geometric mean of the best r of the devices at ln λ, unit²; that of q at inf."""
-        level = self.sums[many_kernels.LOG_R] / self.devices
+        level = self.sums[LOG_R] / self.devices
         level[:-2] += np.logaddexp(0.0, DEFAULT_LOG_RATIOS)  # ln r(1 + λ) is level at both ends
         size = float(self._between(level, np.array([log_ratio]))[0])
         return math.exp(size - (np.logaddexp(0.0, log_ratio) if math.isfinite(log_ratio) else 0.0))
 
     def slopes(self, log_ratio: float) -> float:
         """The sum over the devices of their squared slopes of the log-likelihood by ln λ, each with its best r."""
-        return max(float(self._between(self.sums[many_kernels.SLOPES], np.array([log_ratio]))[0]), 0.0)
+        return max(float(self._between(self.sums[SLOPES], np.array([log_ratio]))[0]), 0.0)
 
     def _between(self, row: Array, log_ratios: Array) -> Array:
         """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
-        grid = DEFAULT_LOG_RATIOS
-        out = np.empty(len(log_ratios))
-        zero, infinite = np.isneginf(log_ratios), np.isposinf(log_ratios)
-        out[zero], out[infinite] = row[-2], row[-1]
-        inner = ~(zero | infinite)
-        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
-        longer = np.concatenate([np.full(_NEAREST, ends[0]), row[:-2], np.full(_NEAREST, ends[1])])
-        step = float(grid[1] - grid[0])
-        out[inner] = _interpolated(
-            longer, (np.clip(log_ratios[inner], grid[0], grid[-1]) - grid[0]) / step + _NEAREST
+        from scipy.interpolate import make_interp_spline
+
+        grid, beyond = (
+            DEFAULT_LOG_RATIOS,
+            (DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0]) * np.arange(1, _ORDER + 1),
         )
-        return out
+        ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
+        places = np.concatenate([grid[0] - beyond[::-1], grid, grid[-1] + beyond])
+        longer = np.concatenate([np.full(_ORDER, ends[0]), row[:-2], np.full(_ORDER, ends[1])])
+        inner = (
+            make_interp_spline(places, longer - ends[0], _ORDER)(np.clip(log_ratios, grid[0], grid[-1])) + ends[0]
+        )
+        return np.where(np.isneginf(log_ratios), row[-2], np.where(np.isposinf(log_ratios), row[-1], inner))
 
 
 def pool_of(
@@ -101,26 +104,29 @@ def pool_of(
 
     Source: Durbin & Koopman (2012), section 2.10, for the likelihood; independent devices add.
     """
-    many = series_of(series, dt)
-    pool = Pool.empty()
-    if not len(many):
-        return pool
-    counts: NDArray[np.int64] = np.zeros(2, np.int64)
-    many_kernels.add_up(many.values, many.steps, many.starts, DEFAULT_LOG_RATIOS.copy(), pool.sums, counts)
-    return Pool(pool.sums, int(counts[0]), int(counts[1]))
+    many, pool = series_of(series, dt), Pool.empty()
+    for first, stop in many.parts(SEARCHED):
+        starts = many.starts[first : stop + 1]
+        data, _, _, defects = take_apart(many.values, many.steps, starts[:-1], starts[1:])
+        data = data.only(np.flatnonzero(defects == kernels.GOOD))
+        rows = np.flatnonzero((data.scale > 1e-145) & (data.scale < 1e145))  # their squares fit a double
+        if len(rows):
+            pool = pool + _pool_of(data, rows)
+    return pool
 
 
-def _interpolated(values: Array, where: Array) -> Array:
-    """Values at 0, 1, 2 …, read between them: the polynomial through the nearest points, barycentric."""
-    first = np.clip(np.floor(where).astype(np.int64) - _NEAREST // 2 + 1, 0, len(values) - _NEAREST)
-    points = first[:, None] + np.arange(_NEAREST)
-    away = where[:, None] - points
-    exact = np.abs(away) < 1e-12
-    weights = np.array([(-1.0) ** j * math.comb(_NEAREST - 1, j) for j in range(_NEAREST)])
-    terms = weights / np.where(exact, 1.0, away)
-    base = values[points[:, :1]]
-    smooth = np.sum(terms * (values[points] - base), axis=1) / np.sum(terms, axis=1) + base[:, 0]
-    return np.where(exact.any(axis=1), values[points[np.arange(len(points)), exact.argmax(axis=1)]], smooth)
+def _pool_of(data: Records, rows: Indices) -> Pool:
+    """The pool of some records."""
+    grid, m = DEFAULT_LOG_RATIOS, data.m[rows, None]
+    chi2, logdet = data.sums(rows, np.exp(np.tile(np.append(grid, -math.inf), (len(rows), 1))))
+    walk = data.random_walk
+    with np.errstate(divide="ignore"):
+        log_r = np.log(np.column_stack([chi2, walk[0][rows]]) / m) + 2.0 * np.log(data.scale[rows, None])
+    logdet = np.column_stack([logdet, walk[1][rows]])
+    change = m * (log_r[:, 2:-2] - log_r[:, :-4]) + logdet[:, 2:-2] - logdet[:, :-4]
+    slopes = np.zeros_like(log_r)
+    slopes[:, 1:-3] = -0.5 * change / (grid[2:] - grid[:-2])
+    return Pool(np.stack([m * log_r, log_r, logdet, slopes * slopes]).sum(axis=1), len(rows), int(m.sum()))
 
 
 @dataclass(frozen=True)
@@ -243,13 +249,21 @@ def held_out(
         BadSetting: the series or dt have another shape.
     """
     many = series_of(series, dt)
-    k = len(many)
-    errors, own_error = np.full((k, len(LOG_RATIOS)), math.nan), np.full(k, math.nan)
-    own = fitted_ratios(many, (many.starts[:-1] + many.starts[1:]) // 2)
-    if k:
-        many_kernels.errors_of_each(
-            many.values, many.steps, many.starts, np.exp(LOG_RATIOS), own, errors, own_error
+    middles = (many.starts[:-1] + many.starts[1:]) // 2
+    own = fitted_ratios(many, middles)
+    errors = np.full((len(many), len(LOG_RATIOS) + 1), math.nan)
+    for first, stop in many.parts(SEARCHED):
+        starts = many.starts[first : stop + 1]
+        known = np.diff(take_apart(many.values, many.steps, starts[:-1], middles[first:stop])[0].starts)
+        data = take_apart(many.values, many.steps, starts[:-1], starts[1:])[0]
+        since = np.where(np.isnan(own[first:stop]), np.diff(data.starts), known)
+        # The largest λ passes the samples unchanged, as far as a double can tell.
+        ratios = np.column_stack(
+            [np.tile(np.exp(LOG_RATIOS), (stop - first, 1)), np.minimum(own[first:stop], 1e18)]
         )
+        kernels.squares_since(data.d, data.gap, data.starts, since, ratios, errors[first:stop])
+        errors[first:stop] *= data.scale[:, None]
+    errors, own_error = errors[:, :-1], errors[:, -1].copy()
     for i in () if momentum is None else np.flatnonzero(momentum & np.isfinite(own_error)).tolist():
         own_error[i] = _error_with_momentum(*many.one(i), own_error[i])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -32,7 +32,6 @@ from kalscope.filtering.steady import steady_state
 
 METHOD_NAMES = {
     "ml": "maximum likelihood",
-    "em": "EM",
     "moments": "moments of the differences",
     "als": "correlations of the innovations",
     "allan": "Allan variance",

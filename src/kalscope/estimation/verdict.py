@@ -12,6 +12,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import count as whole
 from kalscope.common.text import decibels, number, percent, plural, trimmed
+from kalscope.estimation.kernels import MIN_SAMPLES
 from kalscope.estimation.likelihood import Differences, Peak, differences
 from kalscope.estimation.result import USABLE, Estimate, Pair
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
@@ -35,9 +36,6 @@ FLAT = (
     "Treat the pair as a guess. Record longer, or take r from a still stretch or the data sheet."
 )
 """Every λ from 0 to ∞ explains the record almost equally well."""
-
-MIN_SAMPLES = 8
-"""Finite samples that an estimate needs."""
 
 
 def no_movement(lag_low: float) -> str:
@@ -245,10 +243,6 @@ def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
     """The verdict, that of the method or by the numbers, and the words for it."""
     low, high = (exp(end) for end in peak.interval)
     none, message = "", FLAT
-    if pair.verdict == "not_converged":
-        return pair.verdict, (
-            "EM had not converged when it reached its limit of passes: use the maximum-likelihood pair instead."
-        )
     if pair.r == 0.0:
         verdict, none = "no_noise", "noise" if high < math.inf else ""
         message = (

@@ -10,10 +10,9 @@ from each import each
 
 from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
 from kalscope.errors import Cancelled
-from kalscope.estimation import fit, likelihood, many_kernels, verdict
+from kalscope.estimation import kernels
 from kalscope.estimation import many as estimate_many_module
-from kalscope.estimation.kernels import suspect_each
-from kalscope.estimation.many import VERDICTS, Series, pair_intervals, series_of
+from kalscope.estimation.many import Series, pair_intervals, series_of
 
 NAN = np.nan
 
@@ -71,15 +70,6 @@ def assert_same(table, row, one, named=""):
         assert ends == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
 
 
-@pytest.mark.slow
-def test_simulated_series_give_the_numbers_of_estimate():
-    series = list(simulated(120))
-    table = estimate_many(series, robust=False)
-    assert len(set(table.verdict)) >= 4  # the sample is worth the comparison
-    for row, z in enumerate(series):
-        assert_same(table, row, estimate(z, momentum=0.0, robust=False), row)
-
-
 def test_edge_series_give_the_verdicts_of_estimate():
     table = estimate_many(list(EDGES.values()), robust=False)
     assert {"too_few", "constant", "no_noise", "no_movement", "bad_unit", "below_resolution"} <= set(table.verdict)
@@ -94,28 +84,6 @@ def steps_for(z, seed):
         if seed % 3
         else rng.integers(1, 3, len(z)).astype(float)
     )
-
-
-@pytest.mark.slow
-def test_irregular_steps_give_the_numbers_of_estimate():
-    series = [walk(seed, 200 + seed, 0.1) for seed in range(30)]
-    series[4][50:60] = NAN
-    series[5][:] = np.repeat(series[5][::5], 5)[: len(series[5])]
-    steps = [steps_for(z, seed) for seed, z in enumerate(series)]
-    steps[6] = np.ones(len(series[6]))
-    table = estimate_many(series, steps, robust=False)
-    for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
-        assert_same(table, row, estimate(z, dt=dt, momentum=0.0, robust=False), row)
-
-
-@pytest.mark.slow
-def test_a_known_r_or_ratio_gives_the_numbers_of_the_single_fits():
-    series = [walk(seed, 150, 10.0 ** (seed % 5 - 3)) for seed in range(20)]
-    values = np.linspace(0.2, 3.0, 20)
-    by_r, by_ratio = estimate_many(series, r=values, robust=False), estimate_many(series, ratio=0.01, robust=False)
-    for row, z in enumerate(series):
-        assert_same(by_r, row, estimate_fixed_r(z, values[row], robust=False), row)
-        assert_same(by_ratio, row, estimate_fixed_ratio(z, 0.01, robust=False), row)
 
 
 def test_a_known_r_of_another_unit_is_said():
@@ -184,7 +152,7 @@ def test_few_series_without_spikes_are_looked_at_twice():
     rows = np.stack([walk(seed, 400, 0.05) for seed in range(300)])
     many, table = series_of(rows, None), estimate_many(rows, robust=False)
     suspect = np.empty(300, np.bool_)
-    suspect_each(many.values, many.steps, many.starts[:-1], many.starts[1:], table.q, table.r, suspect)
+    kernels.suspect_each(many.values, many.steps, many.starts, table.q, table.r, suspect)
     assert suspect.sum() <= 6
 
 
@@ -228,11 +196,11 @@ def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
 
 def test_memory_that_may_not_be_written_is_no_reason_to_compile_again():
     rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
-    table, loops = estimate_many(rows), len(many_kernels.fit_each.dispatcher.signatures)
+    table, loops = estimate_many(rows), len(kernels.take_apart.dispatcher.signatures)
     rows.setflags(write=False)
     whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
     assert estimate_many(rows).q.tolist() == estimate_many(whole).q.tolist() == table.q.tolist()
-    assert len(many_kernels.fit_each.dispatcher.signatures) == loops
+    assert len(kernels.take_apart.dispatcher.signatures) == loops
 
 
 def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():
@@ -283,14 +251,3 @@ def test_a_stop_is_seen_between_two_calls_and_progress_ends_at_one():
     assert seen[-1] == 1.0
     with pytest.raises(Cancelled):
         estimate_many(rows, cancelled=lambda: True)
-
-
-def test_the_compiled_loops_use_the_limits_of_the_modules_that_they_follow():
-    assert (many_kernels.STEP, many_kernels.DROP) == (likelihood.STEP, likelihood.DROP)
-    assert many_kernels.MAX_PEAKS == likelihood._MAX_PEAKS
-    assert many_kernels.MIN_SAMPLES == verdict.MIN_SAMPLES
-    assert many_kernels.MIN_VARIANCE == verdict.MIN_VARIANCE
-    assert (many_kernels.MIN_CHANGES, many_kernels.MAX_CHANGING) == (fit._MIN_CHANGES, fit._MAX_CHANGING)
-    assert many_kernels.MAX_FACTOR == fit._MAX_FACTOR
-    assert VERDICTS[many_kernels.NO_MOVEMENT] == "no_movement"
-    assert VERDICTS[many_kernels.BAD_STEPS] == "bad_steps"

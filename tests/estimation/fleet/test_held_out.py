@@ -70,12 +70,6 @@ def test_devices_like_the_fleet_are_served_and_others_are_not():
     assert share_served([math.nan]) == 1.0
 
 
-def test_beyond_its_places_the_nearest_counts():
-    growth = held_out(fleet(3, 100, 0.1))
-    np.testing.assert_allclose(held_out_at(growth, 1e-12), growth[:, 0], rtol=1e-12)
-    np.testing.assert_allclose(held_out_at(growth, 1e12), growth[:, -1], rtol=1e-12)
-
-
 def test_what_cannot_be_judged_is_nan():
     growth = held_out([fleet(1, 100, 0.1)[0], np.zeros(50), np.arange(4.0), [], [1.0, np.inf] * 20])
     assert np.isfinite(growth).all(axis=1).tolist() == [True, False, False, False, False]

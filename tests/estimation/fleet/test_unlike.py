@@ -52,15 +52,6 @@ def test_devices_that_scatter_hide_smaller_differences():
     assert scores.middle == pytest.approx(math.log(0.01), abs=0.15)
 
 
-def test_a_score_is_the_distance_in_standard_deviations():
-    values = np.random.default_rng(2).standard_normal(2001)
-    scores = outliers(3.0 + 2.0 * values)
-    np.testing.assert_allclose(scores.z, values - np.median(values), atol=0.15)
-    assert scores.expected == 0.05
-    assert 2001 * math.erfc(scores.threshold / math.sqrt(2.0)) == pytest.approx(0.05)
-    np.testing.assert_allclose(outliers(7.0 - values).z, -outliers(values).z, atol=1e-12)
-
-
 def test_an_uncertain_value_is_less_unlike():
     values = np.append(np.random.default_rng(3).standard_normal(100), [9.0, 9.0])
     wide = np.append(np.full(101, 0.1), 20.0)

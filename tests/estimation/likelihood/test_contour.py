@@ -49,15 +49,6 @@ def test_the_nile_and_a_record_with_gaps():
     assert drops(z, likelihood_contour(z, best, dt), best, dt) == pytest.approx(np.full(122, DROP_95), abs=0.03)
 
 
-@pytest.mark.slow
-def test_a_long_record_has_a_small_region():
-    z = walk(200_000, 0.01, 1.0)
-    best = estimate(z)
-    contour = likelihood_contour(z, best)
-    assert np.ptp(contour.log_r) < 0.04
-    assert drops(z, contour, best)[::20] == pytest.approx(np.full(7, DROP_95), abs=0.05)
-
-
 def test_white_noise_allows_no_movement_at_all_so_its_contour_is_open():
     z = np.random.default_rng(6).normal(size=400)
     best = estimate(z)
