@@ -84,7 +84,7 @@ class Pool:
         places = np.concatenate([grid[0] - beyond[::-1], grid, grid[-1] + beyond])
         longer = np.concatenate([np.full(_ORDER, ends[0]), row[:-2], np.full(_ORDER, ends[1])])
         spline = cast("Any", make_interp_spline(places, longer - ends[0], _ORDER))
-        inner = np.asarray(spline(np.clip(log_ratios, grid[0], grid[-1])), dtype=np.float64) + ends[0]
+        inner: Array = np.asarray(spline(np.clip(log_ratios, grid[0], grid[-1])), dtype=np.float64) + ends[0]
         return np.where(np.isneginf(log_ratios), row[-2], np.where(np.isposinf(log_ratios), row[-1], inner))
 
 
