@@ -131,12 +131,6 @@ def test_a_smoothed_signal_is_named_by_its_differences():
     assert "have the same sign" in estimate(z, momentum=0).message
 
 
-def test_a_row_of_the_table_is_the_estimate_of_that_method(nile):
-    for one in compare_methods(nile):
-        alone = estimate(nile, one.method)
-        assert (one.q, one.r, one.q_se, one.verdict) == (alone.q, alone.r, alone.q_se, alone.verdict)
-
-
 # --- manners --------------------------------------------------------------------------------------------
 
 

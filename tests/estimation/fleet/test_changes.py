@@ -67,18 +67,6 @@ def test_a_device_that_grows_noisier_is_named_with_the_file_and_the_size():
     assert found.step[7] == pytest.approx(math.log(2.0), abs=0.2)
 
 
-def test_the_order_of_the_lines_does_not_matter_and_that_of_the_dates_does():
-    values = np.array([0.0, 0.0, 1.0, 1.0])
-    interval = values - 0.1, values + 0.1
-    device, date = np.zeros(4, int), np.array([1, 2, 3, 4])
-    there = changes(values, interval, device, date)
-    shuffled = changes(values[::-1], (interval[0][::-1], interval[1][::-1]), device, date[::-1])
-    assert shuffled.chi2 == pytest.approx(there.chi2)
-    assert (there.step[0], shuffled.step[0]) == pytest.approx((1.0, 1.0))
-    assert (there.step_at[0], shuffled.step_at[0]) == (2, 1)
-    assert changes(values, interval, device, date[::-1]).step[0] == pytest.approx(-1.0)
-
-
 def test_files_that_say_nothing_do_not_count():
     values = np.array([1.0, math.nan, 1.1, 1.0, 5.0])
     low, high = np.array([0.5, math.nan, 0.6, -math.inf, 4.5]), np.array([1.5, math.nan, 1.6, math.inf, 5.5])
