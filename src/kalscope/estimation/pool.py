@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,16 +78,13 @@ class Pool:
         """A row that is level at both ends at each ln λ; beyond the grid its end is kept."""
         from scipy.interpolate import make_interp_spline
 
-        grid, beyond = (
-            DEFAULT_LOG_RATIOS,
-            (DEFAULT_LOG_RATIOS[1] - DEFAULT_LOG_RATIOS[0]) * np.arange(1, _ORDER + 1),
-        )
+        grid = DEFAULT_LOG_RATIOS
+        beyond = (grid[1] - grid[0]) * np.arange(1, _ORDER + 1)
         ends = row[-2], row[-1] if np.isfinite(row[-1]) else row[-3]
         places = np.concatenate([grid[0] - beyond[::-1], grid, grid[-1] + beyond])
         longer = np.concatenate([np.full(_ORDER, ends[0]), row[:-2], np.full(_ORDER, ends[1])])
-        inner = (
-            make_interp_spline(places, longer - ends[0], _ORDER)(np.clip(log_ratios, grid[0], grid[-1])) + ends[0]
-        )
+        spline = cast("Any", make_interp_spline(places, longer - ends[0], _ORDER))
+        inner: Array = np.asarray(spline(np.clip(log_ratios, grid[0], grid[-1])), dtype=np.float64) + ends[0]
         return np.where(np.isneginf(log_ratios), row[-2], np.where(np.isposinf(log_ratios), row[-1], inner))
 
 

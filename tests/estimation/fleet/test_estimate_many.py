@@ -12,7 +12,7 @@ from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_rati
 from kalscope.errors import Cancelled
 from kalscope.estimation import kernels
 from kalscope.estimation import many as estimate_many_module
-from kalscope.estimation.many import Series, pair_intervals, series_of
+from kalscope.estimation.many import Series, pair_intervals
 
 NAN = np.nan
 
@@ -148,14 +148,6 @@ def test_steps_and_spikes_together_are_those_of_estimate():
         assert_same(table, row, estimate(z, dt=dt, momentum=0.0), row)
 
 
-def test_few_series_without_spikes_are_looked_at_twice():
-    rows = np.stack([walk(seed, 400, 0.05) for seed in range(300)])
-    many, table = series_of(rows, None), estimate_many(rows, robust=False)
-    suspect = np.empty(300, np.bool_)
-    kernels.suspect_each(many.values, many.steps, many.starts, table.q, table.r, suspect)
-    assert suspect.sum() <= 6
-
-
 @pytest.mark.slow
 def test_a_signal_that_moves_far_more_than_its_noise_is_fitted_without_single_fits(monkeypatch):
     series, singles, one_fit = [walk(seed, 300, 100.0) for seed in range(60)], [], estimate_many_module.estimate
@@ -169,21 +161,6 @@ def test_a_signal_that_moves_far_more_than_its_noise_is_fitted_without_single_fi
     assert table.spikes[7] == 3
     for row, z in enumerate(series):
         assert_same(table, row, estimate(z, momentum=0.0), row)
-
-
-@pytest.mark.slow
-def test_momentum_and_spikes_are_those_of_estimate():
-    rng = np.random.default_rng(2)
-    spiky = walk(2, 300, 0.01)
-    spiky[rng.integers(0, 300, 6)] += 30.0
-    series = [spiky, walk(3, 300, 0.01), np.sin(np.arange(400.0) / 9.0) + 0.05 * rng.standard_normal(400)]
-    table = estimate_many(series, momentum="auto", robust="auto")
-    assert table.spikes[0] > 0
-    assert table.gate[0] < np.inf == table.gate[1]
-    assert table.momentum[2] > 0.0
-    for row, z in enumerate(series):
-        one = estimate(z)
-        assert (table.q[row], table.r[row], table.momentum[row]) == (one.q, one.r, one.momentum)
 
 
 def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():

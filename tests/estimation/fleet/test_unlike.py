@@ -41,17 +41,6 @@ def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
     assert all(count <= 14 for count in named.values()), named  # 6 expected; more than 14 once in 1000
 
 
-def test_devices_that_scatter_hide_smaller_differences():
-    rng = np.random.default_rng(1)
-    q = 0.01 * np.exp(0.5 * rng.standard_normal(500))
-    q[0] = 0.04
-    table = estimate_many(fleet(500, 1000, q))
-    scores = outliers(*logs(table.q, table.q_interval))
-    assert len(scores.devices) <= 1
-    assert scores.spread == pytest.approx(0.5, rel=0.2)
-    assert scores.middle == pytest.approx(math.log(0.01), abs=0.15)
-
-
 def test_an_uncertain_value_is_less_unlike():
     values = np.append(np.random.default_rng(3).standard_normal(100), [9.0, 9.0])
     wide = np.append(np.full(101, 0.1), 20.0)

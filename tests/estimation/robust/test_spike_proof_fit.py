@@ -85,14 +85,6 @@ def test_spikes_without_noise_are_left_to_the_gate():
     assert errors[0] < 0.5 * errors[1]
 
 
-def test_asked_for_it_says_that_nothing_was_set_aside():
-    _, z = walk()
-    found, plain = estimate(z, robust=True), estimate(z, robust=False)
-    assert fields_of(found, PAIR) == fields_of(plain, PAIR)
-    assert not found.outliers.any()
-    assert found.message.startswith("No sample was set aside")
-
-
 @each("seed", range(4))
 def test_steps_stay(seed):
     g = np.random.default_rng(seed)
@@ -109,27 +101,11 @@ def test_a_lone_pulse_is_a_movement(length):
     assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
 
 
-def test_many_pulses_are_spikes():
-    _, z = walk()
-    where = np.add.outer(np.arange(50, N - 50, 100), np.arange(LONGEST)).ravel()
-    z[where] -= 30.0
-    assert np.flatnonzero(estimate(z).outliers).tolist() == where.tolist()
-
-
 def test_a_step_at_the_end_stays():
     _, z = walk()
     z[-3:] += 30.0
     assert estimate(z).outliers is None
     assert estimate(z[::-1]).outliers is None
-
-
-def test_where_the_signal_is_lively_a_spike_must_stand_out_from_that():
-    z = np.tile([0.1, -0.1], N // 2)
-    z[600:660] = np.tile([2.5, -2.5], 30)  # a sensor that is shaken
-    z[[300, 630]] = 6.0
-    assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300]
-    z[630] = 15.0
-    assert np.flatnonzero(unpredicted(z, EVEN, 0.01, 1.0, 0.0)).tolist() == [300, 630]
 
 
 @pytest.mark.slow
