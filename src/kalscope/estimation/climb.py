@@ -333,9 +333,9 @@ def starting_gains(data: Readings, z: Array, gained: Indices, gauge: int) -> Arr
     for i in gained.tolist():
         both = np.isfinite(centred[:, i]) & np.isfinite(centred[:, gauge])
         if both.sum() >= _MIN_PAIRS:
-            own, other = centred[both, i], centred[both, gauge]
-            size = np.sqrt(np.mean(own**2) / max(float(np.mean(other**2)), 1e-300))
-            gains[i] = float(np.clip(size, 0.01, 100.0)) * (1.0 if np.mean(own * other) >= 0.0 else -1.0)
+            one, other = centred[both, i], centred[both, gauge]
+            size = np.sqrt(np.mean(one**2) / max(float(np.mean(other**2)), 1e-300))
+            gains[i] = float(np.clip(size, 0.01, 100.0)) * (1.0 if np.mean(one * other) >= 0.0 else -1.0)
     return gains
 
 

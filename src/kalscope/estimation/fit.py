@@ -249,8 +249,8 @@ def above_rounding(fit: Fit) -> Fit:
         one = replace(one, resolution=step)
         floor, r = step * step / 12.0, float(one.r)
         if r >= floor:
-            said = f" {verdict.rounding_share(step, floor / r)}" if r < step * step else ""
-            return replace(one, message=f"{one.message}{said}")
+            share = f" {verdict.rounding_share(step, floor / r)}" if r < step * step else ""
+            return replace(one, message=f"{one.message}{share}")
         data = differences(z, steps)
         if shows_steps(np.count_nonzero(data.d), data.m) and _largest_noise(one, data) <= step * step:
             return _at_floor(one, data, progress.part(0.9, 1.0))

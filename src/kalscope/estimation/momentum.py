@@ -478,11 +478,11 @@ class End:
 
 def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> End:
     """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ."""
-    left, start, bracketed = progress, top.log_moves, False  # of a number of steps that is not known
+    rest, start, bracketed = progress, top.log_moves, False  # of a number of steps that is not known
 
     def drop(log_tau: float) -> tuple[float, float]:
-        nonlocal left, start, bracketed
-        part, left = left.part(0.0, 0.2), left.part(0.2, 1.0)
+        nonlocal rest, start, bracketed
+        part, rest = rest.part(0.0, 0.2), rest.part(0.2, 1.0)
         height, there = profile(data, log_tau, start, part)
         bracketed = bracketed or top.loglik - height >= DROP
         start = start if bracketed else there

@@ -67,12 +67,12 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
         raise BadSetting(f"quantum must be a finite step, 0 or more (got {quantum})")
     samples = column[place]
     step = resolution_of(samples) if quantum is None else float(quantum)
-    drift, left = _about_line(place, samples)
-    far = _far(left, step)
+    drift, residual = _about_line(place, samples)
+    far = _far(residual, step)
     if far.any():
         place, samples = place[~far], samples[~far]
-        drift, left = _about_line(place, samples)
-    variance = float(left @ left) / (len(place) - 2)
+        drift, residual = _about_line(place, samples)
+    variance = float(residual @ residual) / (len(place) - 2)
     floor = step**2 / 12.0
     if max(variance, floor) == 0.0:
         raise BadSetting("the still stretch must show noise, or quantum must be given (got equal readings)")
@@ -93,10 +93,10 @@ def _about_line(place: NDArray[np.intp], samples: Array) -> tuple[float, Array]:
     return drift, level - level.mean() - drift * middle
 
 
-def _far(left: Array, step: float) -> NDArray[np.bool_]:
+def _far(residual: Array, step: float) -> NDArray[np.bool_]:
     """The samples that are not noise: far out by the median distance, which spikes hardly change."""
-    away = np.abs(left - np.median(left))
-    return away > SPIKE * max(_NORMAL * float(np.median(away)), step)
+    distance = np.abs(residual - np.median(residual))
+    return distance > SPIKE * max(_NORMAL * float(np.median(distance)), step)
 
 
 def noise_from_datasheet(
@@ -177,16 +177,16 @@ def _refined(step: float, levels: Array, counts: Array) -> float:
     middle, reach = float(levels[int(np.argmax(counts))]), 4.0 * step
     for _ in range(_DOUBLINGS):
         near = np.abs(levels - middle) <= reach
-        away = levels[near] - middle
-        places = np.rint(away / step)
-        close = np.abs(away - places * step) <= 2.0 * _TOLERANCE * step
+        offset = levels[near] - middle
+        places = np.rint(offset / step)
+        close = np.abs(offset - places * step) <= 2.0 * _TOLERANCE * step
         if not close.any():  # no grid: the middle lies between the levels
             break
-        places, away = places[close], away[close]
+        places, offset = places[close], offset[close]
         spread = places - places.mean()
         if spread.any():  # the slope of a straight line through the levels
-            step = float(spread @ away) / float(spread @ spread)
-        middle += float(np.mean(away - places * step))
+            step = float(spread @ offset) / float(spread @ spread)
+        middle += float(np.mean(offset - places * step))
         if near.all():
             break
         reach *= 2.0

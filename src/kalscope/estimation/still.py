@@ -201,8 +201,8 @@ def _grown(blocks: _Blocks, first: int, last: int) -> tuple[int, int]:
     _, (gain,) = blocks.windows(last - first, first, first, 1)
     while more:
         grew = False
-        for left, right in ((more, 0), (0, more)):
-            a, b = max(first - left, 0), min(last + right, count)
+        for before, after in ((more, 0), (0, more)):
+            a, b = max(first - before, 0), min(last + after, count)
             still, (now,) = blocks.windows(b - a, a, a, 1)
             if (a, b) != (first, last) and still[0] and now > gain:
                 first, last, gain, grew = a, b, now, True
@@ -219,31 +219,29 @@ def _unit(readings: Array) -> float:
 
 def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
     """Without the blocks at the ends, in which the movement may begin; the ends of the record stay."""
-    away = max(1, (last - first) // EDGES)
-    left, right = away if first > 0 else 0, away if last < count else 0
-    return (first + left, last - right) if last - first - left - right >= MIN_BLOCKS else (first, last)
+    edge = max(1, (last - first) // EDGES)
+    start, stop = first + (edge if first > 0 else 0), last - (edge if last < count else 0)
+    return (start, stop) if stop - start >= MIN_BLOCKS else (first, last)
 
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the centred median of five: spikes."""
-    away = centred_median(readings, 5)
-    np.abs(np.subtract(readings, away, out=away), out=away)
+    distance = centred_median(readings, 5)
+    np.abs(np.subtract(readings, distance, out=distance), out=distance)
     scale = np.empty(len(readings))
     last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer
-    scale[:last].reshape(-1, MIN_SAMPLES)[:] = np.median(away[:last].reshape(-1, MIN_SAMPLES), axis=1)[:, None]
-    scale[last:] = np.median(away[last:]) if len(away) else 0.0
+    scale[:last].reshape(-1, MIN_SAMPLES)[:] = np.median(distance[:last].reshape(-1, MIN_SAMPLES), axis=1)[:, None]
+    scale[last:] = np.median(distance[last:]) if len(distance) else 0.0
     scale *= _NORMAL
     np.maximum(scale, 0.5 * step, out=scale)
     scale *= _SPIKE
-    return away > scale
+    return distance > scale
 
 
 def _surprise(column: Array, steps: Array, good: NDArray[np.intp]) -> Array:
     """Minus the log-likelihood of each good sample under the most likely random walk of the record."""
-    z = column - column[good[0]]
-    away = np.ones(len(z), dtype=np.bool_)
-    away[good] = False
-    z[away] = np.nan
+    z = np.full(len(column), np.nan)
+    z[good] = column[good] - column[good[0]]
     data = differences(z, steps)
     if not data.d.any():
         return np.zeros(len(good))
