@@ -277,7 +277,7 @@ def _parquet(path: str) -> Any:
 
 def _counted(groups: Iterable[_Group]) -> Any:
     """The ids in ascending order and their rows; ArrowException where they are of several types."""
-    read = (one.ids or _ids(_parquet(one.piece.path), *one.piece.groups, one.id_column) for one in groups)
+    read = (one.ids or _ids(_parquet(one.piece.path), one.piece.groups[0], one.id_column) for one in groups)
     table = pa.concat_tables(read, promote_options="permissive")
     return table.group_by("values").aggregate([("counts", "sum")]).sort_by("values")
 
