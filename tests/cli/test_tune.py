@@ -133,8 +133,9 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
     assert run(["tune", *argv]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    first, *rest = out.splitlines()
+    first, *rest = (line for line in out.splitlines() if not line.startswith("Assumed: "))
     assert " rows, " in first  # how it was read
+    assert rest.pop(0).startswith("Read as ")
     assert 3 <= len(rest) <= 5
     assert max(len(line) for line in rest if not line.startswith("Warning: ")) <= 96
     said, page = tuned(capsys, *argv), " ".join(rest)
@@ -150,11 +151,11 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
 @pytest.mark.slow
 def test_the_six_lines_say_the_filter_and_what_it_does(capsys: Captured) -> None:
     assert run(["tune", "sample:nile"]) == 0
-    _, found, does, *_ = capsys.readouterr().out.splitlines()
+    _, _, found, does, *_ = capsys.readouterr().out.splitlines()
     assert found == "volume: q = 1\u202f469, r = 15\u202f100 (1e8 m3)², no momentum, no gate"
     assert does == "lag 2.74 years (2.74 samples; 95 %: 340 days to 8.06 years), noise −8.12 dB, no overshoot"
     assert run(["tune", "demo", "--lag-ms", "50"]) == 0
-    does = capsys.readouterr().out.splitlines()[2]
+    does = capsys.readouterr().out.splitlines()[3]
     assert does.startswith("lag 50 ms (2.5 samples; the record favours ")
     assert does.endswith("), noise −7.78 dB, no overshoot")
 
@@ -173,7 +174,7 @@ def test_a_note_of_several_sentences_begins_each_with_a_capital(tmp_path: Path, 
 @pytest.mark.slow
 def test_all_channels_have_their_six_lines(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log), "--all"]) == 0
-    _, rest = capsys.readouterr().out.split("\n", 1)
+    *_, rest = capsys.readouterr().out.split("\n", 2)
     blocks = rest.rstrip("\n").split("\n\n")
     assert [block.split(":")[0] for block in blocks] == ["noisy", "smooth", "stuck"]
     assert all(len(block.splitlines()) <= 5 for block in blocks)
@@ -231,7 +232,7 @@ def test_an_edge_is_told_in_words_and_never_as_an_answer(log: Path, capsys: Capt
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\nnoisy: q = ")
+    assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\nRead as 500 rows over 4.99 s; ")
     assert out.endswith("Other channels (--channel, --all): smooth, stuck (constant)\n")
     assert run(["tune", str(log), "--all", "--details"]) == 0
     out = capsys.readouterr().out
@@ -802,11 +803,12 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: 
     header, *rows = log.read_text().splitlines()
     log.write_text("\n".join([header, *rows[:300], *["battery low"] * 40, *rows[300:], ""]))
     assert run(["tune", str(log), "--delimiter", "comma"]) == 0
-    first, warning, *_ = capsys.readouterr().out.splitlines()
+    first, read_as, warning, *_ = capsys.readouterr().out.splitlines()
     assert first.startswith("log.csv: 500 rows, 3 channels, 100 Hz")
     assert first.endswith("40 lines rejected: another number of fields")
     assert warning.startswith("Warning: 7.4 % of the lines were rejected, the first is line 302")
     reading = tuned(capsys, str(log), "--delimiter", "comma")["reading"]
+    assert read_as == f"Read as {reading['read_as']}."
     assert (reading["rejected"], reading["options"]) == (40, ["--delimiter", "comma"])
     assert (reading["issues"][0]["text"], len(reading["warnings"])) == ("battery low", 1)
 

@@ -103,11 +103,13 @@ def _answers(recording: Recording, names: tuple[str, ...], options: TuneOptions)
 def _text(recording: Recording, answers: list[Answer], details: bool) -> str:
     """The summary of each channel, and its details below it; the other channels where a line is left for them."""
     from kalscope.cli.tune_answer import MAX_LINES, WIDTH, details_of, reading_lines, summary_of
+    from kalscope.sources.reading import account
 
     head = reading_lines(recording)
-    summaries = [summary_of(answer, recording, MAX_LINES - len(head)) for answer in answers]
+    lines = MAX_LINES - len(head) + len(account.read_as(recording))
+    summaries = [summary_of(answer, recording, lines) for answer in answers]
     others = _others(recording, answers)
-    room = len(answers) == 1 and len(head) + len(summaries[0]) < MAX_LINES
+    room = len(answers) == 1 and len(summaries[0]) < lines
     if others and (room or details):
         summaries[-1].append(others if details else textwrap.shorten(others, WIDTH, placeholder=" …"))
     if details:

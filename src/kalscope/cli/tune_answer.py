@@ -212,14 +212,19 @@ def finite(value: Any) -> Any:
 
 
 MAX_LINES = 6
-"""Lines of the summary of a recording with one tuned channel; those on its reading may be wider than a page."""
+"""Lines of the summary of a recording with one tuned channel, besides one or two on what it was read as; those on
+its reading may be wider than a page."""
 
 
 def reading_lines(recording: Recording) -> list[str]:
-    """How the recording was read: one line that a program can parse, and one more for large losses."""
-    lines = [f"{recording.title or recording.source}: {account.summary(recording)}"]
+    """How the recording was read: one line that a program can parse, what was assumed, and large losses."""
     warnings = account.warnings(recording)
-    return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
+    said = [f"Warning: {'. '.join(warnings)}."] if warnings else []
+    return [
+        f"{recording.title or recording.source}: {account.summary(recording)}",
+        *account.read_as(recording),
+        *said,
+    ]
 
 
 def summary_of(answer: Answer, recording: Recording, lines: int) -> list[str]:

@@ -102,7 +102,13 @@ def _split(line: str, delimiter: str) -> list[str]:
         except csv.Error:  # a stray quote, or a cell above the module's limit
             pass
     if delimiter == " ":
-        return _RUN_OF_SPACES.split(text) if text else []
+        cells = _RUN_OF_SPACES.split(text) if text else []
+        # `21,5, 40,2` and `26.69C, 40%` are separated by a comma and a blank.
+        return (
+            [cell.rstrip(",;") or cell for cell in cells]
+            if ", " in text or "; " in text or text[-1:] == ","
+            else cells
+        )
     return [cell.strip(" \t") for cell in text.split(delimiter)]
 
 

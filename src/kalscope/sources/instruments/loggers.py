@@ -123,7 +123,7 @@ def _begins_with_number(text: str) -> bool:
 
 def _settings(text: str) -> list[tuple[str, str]]:
     """(key, value) of `# rate: 250 Hz`, `a = 1, fs = 100 Hz`, `Sample Interval,1.0E-6,s`, `Sample Rate 100 Hz`."""
-    text = text.lstrip("#%/; \t").lower()
+    text = text.lstrip("#%/; \t").lower().replace(":=", "=")
     text = _NUMBER_WITH_COMMA.sub(lambda match: match[0].replace(",", KEPT_COMMA), text)
     pairs: list[tuple[str, str]] = []
     parts = [part.strip(" \t\"'") for part in text.translate(_SEPARATORS).split(",")]

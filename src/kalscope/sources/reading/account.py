@@ -21,6 +21,9 @@ from kalscope.sources.reading.sniffer import MAX_COLUMNS
 MAX_SHARE = 0.02
 """More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
 
+MAX_ASSUMPTIONS = 4
+"""Assumptions that are shown with a summary."""
+
 _SHORT = {
     "must have a readable": "no readable time",
     "must have": "another number of fields",
@@ -61,6 +64,16 @@ def warnings(recording: Recording) -> tuple[str, ...]:
     if bad > MAX_SHARE and report.bad_cells > 1:
         found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
     return tuple(_plain(sentence) for sentence in found)
+
+
+def read_as(recording: Recording) -> tuple[str, ...]:
+    """What was taken for what, and what of it the file does not show, a sentence each; () if nothing was read."""
+    report = recording.report
+    said = [f"Read as {report.read_as}."] if report.read_as else []
+    more = len(report.assumptions) - MAX_ASSUMPTIONS
+    listed = [*report.assumptions[:MAX_ASSUMPTIONS], *([f"{more} more in the account"] if more > 0 else [])]
+    said += [f"Assumed: {'; '.join(listed)}."] if listed else []
+    return tuple(map(_plain, said))
 
 
 def as_plain(recording: Recording) -> dict[str, Any]:

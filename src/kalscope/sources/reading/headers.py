@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -26,6 +27,12 @@ _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
+_NUMBERED_NAME = re.compile(r"[#%* \t]*(?:name|column) ?([0-9]{1,3})[ \t]*[=:][ \t]*(\S.*)", re.IGNORECASE)
+_LIST = re.compile(
+    r"[#%*; \t]*(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
+    r"[ \t]*(?::=|[:=])[ \t]*(\S.*)",
+    re.IGNORECASE,
+)
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 
 Row = tuple[int, Cells]
@@ -54,6 +61,24 @@ class _Rows:
     others: tuple[Row, ...] = ()
     first: int = 0
     said: str = "no header line"
+
+
+def _listed_above(head: Sequence[str], width: int) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table list: `# Labels:= ECG;EDA`, `# name 0 = timeS: Time [seconds]`."""
+    numbered: dict[int, str] = {}
+    lists: dict[bool, Cells] = {}
+    for line in head:
+        if len(line) > _MAX_HEADER_LENGTH:
+            continue
+        if match := _NUMBERED_NAME.fullmatch(line):
+            numbered[int(match[1])] = match[2].strip()
+        elif match := _LIST.fullmatch(line):
+            cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", match[2]))
+            if len(cells) == width > 1 and all(cells):
+                lists.setdefault(match[1].lower() == "units", cells)
+    if width > 1 and sorted(numbered) == list(range(width)):
+        lists[False] = tuple(numbered[i] for i in range(width))
+    return lists.get(False, ()), lists.get(True, ())
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:
@@ -86,9 +111,12 @@ def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, k
     if found.names is not None:
         columns, more = _named(found.names, table, body)
         notes += more
+    listed_names, listed_units = _listed_above(head[: body.first - 1], table.width)
+    if found.names is None and listed_names:
+        columns, notes = tuple(map(named_column, listed_names)), ["names from the lines above the table"]
     if plan.preface.names:
         columns, notes = _by_preface(plan.preface.names, table.width), []
-    units = plan.preface.units or (found.units[1] if found.units is not None else ())
+    units = plan.preface.units or (found.units[1] if found.units is not None else listed_units)
     columns = tuple(
         replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column
         for i, column in enumerate(columns)

@@ -11,6 +11,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
+from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import CLOCK_PARSERS, ClockForm
@@ -349,7 +350,7 @@ def find_candidates(
             if form is not None and (name.strength or form.kind != "number"):
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
-    proposed = [*_joined(forms, names, rows, decimal), *forms.values()]
+    proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     if options.time_format is not None and not forms:
         proposed = _in_two_columns(rows, decimal, options)
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
@@ -369,7 +370,7 @@ def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
 
 
 def _joined(
-    forms: dict[int, TimeColumn], names: list[TimeName], rows: list[Cells], decimal: str
+    forms: dict[int, TimeColumn], columns: list[Column], names: list[TimeName], rows: list[Cells], decimal: str
 ) -> list[TimeColumn]:
     """Each date with the clock of the same row, in the column beside it or in one that is named as a time.
 
@@ -385,12 +386,20 @@ def _joined(
             clocks[i] = form.clock
         elif digits is not None:
             clocks[i] = digits
+    for i, column in enumerate(columns):
+        digits = (
+            clock_form([row[i] for row in rows]) if i not in forms and _role(column.name, {}) == "clock" else None
+        )
+        if digits is not None:
+            clocks[i] = digits
     joined: list[TimeColumn] = []
     for i in dates:
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
         if beside:
             clock = beside[0]
-            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock))))
+            days = stamps_of(forms[i], rows, decimal)
+            day = float(days[np.isfinite(days)][0])
+            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock)), day=day))
     return joined
 
 
@@ -450,6 +459,8 @@ def stamps_of(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
 
 _MIN_DATES = 8
 """Fewest rows to recognise dates in digits without a name."""
+_MIN_EVEN = 0.9
+"""Share of alike steps of a ramp that is a time although it is not the first column."""
 _MIN_STEPS_FROM_1970 = 3
 """Steps forward that stamps since 1970 without a name must show; between them they may repeat."""
 
@@ -462,8 +473,17 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         dated = _dates_in_digits([row[i] for row in rows], decimal) if column.role == "channel" else None
         if dated is not None:
             return replace(dated, index=i)
-    if not named and _rises_steadily([row[0] for row in rows], decimal):
+    others = columns[1:] if columns[0].name.lower() == "x" else []
+    lone_x = named and any(column.unit or column.name.lower().startswith("ch") for column in others)
+    if (not named or lone_x) and _rises_steadily([row[0] for row in rows], decimal):
         return TimeColumn(0, "number")
+    channels = [i for i, column in enumerate(columns) if column.role == "channel" and not named]
+    numbers = {i: _numbers([row[i] for row in rows], decimal) for i in channels}
+    rising = {i for i in channels if bool(np.all(np.diff(numbers[i]) > 0))}
+    for i in channels if len(rising) < len(channels) else ():
+        cells = [row[i] for row in rows] if i in rising else []
+        if i and _rises_steadily(cells, decimal) and judge(numbers[i]).even >= _MIN_EVEN:
+            return TimeColumn(i, "number")
     for i, column in enumerate(columns):
         if column.role == "channel" and _counts_from_1970([row[i] for row in rows], decimal):
             return TimeColumn(i, "number")
@@ -606,7 +626,7 @@ def _about_rival(best: Candidate, found: list[Candidate], columns: list[Column])
     if rival is None or rival.points < best.points - _CLOSE or not columns[rival.column.index].name:
         return []
     name = columns[rival.column.index].name
-    return [f'the time could also be "{name}": --time-column "{name}"']
+    return [Assumption(f'the time could also be "{name}": --time-column "{name}"')]
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
