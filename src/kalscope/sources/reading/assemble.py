@@ -77,10 +77,11 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         # One channel shows that it is a code; those that only have it as smallest or largest sample count as well.
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
         channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
+        where = _listed([names[i] for i in channels])
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         questions.append(
             Assumption(
-                f"is {value:.15g} a missing value? It occurs {often} times in {_listed([names[i] for i in channels])},"
+                f"is {value:.15g} a missing value? It occurs {often} times in {where},"
                 f" far from the rest; if so, read with --missing {value:.15g}"
             )
         )
