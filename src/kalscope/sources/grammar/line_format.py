@@ -80,7 +80,7 @@ MAX_PAIRS, MAX_LABEL, MAX_PARTS = 64, 60, 2048
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
-_TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
+_TOKEN = re.compile(r'"[^"]*"|(?:[^\s,;&="]|(?<=[0-9]),(?=[0-9]))+|=')
 # A label begins where a word begins and never backtracks, else each position in a long word would be tried.
 _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
@@ -121,7 +121,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     equal = _equalities(text) if "=" in text else None
     if equal is not None:
         pairs, complete = equal, True
-    elif any(mark in text for mark in ",;\t"):
+    elif any(mark in text for mark in ";\t") or ("," in text and not _are_decimal(text)):
         parts = _parts(text)
         pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
         complete = all(":" in part for part in parts)
@@ -136,6 +136,11 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
         measured = _measures(text)
         return None if measured is None else (measured, [])
     return [(label, _unstarred(value)) for label, value in _with_axes(pairs)], ignored
+
+
+def _are_decimal(text: str) -> bool:
+    """True where each comma of several pairs is inside a number: `T: 20,5 H: 40,1`."""
+    return text.count(":") > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
 
 
 def _logged(text: str) -> Pairs | None:

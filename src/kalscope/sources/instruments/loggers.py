@@ -60,7 +60,7 @@ _MAX_PARTS = 12
 """A line of more cells is a header, or holds samples."""
 _RATES = frozenset(
     """
-    sample rate|sampling rate|samplerate|samplingrate|sample frequency|sampling frequency|samplingfrequency
+    rate|sample rate|sampling rate|samplerate|samplingrate|sample frequency|sampling frequency|samplingfrequency
     |sampling freq|sample freq|data rate|output data rate|measurement frequency|logging rate|acquisition rate
     |fs|odr|store rate|sfreq|sample rate (hz)|abtastrate|abtastfrequenz|samplefrequenz|messrate
     |fréquence d'échantillonnage|frecuencia de muestreo|taxa de amostragem|frequenza di campionamento

@@ -109,7 +109,7 @@ def to_seconds(
         return seconds, f"time counts from the first stamp, {clock} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
     scale = SECONDS_PER_UNIT[unit]
-    others = "" if stated else _otherwise(stamps, unit)
+    others = "" if stated or is_epoch(stamps, unit) else _otherwise(stamps, unit)
     said = f"read as {unit}"
     if not stated:
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
@@ -553,12 +553,12 @@ def _unit_words(column: TimeColumn, stated: str) -> str:
 
 
 def _is_on_change(rate: SampleRate) -> bool:
-    """True where the steps are of all sizes, 1 to 100 and more."""
+    """True where the steps are of all sizes: of three powers of ten or more."""
     positive = rate.steps.all[rate.steps.all > 0]
     if np.isfinite(rate.error) or positive.size < 20:
         return False
-    low, high = np.quantile(positive, (0.1, 0.9))
-    return bool(high > 100 * low)
+    counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
+    return np.count_nonzero(counts >= 0.05 * positive.size) > 2
 
 
 def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:

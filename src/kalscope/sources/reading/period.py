@@ -386,9 +386,11 @@ def _modal(time: Array, steps: Steps) -> float | None:
     Most steps are it, hardly any is near it, which would be jitter, and so many steps explain the whole span.
     """
     usual, span = steps.median, float(time[-1] - time[0]) / (len(time) - 1)
+    if steps.even or abs(span - usual) > 0.05 * usual:
+        return None
     off = np.abs(steps.all - usual)
     exact, near = (float(np.mean(off <= share * usual)) for share in (0.02, 0.5))
-    if exact < 0.5 or exact > 0.99 or near - exact > 0.05 or abs(span - usual) > 0.05 * usual:
+    if exact < 0.5 or near - exact > 0.05:
         return None
     return usual if float(np.mean(steps.all < 0.5 * usual)) > 0.02 else None
 

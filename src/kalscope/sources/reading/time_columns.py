@@ -166,13 +166,22 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
     sizes = np.abs(steps[steps != 0])
     usual = float(np.median(sizes)) if sizes.size else 0.0
     even = float(np.mean(np.abs(steps - usual) <= _EVEN_WITHIN * usual)) if sizes.size else 0.0
+    share = min(ahead, back) / max(ahead + back, 1)
+    if share > _MAX_BACK and _in_order_is_even(read):
+        share = _MAX_BACK
     return Evidence(
         fill=read.size / stamps.size,
-        back=min(ahead, back) / max(ahead + back, 1),
+        back=share,
         distinct=np.count_nonzero(steps) / max(steps.size, 1) if steps.size else 1.0,
         even=even,
         moves=bool(sizes.size),
     )
+
+
+def _in_order_is_even(stamps: Array) -> bool:
+    """True for even stamps whose rows are out of order."""
+    steps = np.diff(np.sort(stamps))
+    return bool(np.mean(np.abs(steps - np.median(steps)) < _EVEN_WITHIN * np.median(steps)) > _MIN_EVEN)
 
 
 def is_since_1970(stamps: Array) -> bool:
