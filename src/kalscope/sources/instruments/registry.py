@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from kalscope.sources.instruments import loggers, oscilloscopes
-from kalscope.sources.instruments import physiology as actigraph
+from kalscope.sources.instruments import loggers, oscilloscopes, physiology
 from kalscope.sources.instruments.preface import Preface, plain_head
 
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
-    loggers.recognise_campbell,
-    actigraph.recognise_openbci,
-    actigraph.recognise_recorders,
-    actigraph.recognise_actigraph,
+    physiology.recognise_openbci,
     oscilloscopes.recognise_rigol,
     oscilloscopes.recognise_tektronix,
-    oscilloscopes.recognise_keysight,
-    oscilloscopes.recognise_siglent,
-    oscilloscopes.recognise_others,
-    actigraph.recognise_empatica,
-    actigraph.recognise_shimmer,
+    physiology.recognise_empatica,
     loggers.recognise_sample_rate,
 )
 

@@ -558,7 +558,7 @@ def _is_on_change(rate: SampleRate) -> bool:
     if np.isfinite(rate.error) or positive.size < 20:
         return False
     counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
-    return np.count_nonzero(counts >= 0.05 * positive.size) > 2
+    return int(np.count_nonzero(counts >= 0.05 * positive.size)) > 2
 
 
 def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:

@@ -14,6 +14,7 @@ from kalscope.sources.grammar.cells import (
     bare_unit,
     is_comment,
     is_number,
+    is_unit,
     parse_number,
     split_fields,
     words,
@@ -176,6 +177,10 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
         ),
         None,
     )
+    if len(rows) == 1 and units is None and all(is_unit(cell) and len(cell) > 2 for cell in rows[0][1]):
+        numbered = _numbered_names(head, rows[0], table)
+        if numbered is not None:
+            rows, units = [rows[0], numbered], 0
     start = 0 if units is None else units + 1
     names = next((i for i in range(start, len(rows)) if _is_telling(rows[i][1])), start)
     found = None if units is None else rows[units]
@@ -187,6 +192,14 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
     said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
     others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
     return _Rows(rows[names], found, others, said=said)
+
+
+def _numbered_names(head: Sequence[str], units: Row, table: HeadTable) -> Row | None:
+    """The line above a row of units that names the channels by numbers: `x-axis,1,2`."""
+    number = units[0] - 1
+    cells = tuple(split_fields(head[number - 1], table.form.delimiter)) if number else ()
+    named = bool(cells) and len(cells) == len(units[1]) and not is_number(cells[0]) and all(cells)
+    return (number, cells) if named else None
 
 
 def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTable) -> Row | None:

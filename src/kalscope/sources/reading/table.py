@@ -323,6 +323,7 @@ class _Grid:
         return (
             fits
             and any(cells)
+            and not cells[0].endswith(("=", ":"))
             and not self._is_pair(cells)
             and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
         )

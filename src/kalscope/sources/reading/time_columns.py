@@ -482,10 +482,11 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         dated = _dates_in_digits([row[i] for row in rows], decimal) if column.role == "channel" else None
         if dated is not None:
             return replace(dated, index=i)
+    unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
     others = columns[1:] if columns[0].name.lower() == "x" else []
-    lone_x = named and any(column.unit or column.name.lower().startswith("ch") for column in others)
+    lone_x = bool(unit) or any(column.unit or column.name.lower().startswith("ch") for column in others)
     if (not named or lone_x) and _rises_steadily([row[0] for row in rows], decimal):
-        return TimeColumn(0, "number")
+        return TimeColumn(0, "number", unit)
     channels = [i for i, column in enumerate(columns) if column.role == "channel" and not named]
     numbers = {i: _numbers([row[i] for row in rows], decimal) for i in channels}
     rising = {i for i in channels if bool(np.all(np.diff(numbers[i]) > 0))}
