@@ -91,6 +91,10 @@ _ESPHOME = re.compile(
     r"(?: with [0-9]{1,2} decimals of accuracy)?"
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
+_LINE_PROTOCOL = re.compile(
+    r"[^\s=\"]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
+)
+"""`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
 _MAX_PREFIX = 240
@@ -147,6 +151,9 @@ def _logged(text: str) -> Pairs | None:
     """The pairs of a line of ESPHome or MQTT: a quoted name and its state, a topic and its value or object."""
     if "'" in text and (match := _ESPHOME.fullmatch(text)):
         return [(match[1], f"{match[2]} {match[3]}" if match[3] else match[2])]
+    if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
+        fields = (part.partition("=") for part in match[1].split(","))
+        return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
     start = text.find("{", 0, _MAX_PREFIX)
     if start > 0 and text.endswith("}"):
         before = text[:start]

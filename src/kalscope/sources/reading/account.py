@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -218,6 +219,8 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
             f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {wide} fields in line"
             f" {widths[wide]}): write the columns that matter to a file of their own"
         )
+    if (frames := _raw_frames(name, said[-1][1])) is not None:
+        return frames
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     return BadFile(
@@ -226,9 +229,23 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     )
 
 
+_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
+
+
+def _raw_frames(name: str, line: str) -> BadFile | None:
+    if not _CANDUMP.match(line):
+        return None
+    return BadFile(
+        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
+        " writes their signals, where FILE.dbc describes them"
+    )
+
+
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     said = [line for line in lines if not is_blank(line) and not is_comment(line)]
+    if said and (frames := _raw_frames(name, said[-1])) is not None:
+        return frames
     last = _quoted(said[-1].strip()) if said else "nothing"
     return BadFile(
         f"{name} must hold a column of numbers besides the time (got only text, as in {last}): try --decimal,"

@@ -358,7 +358,9 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
     """Share of the cells that a data line may hold, 0…1; 0 where none is a number."""
     found = [kinds[cell] for cell in cells]
     numbers = float(found.count("number"))
-    if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
+    timed = "stamp" in found and 2 * found.count("measure") >= len(cells)
+    # "outside 21 °C, wind 3 m/s" is prose
+    if timed or "text" not in found or not any(" " in cell for cell in cells):
         numbers += found.count("measure")
     if len(cells) == 1 and found[0] == "grouped":
         numbers += "." in cells[0] and "," in cells[0]

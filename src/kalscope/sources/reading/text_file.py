@@ -99,6 +99,9 @@ _FOREIGN = {
     b"%PDF": "a PDF document",
     b"RIFF": "a WAV or AVI file",
     b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
+    b"CDF": "a NetCDF file: xarray.open_dataset(…).to_dataframe().to_csv(…) writes it as CSV",
+    b"SQLite format 3": "an SQLite database, as of RBR: sqlite3 -csv FILE 'SELECT * FROM data' writes it as CSV",
+    b"H Product:Blackbox": "a Betaflight blackbox log: blackbox_decode FILE writes it as CSV",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }

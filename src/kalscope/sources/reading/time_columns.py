@@ -237,10 +237,11 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
 def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
     """Columns beside each other that hold a year, perhaps the day of the year, month, day, hour and minute.
 
-    Five columns of whole numbers, each in its range, with a year in front, are hardly anything else.
+    Five columns of whole numbers, each in its range, with a year in front, are hardly anything else; nor are four
+    whose stamps never step back.
     """
     width = min(map(len, rows), default=0)
-    for first in range(width - 4):
+    for first in range(width - 3):
         for is_numbered in (True, False):
             places = range(first + is_numbered, first + is_numbered + len(_IN_ORDER))
             parts: list[tuple[PartRole, int]] = [
@@ -248,7 +249,12 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
                 for role, i, ends in zip(_IN_ORDER, places, _RANGES, strict=True)
                 if i < width and _in_range(rows, first if role == "year" else i, *ends)
             ]
-            if tuple(role for role, _ in parts[:5]) != _IN_ORDER[:5]:
+            if tuple(role for role, _ in parts[:4]) != _IN_ORDER[:4]:
+                continue
+            if (
+                len(parts) == 4
+                and judge(stamps_of(TimeColumn(first, "calendar", parts=tuple(parts)), rows, ".")).back
+            ):
                 continue
             if not is_numbered:
                 return TimeColumn(first, "calendar", parts=tuple(parts))
