@@ -1,6 +1,7 @@
 """Logs as loggers, boards and consoles write them: names, units, rate and values are the right ones."""
 
 import math
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -28,6 +29,10 @@ def rows(line):
 def clock(i, step=10):
     seconds = int(i * step)
     return f"{9 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+
+
+def nmea(sentence):
+    return f"${sentence}*{reduce(int.__xor__, sentence.encode()):02X}\n"
 
 
 LOGS = {
@@ -217,6 +222,16 @@ LOGS = {
         ),
         {"a": ("", A)},
         10,
+    ),
+    "NMEA": (
+        rows(
+            lambda i: nmea(
+                f"GPGGA,{clock(i, 1).replace(':', '').zfill(6)}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,"
+            )
+        )
+        + nmea("GPGSV,1,1,00"),
+        {"altitude": ("m", A)},
+        1,
     ),
     "256 columns and a separator": (
         rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"),

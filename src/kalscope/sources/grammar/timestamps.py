@@ -302,9 +302,6 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
-    if "%" in column.odd:
-        date, clock, form = places["date"], places["clock"], column.odd
-        return lambda cells: parse_with_format(f"{cells[date]} {cells[clock]}", form)
     day = _day_parser(column, places, decimal)
     since = _clock_parser(column, places, decimal)
 

@@ -264,7 +264,7 @@ def _without_debris(reading: Reading, name: str) -> tuple[Layout, list[str]]:
     """
     layout, rows = reading.layout, reading.tally.lines["row"]
     bad = {i for i in layout.channels if reading.tally.bad_columns[layout.columns[i].name] > MAX_BAD * rows}
-    if not bad:
+    if not bad or rows < _MIN_FALLING:
         return layout, []
     names = [f'"{layout.columns[i].name}"' for i in sorted(bad)]
     good = [reading.columns[i] for i in layout.channels if i not in bad]

@@ -366,8 +366,6 @@ def find_candidates(
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
     proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
-    if options.time_format is not None and not forms:
-        proposed = _in_two_columns(rows, decimal, options)
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
@@ -416,16 +414,6 @@ def _joined(
             day = float(days[np.isfinite(days)][0])
             joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock)), day=day))
     return joined
-
-
-def _in_two_columns(rows: list[Cells], decimal: str, options: ReadOptions) -> list[TimeColumn]:
-    """Two columns beside each other that the user's format reads together, joined by a blank."""
-    proposed: list[TimeColumn] = []
-    for i in range(min(map(len, rows), default=0) - 1):
-        form = find_stamp_form([f"{row[i]} {row[i + 1]}" for row in rows], decimal, hints_of(TimeName(0), options))
-        if form is not None:
-            proposed.append(replace(form, index=i, parts=(("date", i), ("clock", i + 1))))
-    return proposed
 
 
 def _has_days_only(form: TimeColumn, rows: list[Cells], decimal: str) -> bool:
