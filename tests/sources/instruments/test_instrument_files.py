@@ -28,9 +28,6 @@ FILES = {
          *lines("{},{},0x{:02x},", t=T, a=A, d=T)],
         "CH1", "V", 1e-5,
     ),
-    "rigol one line": (
-        ["CH1V,CH2V,t0 =-1.0e-04, tInc = 1.0e-05,", *lines("{},{},,", a=A, b=B)], "CH1 CH2", "V V", 1e-5,
-    ),
     "rigol settings": (
         ['"Number of Data points =",60,', '"Sampling Frequency (Hz)=",100000,', '"Channel Data","CH 1","CH 2"',
          '"Time (s)","Voltage (V)","Voltage (V)"', *[line[:-1] for line in TRACE], ",,"],
@@ -47,7 +44,7 @@ FILES = {
          "Vertical Units,V,A", ",,", "TIME,CH1,CH2", *TRACE],
         "CH1 CH2", "V A", 1e-5,
     ),
-    "keysight": (["x-axis,1,2", "second,Volt,Ampere", *[line[:-1] for line in TRACE]], "1 2", "Volt Ampere", 1e-5),
+    "keysight": (["x-axis,1,2", "second,Volt,Ampere", *[line[:-1] for line in TRACE]], "1 2", "V A", 1e-5),
     "lecroy": (
         ["LECROYWS3024,12304,Waveform", "Segments,1,SegmentSize,60", "Segment,TrigTime,TimeSinceSegment1",
          "#1,22-Jan-2015 11:35:11,0", "Time,Ampl", *lines("{:.3e},{}", t=T * 1e-5, a=A)],
@@ -62,7 +59,7 @@ FILES = {
         ['"TOA5","Meadow","CR1000","1","CR1000.Std","CPU:a.CR1","5","T"', '"TIMESTAMP","RECORD","BattV","AirT_Avg"',
          '"TS","RN","Volts","Deg C"', '"","","Smp","Avg"',
          *lines('"2014-01-01 00:{:02d}:00",{},{},{}', t=T, n=T + 7, a=A, b=B)],
-        "RECORD BattV AirT_Avg", "RN|Volts|Deg C", 60.0,
+        "RECORD BattV AirT_Avg", "RN|V|Deg C", 60.0,
     ),
     "empatica": (
         ["1551453301.000000, 1551453301.000000, 1551453301.000000", "32.000000, 32.000000, 32.000000",
@@ -115,10 +112,9 @@ def test_a_file_that_a_spreadsheet_saved_with_decimal_commas(name, tmp_path):
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["rigol numbered", "rigol one line"])
-def test_a_trace_without_stamps_counts_from_the_trigger(name, tmp_path):
+def test_a_trace_without_stamps_counts_from_the_trigger(tmp_path):
     path = tmp_path / "file.csv"
-    path.write_text("\n".join(FILES[name][0]) + "\n", encoding="utf-8")
+    path.write_text("\n".join(FILES["rigol numbered"][0]) + "\n", encoding="utf-8")
     assert read_recording(path).time == pytest.approx(T * 1e-5 - 1e-4)
 
 

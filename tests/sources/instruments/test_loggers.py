@@ -84,7 +84,9 @@ def test_a_separator_line_for_a_spreadsheet_names_the_delimiter(line, delimiter)
 
 
 def test_a_byte_order_mark_hides_no_instrument():
-    assert preface("\ufeffX,CH1,\nSecond,Volt,\n0,1,\n1e-6,2,").instrument == "Rigol oscilloscope"
+    assert (
+        preface("\ufeffX,CH1,Start,Increment,\nSequence,Volt,0,1e-6\n0,1,\n1,2,").instrument == "Rigol oscilloscope"
+    )
 
 
 def test_openbci_without_a_sample_as_yet():

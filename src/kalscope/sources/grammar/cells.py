@@ -221,6 +221,17 @@ _UNITS = words(
     farad f/m t ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
+_SPELLED = {
+    **dict.fromkeys(("-", "--", "no_units", "unitless"), ""),
+    "second": "s",
+    "volt": "V",
+    "volts": "V",
+    "ampere": "A",
+    "amperes": "A",
+    "amp": "A",
+    "amps": "A",
+}
+"""Units in lower case that are written as their symbols."""
 MAX_UNIT = 24
 """Most characters of a unit that is recognised only by a sign such as / or °."""
 _SIGNS = re.compile(r"[/^°²³%µ]")
@@ -258,9 +269,10 @@ def is_unit_suffix(text: str) -> bool:
 
 
 def bare_unit(unit: str) -> str:
-    """The unit without its brackets; "" for "-"."""
+    """The unit without its brackets, V for volt; "" for "-"."""
     unit = unit[1:-1] if unit[:1] + unit[-1:] in ("[]", "()") and len(unit) > 1 else unit
-    return "" if unit.strip() in ("-", "--", "no_units", "unitless") else unit.strip()
+    unit = unit.strip()
+    return _SPELLED.get(unit.lower(), unit)
 
 
 def are_units(cells: tuple[str, ...]) -> bool:

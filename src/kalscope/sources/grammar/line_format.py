@@ -92,7 +92,7 @@ _ESPHOME = re.compile(
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
 _LINE_PROTOCOL = re.compile(
-    r"[^\s=\"]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
+    r"[^\s=\",]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
 )
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")

@@ -31,7 +31,7 @@ _INTERVALS = frozenset(
     """
     sample interval|sampling interval|sample period|sampling period|sampleinterval|samplinginterval|samplingperiod
     |time step|timestep|dt|delta t|delta_t|delta-t|increment|time increment|x increment|xincrement|logging interval
-    |interval|intervall|xinc|x inc
+    |interval|intervall|xinc|x inc|tinc
     |log interval|recording interval|measurement interval|epoch length|epoch period|abtastintervall|messintervall
     |période d'échantillonnage|intervalo de muestreo
     """.replace("\n", "")

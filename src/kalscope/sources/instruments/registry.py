@@ -10,7 +10,6 @@ from kalscope.sources.instruments.preface import Preface, plain_head
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
     physiology.recognise_openbci,
     oscilloscopes.recognise_rigol,
-    oscilloscopes.recognise_tektronix,
     physiology.recognise_empatica,
     loggers.recognise_sample_rate,
 )

@@ -19,7 +19,9 @@ from kalscope.sources.grammar.cells import (
     split_fields,
     words,
 )
+from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DELIMITERS
+from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import COUNTING_NAMES, CellKinds, Cells, Column, Plan, named_column
 from kalscope.sources.reading.table import Body, HeadTable, header_cells
 
@@ -80,6 +82,33 @@ def _listed_above(head: Sequence[str], width: int) -> tuple[Cells, Cells]:
     if width > 1 and sorted(numbered) == list(range(width)):
         lists[False] = tuple(numbered[i] for i in range(width))
     return lists.get(False, ()), lists.get(True, ())
+
+
+def named_by_settings(
+    head: Sequence[str], columns: list[Column], time: TimeColumn | None, form: LineFormat
+) -> list[Column]:
+    """The columns with the names and units that settings above or beside the table give to its channels.
+
+    Oscilloscopes write `Source,CH2` and `Vertical Units,V`. Names of columns that differ are kept.
+    """
+    taken = time.indices if time else ()
+    channels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
+    if not channels or form.kind != "table" or form.delimiter == " ":
+        return columns
+    alike = len({columns[i].name for i in channels}) == 1
+    settings: dict[str, list[str]] = {}
+    for line in head[:_MAX_HEADER_PLACE]:
+        key, *values = split_fields(line, form.delimiter)
+        said = [value.rpartition(":")[2] for value in values if value and not is_number(value, form.decimal)]
+        settings.setdefault(key.strip(" :=").lower(), said)
+    named = list(columns)
+    for key in ("source", "channel data"):
+        for i, name in zip(channels, settings.get(key, ()), strict=False):
+            if alike and len(settings[key]) == len(channels) and (len(channels) > 1 or not columns[i].name):
+                named[i] = replace(named[i], name=name)
+    for i, unit in zip(channels, settings.get("vertical units", ()), strict=False):
+        named[i] = named[i] if named[i].unit else replace(named[i], unit=bare_unit(unit))
+    return named
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:

@@ -30,7 +30,7 @@ from kalscope.sources.grammar.line_format import (
 )
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
-from kalscope.sources.reading.columns import MAX_SERIES
+from kalscope.sources.reading.columns import HOST_AND_DEVICE, MAX_SERIES
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
@@ -266,8 +266,9 @@ class LineReader:
         mark, event = self._form.decimal, self.read(0, line)
         read = [(text, self.read(0, text)) for text in before[-TAIL_LINES:]]
         rows = [(text, above) for text, above in read if above.kind == "row"]
-        if event.issues or not rows or _known(event) < _known(rows[-1][1]):
-            return False
+        ours = any(column.name == HOST_AND_DEVICE[0] for column in self.layout.columns[:1])
+        if ours or event.issues or not rows or _known(event) < _known(rows[-1][1]):
+            return False  # our recorder ends each line
         usual = {_decimals(text, mark) for text, _ in rows}
         return len(usual) > 1 or _decimals(line, mark) >= max(usual)
 

@@ -30,7 +30,7 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, read_header
+from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
@@ -280,6 +280,7 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
+    columns = named_by_settings(head, columns, time, table.form)
     lead = _leading(table, columns, cells, time)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)

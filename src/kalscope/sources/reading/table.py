@@ -724,7 +724,12 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     found = [table for table in tables if table.score >= MIN_SHARE or _all_alike(lines, table)]
     tabs = max((table.score for table in found if table.form.delimiter == "\t"), default=0.0)
     # Where tabs split the rows, blanks are inside the cells: of a stamp, of a text.
-    found = [table for table in found if table.form.delimiter != " " or TABS * table.score > tabs]
+    # So do commas, unless they only end cells: `10:00 21.5, 40`.
+    commas = max((table.score for table in found if table.form.delimiter == ","), default=0.0)
+    best = {".": max(tabs, commas), ",": tabs}
+    found = [
+        table for table in found if table.form.delimiter != " " or TABS * table.score > best[table.form.decimal]
+    ]
     ranked = sorted(found, key=lambda table: _rank(lines, table), reverse=True)
     if not ranked:
         return None, None
