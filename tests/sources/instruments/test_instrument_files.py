@@ -67,11 +67,6 @@ FILES = {
         "x y z", "1/64 g|1/64 g|1/64 g", 1 / 32,
     ),
     "empatica one": (["1551453301.00", "4.000000", *lines("{}", a=A)], "value", "-", 0.25),
-    "openbci": (
-        ["%OpenBCI Raw EEG Data", "%Number of channels = 2", "%Sample Rate = 250.0 Hz",
-         "%First Column = SampleIndex", *lines("{}, {}, {}", n=T, a=A, b=B)],
-        "EXG Channel 0|EXG Channel 1", "µV µV", 0.004,
-    ),
     "rate above": (["# Sampling Rate: 250 Hz", "ax,ay", *lines("{},{}", a=A, b=B)], "ax ay", "- -", 0.004),
 }  # fmt: skip
 
@@ -145,7 +140,6 @@ NAMES = [
     "tektronix above",
     "picoscope",
     "empatica",
-    "openbci",
 ]
 
 

@@ -47,37 +47,6 @@ def test_numbers_that_begin_like_an_empatica_file_are_no_such_file(text):
     assert find_preface(head(text)) is None
 
 
-OPENBCI = """
-%OpenBCI Raw EXG Data
-%Number of channels = 2
-%Sample Rate = 250 Hz
-%Board = OpenBCI_GUI$BoardCytonSerial
-Sample Index,EXG Channel 0,EXG Channel 1,Accel Channel 0,Not Used,Timestamp,Marker Channel,Timestamp (Formatted)
-0, 61379.36, 49492.89, 0.040,0, {stamp},0, 12:00:53.329
-"""
-
-
-@pytest.mark.parametrize(("stamp", "unit"), [("1557936053329", "ms"), ("1557936053.329", "s")])
-def test_openbci_leaves_out_its_counter_and_markers(stamp, unit):
-    found = preface(OPENBCI.format(stamp=stamp))
-    assert (found.left_out, found.time_column, found.time_unit) == ({0, 4, 6, 7}, 5, unit)
-    assert (found.period, found.units[1], found.units[3]) == (0.004, "µV", "g")
-    assert (found.header_row, found.first_row) == (5, 6)
-
-
-@pytest.mark.parametrize(
-    ("said", "tail"), [("%Number of channels = 2", ", 18:51:16.059, 1557936053329"), ("%", "")]
-)
-def test_old_openbci_files_have_no_names(said, tail):
-    rows = "".join(f"\n{i}, 0.10, 0.20, 0.04, 0.42, 0.24{tail}" for i in range(3))
-    found = preface(f"%OpenBCI Raw EEG Data\n{said}\n%Sample Rate = 250.0 Hz\n%First Column = SampleIndex{rows}")
-    assert found.names[:6] == (
-        "Sample Index", "EXG Channel 0", "EXG Channel 1", "Accel Channel 0", "Accel Channel 1", "Accel Channel 2",
-    )  # fmt: skip
-    assert (found.time_column, found.left_out) == ((7, {0, 6}) if tail else (-1, {0}))
-    assert (found.header_row, found.first_row, found.period) == (0, 5, 0.004)
-
-
 @each(("line", "delimiter"), [("sep=;", ";"), ('"sep=,"', ","), ("sep=\t", "\t"), ("SEP=|", "|")])
 def test_a_separator_line_for_a_spreadsheet_names_the_delimiter(line, delimiter):
     assert preface(f"{line}\nt{delimiter}a\n0{delimiter}1").delimiter == delimiter
@@ -87,7 +56,3 @@ def test_a_byte_order_mark_hides_no_instrument():
     assert (
         preface("\ufeffX,CH1,Start,Increment,\nSequence,Volt,0,1e-6\n0,1,\n1,2,").instrument == "Rigol oscilloscope"
     )
-
-
-def test_openbci_without_a_sample_as_yet():
-    assert preface("\n".join(head(OPENBCI)[:5])).first_row == 6

@@ -109,7 +109,7 @@ def test_an_ordinary_table_is_no_instruments(lines):
 
 
 STARTS = [
-    "%OpenBCI", "X,CH1,Start,Increment,", "Time,X(CH1),", '"Number of Data points =",', "Record Length,1,,2,3",
+    "X,CH1,Start,Increment,", "Time,X(CH1),", '"Number of Data points =",', "Record Length,1,,2,3",
     "Model,MSO", "TIME,CH1", "Sequence,Volt,1,2", "Second,Volt", "1551453301", "1551453301,IBI", "sep=;", "-----",
     "fs = 100", "Sample Index", "", ",", '"', "0,1", "1,2,", "0", "Inf", "1e999,1e999", "Vertical Units,CH1:V",
     "Sampling Period,4", "1e-320", "Sampling Period,1e-320", "%Sample Rate = 1e-320",

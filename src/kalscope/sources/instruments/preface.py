@@ -59,11 +59,6 @@ def positive(text: str) -> float | None:
     return value if value is not None and MIN_PERIOD <= value <= 1 / MIN_PERIOD else None
 
 
-def inverse(value: float | None) -> float | None:
-    """The period of a rate, and the rate of a period."""
-    return None if value is None else 1 / value
-
-
 def in_words(period: float) -> str:
     """A period as a report writes it: "8 µs"."""
     period = float(f"{period:.6g}")

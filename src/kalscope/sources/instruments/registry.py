@@ -8,7 +8,6 @@ from kalscope.sources.instruments import loggers, oscilloscopes, physiology
 from kalscope.sources.instruments.preface import Preface, plain_head
 
 _INSTRUMENTS: tuple[Callable[[Sequence[str]], Preface | None], ...] = (
-    physiology.recognise_openbci,
     oscilloscopes.recognise_rigol,
     physiology.recognise_empatica,
     loggers.recognise_sample_rate,
