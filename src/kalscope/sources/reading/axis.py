@@ -554,8 +554,10 @@ def _unit_words(column: TimeColumn, stated: str) -> str:
 
 def _is_on_change(rate: SampleRate) -> bool:
     """True where the steps are of all sizes: of three powers of ten or more."""
+    if np.isfinite(rate.error):
+        return False
     positive = rate.steps.all[rate.steps.all > 0]
-    if np.isfinite(rate.error) or positive.size < 20:
+    if positive.size < 20:
         return False
     counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
     return int(np.count_nonzero(counts >= 0.05 * positive.size)) > 2

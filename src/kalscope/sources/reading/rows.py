@@ -201,7 +201,7 @@ def read_rows(
         while data := block.result():
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
-            reader.take(data, growing=path.stat().st_size > size)
+            reader.take(data, growing=not data.endswith(b"\n") and path.stat().st_size > size)
             reader.require_room(file.tell(), size, path.name)
     return reader.finish(), reader.tally
 

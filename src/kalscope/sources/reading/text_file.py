@@ -274,11 +274,15 @@ def unusual_marks(raw: RawFile) -> tuple[str, ...]:
         said.append("control sequences of a terminal were left out")
     if _FORTRAN.search(raw.head):
         said.append("exponents are written with D, as Fortran does: 1.5D-03 is 0.0015")
-    if _NMEA.search(raw.head):
+    if _is_nmea(raw.head):
         said.append(
             "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments"
         )
     return tuple(said)
+
+
+def _is_nmea(head: bytes) -> bool:
+    return (b"GGA," in head or b"RMC," in head) and _NMEA.search(head) is not None
 
 
 def _position(line: str) -> str:
@@ -297,7 +301,7 @@ def _position(line: str) -> str:
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
     """The lines without control sequences of a terminal, Fortran's exponents with e, NMEA as labels."""
-    rewritten: Callable[[str], str] = _position if _NMEA.search(raw.head) else str
+    rewritten: Callable[[str], str] = _position if _is_nmea(raw.head) else str
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in iter(lambda: read_line(lines), ""):
             yield rewritten(_FORTRAN_EXPONENT.sub("e", without_escapes(line)))
