@@ -15,6 +15,7 @@ N = 40
 A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]
 B = [round(1012.5 + 0.31 * (i * 7 % N), 2) for i in range(N)]
 
+DAYS = ("Fri", "Sat", "Sun", "Mon", "Tue", "Wed", "Thu")
 CHANGES = np.cumsum([(1.2e-6, 3.1e-4, 2.1e-3, 0.7, 8e-6, 0.05)[i * i % 37 % 6] for i in range(N)])
 
 
@@ -233,6 +234,12 @@ LOGS = {
         {"altitude": ("m", A)},
         1,
     ),
+    "weekdays are no sensors": (
+        "date,day,a\n" + rows(lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}\n"),
+        {"a": ("", A)},
+        86400,
+    ),
+    "a counter is no sensor": ("id,a\n" + rows(lambda i: f"{i},{A[i]}\n"), {"a": ("", A)}, None),
     "256 columns and a separator": (
         rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"),
         {"value 256": ("", A)},
@@ -308,6 +315,12 @@ def test_what_the_file_does_not_show_is_said_at_once(tmp_path, text, assumed):
     recording = read(tmp_path, text)
     assert any(assumed in sentence for sentence in recording.report.assumptions), recording.report.assumptions
     assert set(recording.report.assumptions) <= set(recording.report.notes)
+
+
+def test_a_remark_between_rows_begins_no_new_table(tmp_path):
+    row = [f"{i / 2},{A[i]}\n" for i in range(N)]
+    recording = read(tmp_path, "t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
+    assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
 
 
 @pytest.mark.parametrize(

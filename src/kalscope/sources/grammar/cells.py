@@ -218,7 +218,7 @@ _UNITS = words(
     degc °c c celsius f degf °f k kelvin fahrenheit % %rh rh percent pct
     pa hpa kpa mpa mbar bar psi mmhg inhg torr at atm hz khz mhz ghz lux lx ppm ppb count counts lsb adc raw ts rn
     w kw mw watt watts w/m2 w/m^2 w/m² kwh wh n newton newtons nm n·m joule joules j db dbm dbv ohm ohms kohm ω kω
-    farad f/m t ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
+    farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
 _SPELLED = {

@@ -27,7 +27,7 @@ from kalscope.sources.grammar.cells import (
     words,
 )
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.grammar.stamps import is_stamp
+from kalscope.sources.grammar.stamps import MONTHS, is_stamp, is_weekday
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.instruments.preface import Preface
 from kalscope.sources.instruments.registry import find_preface
@@ -556,7 +556,8 @@ def _mark_keys(
         if i in times or not rest or not is_key or len(rows) < _MIN_KEYED_ROWS:
             continue
         keys = [row[i] for row in rows]
-        if any(map(is_stamp, keys[:4])):
+        is_date = all(key.lower() in MONTHS or is_weekday(key) for key in keys[:7]) and not named
+        if is_date or any(map(is_stamp, keys[:4])):
             continue
         count = len(set(keys))
         if not 2 <= count <= min(_MAX_KEYS, len(rows) // _MIN_ROWS) or "" in keys:

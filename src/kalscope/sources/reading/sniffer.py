@@ -281,12 +281,14 @@ def _layout(
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
     columns = named_by_settings(head, columns, time, table.form)
+    above = sum(number < header.first for number, _ in table.rows) if is_table else 0
     lead = _leading(table, columns, cells, time)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
         *explain(table.form, plan, body, columns, second),
         *doubtful,
+        *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
         *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
         *about_series,

@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     is_comment,
     is_grouped,
     is_number,
+    parse_number,
     split_fields,
 )
 from kalscope.sources.grammar.line_format import (
@@ -244,7 +245,22 @@ class _Grid:
         number, cells = self._lines[place]
         parted = place > 0 and (self._fits[place - 1] in (None, "text") or self._lines[place - 1][0] < number - 1)
         distinct = len(set(cells)) == len(cells) and not any(self._kinds[cell] == "word" for cell in cells)
-        return parted and distinct and not any(cells == above for _, above in self._lines[:place])
+        return (
+            parted
+            and distinct
+            and not any(cells == above for _, above in self._lines[:place])
+            and not self._goes_on(place)
+        )
+
+    def _goes_on(self, place: int) -> bool:
+        """True where the first column goes on below a line as it rose above it."""
+        rows = [cells for (_, cells), fit in zip(self._lines, self._fits, strict=True) if fit == "row"]
+        above = sum(fit == "row" for fit in self._fits[:place])
+        found = [parse_number(cells[0], self._table.form.decimal) for cells in rows[max(0, above - 2) : above + 1]]
+        if len(found) < 3 or None in found:
+            return False
+        before, last, after = (float(number or 0.0) for number in found)
+        return before < last < after <= last + 3 * (last - before)
 
     def _repeats(self, place: int) -> bool:
         """True for the second ERR of several below other names: one word that repeats is not a name."""
