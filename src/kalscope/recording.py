@@ -57,6 +57,12 @@ class Timing:
     """What was done with the stamps, each a sentence; they are among `ReadReport.notes` too."""
 
 
+class Assumption(str):
+    """A note about something that the file does not show: it is shown at once, because it may be wrong."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True)
 class LineIssue:
     """One line, or one cell of a line, that could not be read as it is."""
@@ -101,6 +107,10 @@ class ReadReport:
     """How the sample period was found; None for synthetic signals and for a board."""
     options: tuple[str, ...] = ()
     """What the user decided about the reading, as words of the command line: ("--delimiter", "comma")."""
+    read_as: str = ""
+    """What was taken for what, in one sentence: rows and span, the time, the channels, the columns left out."""
+    assumptions: tuple[str, ...] = ()
+    """Those of the notes that the file does not show: any of them may be wrong."""
 
 
 @dataclass(frozen=True)

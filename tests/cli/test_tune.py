@@ -99,8 +99,9 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
     assert run(["tune", *argv]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    first, *rest = out.splitlines()
+    first, *rest = (line for line in out.splitlines() if not line.startswith("Assumed: "))
     assert " rows, " in first  # how it was read
+    assert rest.pop(0).startswith("Read as ")
     assert 3 <= len(rest) <= 5
     assert max(len(line) for line in rest if not line.startswith("Warning: ")) <= 96
     said, page = tuned(capsys, *argv), " ".join(rest)
@@ -134,7 +135,7 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\nnoisy: q = ")
+    assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\nRead as 500 rows over 4.99 s; ")
     assert out.endswith("Other channels (--channel, --all): smooth, stuck (constant)\n")
     assert run(["tune", str(log), "--all", "--details"]) == 0
     out = capsys.readouterr().out
@@ -532,11 +533,12 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: 
     header, *rows = log.read_text().splitlines()
     log.write_text("\n".join([header, *rows[:300], *["battery low"] * 40, *rows[300:], ""]))
     assert run(["tune", str(log), "--delimiter", "comma"]) == 0
-    first, warning, *_ = capsys.readouterr().out.splitlines()
+    first, read_as, warning, *_ = capsys.readouterr().out.splitlines()
     assert first.startswith("log.csv: 500 rows, 3 channels, 100 Hz")
     assert first.endswith("40 lines rejected: another number of fields")
     assert warning.startswith("Warning: 7.4 % of the lines were rejected, the first is line 302")
     reading = tuned(capsys, str(log), "--delimiter", "comma")["reading"]
+    assert read_as == f"Read as {reading['read_as']}."
     assert (reading["rejected"], reading["options"]) == (40, ["--delimiter", "comma"])
     assert (reading["issues"][0]["text"], len(reading["warnings"])) == ("battery low", 1)
 

@@ -29,7 +29,7 @@ from kalscope.sources.grammar.read_options import (
     options_from_text,
     split_values,
 )
-from kalscope.sources.reading.account import summary, warnings
+from kalscope.sources.reading.account import read_as, summary, warnings
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
@@ -65,6 +65,7 @@ def import_summary(recording: Recording) -> str:
     """One line, warnings where much was lost, then what was decided and what could not be read."""
     report = recording.report
     head = [f"{escape_markdown(in_words_of_form(summary(recording)), 200)}."]
+    head += [escape_markdown(in_words_of_form(sentence), 400) for sentence in read_as(recording)]
     head += [f"**{escape_markdown(in_words_of_form(sentence), 300)}.**" for sentence in warnings(recording)]
     counts = {
         "steps back in time": report.clipped_times,
@@ -74,7 +75,9 @@ def import_summary(recording: Recording) -> str:
     lines = [f"{what}: {count(number)}" for what, number in counts.items() if number]
     if recording.sha256:  # it is finished and from a file
         lines += _about_channels(recording)
-    lines += [escape_markdown(in_words_of_form(note), 160) for note in report.notes]
+    lines += [
+        escape_markdown(in_words_of_form(note), 160) for note in report.notes if note not in report.assumptions
+    ]
     for issue in report.issues[:MAX_ISSUES]:
         where = f"line {issue.line}" + (f", {escape_markdown(issue.column, 30)}" if issue.column else "")
         lines.append(f"{where}: {escape_markdown(issue.reason, 80)}, “{escape_markdown(issue.text, 40)}”")

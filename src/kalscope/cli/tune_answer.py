@@ -53,7 +53,8 @@ from kalscope.tuning.choose import channels_to_fuse, for_each_sensor, name_of_fu
 from kalscope.tuning.tuning import ChannelTuning
 
 WIDTH, MAX_LINES = 96, 6
-"""Columns of the page, and lines of the summary of one tuned channel; those on its reading may be wider."""
+"""Columns of the page; lines of the summary of one tuned channel, besides one or two on what it was read as: those on
+its reading may be wider."""
 
 MAX_OTHERS, MAX_NAME = 24, 24
 """Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
@@ -359,10 +360,11 @@ def page_of(answers: list[Answer], details: bool) -> str:
     """The summary of each answer, and its details below it; the other channels where a line is left for them."""
     recording = answers[0].recording
     head = reading_lines(recording)
-    pages = [summary_of(answer, MAX_LINES - len(head)) for answer in answers]
+    lines = MAX_LINES - len(head) + len(account.read_as(recording))
+    pages = [summary_of(answer, lines) for answer in answers]
     tuned = {name for answer in answers for name in answer.sensors}
     others = [name for name in recording.names if name not in tuned]
-    room = len(answers) == 1 and len(head) + len(pages[0]) < MAX_LINES
+    room = len(answers) == 1 and len(pages[0]) < lines
     if others and (room or details):
         more = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
         words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others[:MAX_OTHERS]))}{more}"
@@ -374,8 +376,8 @@ def page_of(answers: list[Answer], details: bool) -> str:
 
 
 def reading_lines(recording: Recording) -> list[str]:
-    """How the recording was read: one line that a program can parse, and one more for large losses."""
-    lines = [f"{recording.title or recording.source}: {account.summary(recording)}"]
+    """How the recording was read: one line that a program can parse, what was assumed, and large losses."""
+    lines = [f"{recording.title or recording.source}: {account.summary(recording)}", *account.read_as(recording)]
     warnings = account.warnings(recording)
     return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
 

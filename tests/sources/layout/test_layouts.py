@@ -93,9 +93,9 @@ def test_an_index_in_brackets_is_no_unit(read):
 
 def test_a_name_for_several_columns_is_that_of_each(read):
     recording = read(
-        "t;place;Temperature (C)\n" + "".join(f"{i / 10};{i % 3};{i};{i + 1};{i + 2};\n" for i in range(30))
+        "t;level;Temperature (C)\n" + "".join(f"{i / 10};{i % 3};{i};{i + 1};{i + 2};\n" for i in range(30))
     )
-    assert recording.names == ("place", "Temperature", "Temperature 2", "Temperature 3")
+    assert recording.names == ("level", "Temperature", "Temperature 2", "Temperature 3")
 
 
 @pytest.mark.parametrize("mark", [",", ";", "|"])

@@ -1,17 +1,22 @@
 """Logs as loggers, boards and consoles write them: names, units, rate and values are the right ones."""
 
 import math
+from functools import reduce
 
 import numpy as np
 import pytest
 from each import each
 
+from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
 N = 40
 A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]
-B = [round(1012.5 + 0.31 * i, 2) for i in range(N)]
+B = [round(1012.5 + 0.31 * (i * 7 % N), 2) for i in range(N)]
+
+DAYS = ("Fri", "Sat", "Sun", "Mon", "Tue", "Wed", "Thu")
+CHANGES = np.cumsum([(1.2e-6, 3.1e-4, 2.1e-3, 0.7, 8e-6, 0.05)[i * i % 37 % 6] for i in range(N)])
 
 
 def german(value):
@@ -25,6 +30,10 @@ def rows(line):
 def clock(i, step=10):
     seconds = int(i * step)
     return f"{9 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+
+
+def nmea(sentence):
+    return f"${sentence}*{reduce(int.__xor__, sentence.encode()):02X}\n"
 
 
 LOGS = {
@@ -139,6 +148,103 @@ LOGS = {
         {"temp": ("", A), "p": ("", B)},
         1,
     ),
+    "millis of a slow loop": (
+        "t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
+        {"a": ("", A)},
+        2,
+    ),
+    "seconds from 0": ("time,a\n" + rows(lambda i: f"{5 * i},{A[i]}\n"), {"a": ("", A)}, 5),
+    "several values of one name at a stamp": (
+        "time,name,value\n" + rows(lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}\n"),
+        {"temp": ("", A), "hum": ("", B)},
+        0.25,
+    ),
+    "sensors in turn, two values each": (
+        "time,room,temp,hum\n"
+        + rows(lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}\n"),
+        {"bath temp": ("", A), "bath hum": ("", B), "cellar temp": ("", B)},
+        60,
+    ),
+    "sensors by number, in JSON": (
+        rows(
+            lambda i: (
+                f'{{"ts":{17e8 + 5 * i:.0f},"node":1,"v":{A[i]}}}\n'
+                f'{{"ts":{17e8 + 5 * i:.0f},"node":2,"v":{B[i]}}}\n'
+            )
+        ),
+        {"1": ("", A), "2": ("", B)},
+        5,
+    ),
+    "decimal commas, a comma and a blank between cells": (
+        "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ",")),
+        {"temp": ("", A), "pres": ("", B)},
+        1,
+    ),
+    "a comma after a unit": (rows(lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%\n"), {"value 1": ("C", A)}, 5),
+    "Sea-Bird": (
+        "* Sea-Bird SBE 19plus\n# name 0 = timeS: Time, Elapsed [seconds]\n# name 1 = t090C: Temperature [deg C]\n"
+        "1 2\n3 4\n*END*\n" + rows(lambda i: f"{i / 4:11.3f}{A[i]:11.4f}\n"),
+        {"t090C: Temperature": ("deg C", A)},
+        0.25,
+    ),
+    "a table of calibration above": (
+        "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n" + rows(lambda i: f"{i / 10},{A[i]}\n"),
+        {"p": ("", A)},
+        0.1,
+    ),
+    "settings with :=": (
+        "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n"
+        + rows(lambda i: f"{A[i]}\t{B[i]}\n"),
+        {"ECG": ("mV", A), "EDA": ("uS", B)},
+        0.001,
+    ),
+    "a ramp without a name": (rows(lambda i: f"{A[i]},{i / 50:.2f}\n"), {"value 1": ("", A)}, 0.02),
+    "X beside a voltage": ("X,CH 1 (V)\n" + rows(lambda i: f"{2e-6 * i:.7f},{A[i]}\n"), {"CH 1": ("V", A)}, 2e-6),
+    "one value with a unit": (
+        "t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n",
+        {"f": ("", [*A, math.nan])},
+        1,
+    ),
+    "a broken date beside a clock": (
+        "date,time,a\n" + rows(lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}\n"),
+        {"a": ("", A)},
+        10,
+    ),
+    "rows that wait, and come at once": (
+        "time_s,a\n" + rows(lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}\n"),
+        {"a": ("", A)},
+        0.1,
+    ),
+    "rows out of order": (
+        "time,a\n"
+        + "".join(
+            f"{clock(i)},{A[i]}\n".replace("09:", "2024-03-05 09:")
+            for i in sorted(range(N), key=lambda i: i * 7 % N)
+        ),
+        {"a": ("", A)},
+        10,
+    ),
+    "NMEA": (
+        rows(
+            lambda i: nmea(
+                f"GPGGA,{clock(i, 1).replace(':', '').zfill(6)}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,"
+            )
+        )
+        + nmea("GPGSV,1,1,00"),
+        {"altitude": ("m", A)},
+        1,
+    ),
+    "weekdays are no sensors": (
+        "date,day,a\n" + rows(lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}\n"),
+        {"a": ("", A)},
+        86400,
+    ),
+    "a counter is no sensor": ("id,a\n" + rows(lambda i: f"{i},{A[i]}\n"), {"a": ("", A)}, None),
+    "256 columns and a separator": (
+        rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"),
+        {"value 256": ("", A)},
+        None,
+    ),
 }
 
 
@@ -154,6 +260,7 @@ def test_a_usual_log_is_read_right(tmp_path, name):
     text, channels, period = LOGS[name]
     recording = read(tmp_path, text)
     assert recording.report.rejected == 0
+    assert recording.report.read_as
     assert recording.sample_period == (None if period is None else pytest.approx(period))
     for channel, (unit, values) in channels.items():
         assert recording.units[recording.names.index(channel)] == unit
@@ -188,3 +295,41 @@ def test_a_name_with_d_and_digits_is_no_number_of_fortran(tmp_path):
     recording = read_recording(path)
     assert recording.names == ("a",)
     assert not any("Fortran" in note for note in recording.report.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "assumed"),
+    [
+        (
+            "t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
+            "0.500 Hz; one every 33.3 min with --time-unit s, 500 Hz",
+        ),
+        ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
+        ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
+        ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
+        ("t,room,a\n" + rows(lambda i: f"{i},{'ab'[i % 2]},{A[i]}\n"), 'one of 2 sensors, by "room"'),
+        ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
+    ],
+)
+def test_what_the_file_does_not_show_is_said_at_once(tmp_path, text, assumed):
+    recording = read(tmp_path, text)
+    assert any(assumed in sentence for sentence in recording.report.assumptions), recording.report.assumptions
+    assert set(recording.report.assumptions) <= set(recording.report.notes)
+
+
+def test_a_remark_between_rows_begins_no_new_table(tmp_path):
+    row = [f"{i / 2},{A[i]}\n" for i in range(N)]
+    recording = read(tmp_path, "t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
+    assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        rows(lambda i: f"{i * 7919 % 65536:04x}\n"),
+        "n,v\n" + rows(lambda i: f"{i},{A[i] if i % 3 == 0 else f'x{i}'}\n"),
+    ],
+)
+def test_debris_is_refused(tmp_path, text):
+    with pytest.raises(BadFile, match="must"):
+        read(tmp_path, text)

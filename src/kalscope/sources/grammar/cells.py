@@ -102,7 +102,13 @@ def _split(line: str, delimiter: str) -> list[str]:
         except csv.Error:  # a stray quote, or a cell above the module's limit
             pass
     if delimiter == " ":
-        return _RUN_OF_SPACES.split(text) if text else []
+        cells = _RUN_OF_SPACES.split(text) if text else []
+        # `21,5, 40,2` and `26.69C, 40%` are separated by a comma and a blank.
+        return (
+            [cell.rstrip(",;") or cell for cell in cells]
+            if ", " in text or "; " in text or text[-1:] == ","
+            else cells
+        )
     return [cell.strip(" \t") for cell in text.split(delimiter)]
 
 
@@ -212,9 +218,20 @@ _UNITS = words(
     degc °c c celsius f degf °f k kelvin fahrenheit % %rh rh percent pct
     pa hpa kpa mpa mbar bar psi mmhg inhg torr at atm hz khz mhz ghz lux lx ppm ppb count counts lsb adc raw ts rn
     w kw mw watt watts w/m2 w/m^2 w/m² kwh wh n newton newtons nm n·m joule joules j db dbm dbv ohm ohms kohm ω kω
-    farad f/m t ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
+    farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
+_SPELLED = {
+    **dict.fromkeys(("-", "--", "no_units", "unitless"), ""),
+    "second": "s",
+    "volt": "V",
+    "volts": "V",
+    "ampere": "A",
+    "amperes": "A",
+    "amp": "A",
+    "amps": "A",
+}
+"""Units in lower case that are written as their symbols."""
 MAX_UNIT = 24
 """Most characters of a unit that is recognised only by a sign such as / or °."""
 _SIGNS = re.compile(r"[/^°²³%µ]")
@@ -252,9 +269,10 @@ def is_unit_suffix(text: str) -> bool:
 
 
 def bare_unit(unit: str) -> str:
-    """The unit without its brackets; "" for "-"."""
+    """The unit without its brackets, V for volt; "" for "-"."""
     unit = unit[1:-1] if unit[:1] + unit[-1:] in ("[]", "()") and len(unit) > 1 else unit
-    return "" if unit.strip() in ("-", "--", "no_units", "unitless") else unit.strip()
+    unit = unit.strip()
+    return _SPELLED.get(unit.lower(), unit)
 
 
 def are_units(cells: tuple[str, ...]) -> bool:

@@ -80,7 +80,7 @@ MAX_PAIRS, MAX_LABEL, MAX_PARTS = 64, 60, 2048
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
-_TOKEN = re.compile(r'"[^"]*"|[^\s,;&="]+|=')
+_TOKEN = re.compile(r'"[^"]*"|(?:[^\s,;&="]|(?<=[0-9]),(?=[0-9]))+|=')
 # A label begins where a word begins and never backtracks, else each position in a long word would be tried.
 _LABEL_PAIR = re.compile(r"(?<![^\s:])([^\s:]++)\s*+:\s*(\S+)")
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
@@ -91,6 +91,10 @@ _ESPHOME = re.compile(
     r"(?: with [0-9]{1,2} decimals of accuracy)?"
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
+_LINE_PROTOCOL = re.compile(
+    r"[^\s=\",]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
+)
+"""`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
 _MAX_PREFIX = 240
@@ -121,7 +125,7 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     equal = _equalities(text) if "=" in text else None
     if equal is not None:
         pairs, complete = equal, True
-    elif any(mark in text for mark in ",;\t"):
+    elif any(mark in text for mark in ";\t") or ("," in text and not _are_decimal(text)):
         parts = _parts(text)
         pairs = [(label.strip(), value.strip()) for label, _, value in (part.partition(":") for part in parts)]
         complete = all(":" in part for part in parts)
@@ -138,10 +142,18 @@ def find_labels(line: str) -> tuple[Pairs, list[str]] | None:
     return [(label, _unstarred(value)) for label, value in _with_axes(pairs)], ignored
 
 
+def _are_decimal(text: str) -> bool:
+    """True where each comma of several pairs is inside a number: `T: 20,5 H: 40,1`."""
+    return text.count(":") > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
+
+
 def _logged(text: str) -> Pairs | None:
     """The pairs of a line of ESPHome or MQTT: a quoted name and its state, a topic and its value or object."""
     if "'" in text and (match := _ESPHOME.fullmatch(text)):
         return [(match[1], f"{match[2]} {match[3]}" if match[3] else match[2])]
+    if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
+        fields = (part.partition("=") for part in match[1].split(","))
+        return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
     start = text.find("{", 0, _MAX_PREFIX)
     if start > 0 and text.endswith("}"):
         before = text[:start]

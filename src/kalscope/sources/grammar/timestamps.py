@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from kalscope.common.numbers import Array
+from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import MISSING, parse_number
 from kalscope.sources.grammar.stamps import (
     CALENDAR_FORMS,
@@ -107,7 +108,13 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
 def _clock(counted: list[str], least: float) -> TimeColumn | None:
     counts = {form: _count(counted, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
     best = max(_CLOCK_FORMS, key=lambda form: counts[form])
-    return TimeColumn(0, "clock", clock=best) if counts[best] >= least else None
+    if counts[best] < least:
+        return None
+    column = TimeColumn(0, "clock", clock=best)
+    if best != "h:m:s" or counts["min:s"] < counts[best]:
+        return column
+    said = f'stamps such as {counted[0]} are read as hours and minutes; minutes and seconds: --time-format "%M:%S"'
+    return replace(column, notes=(Assumption(said),))
 
 
 def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> TimeColumn | None:
@@ -191,7 +198,7 @@ def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
 def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
     names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
     option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
-    return (
+    return Assumption(
         f"stamps such as {example} are read {names[best]} (assumed: the file does not show it);"
         f" they could also be {names[other]}: {option[other]}"
     )
@@ -267,6 +274,8 @@ class TimeColumn:
     format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time is in several columns; () where it is in one."""
+    day: float | None = None
+    """The first readable date in µs since 1970, where date and clock are in two columns; for rows without one."""
     also: tuple[int, ...] = ()
     """Other columns that only repeat a part of it: a year, a month, an hour."""
     notes: tuple[str, ...] = ()
@@ -293,9 +302,6 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
-    if "%" in column.odd:
-        date, clock, form = places["date"], places["clock"], column.odd
-        return lambda cells: parse_with_format(f"{cells[date]} {cells[clock]}", form)
     day = _day_parser(column, places, decimal)
     since = _clock_parser(column, places, decimal)
 
@@ -365,7 +371,16 @@ def _day_parser(
     """Microseconds from 1970 to the day of a row; 0 where no column holds the day."""
     if "date" in places:
         parse, date = stamp_parser(replace(column, kind="calendar", parts=()), decimal), places["date"]
-        return lambda cells: parse(cells[date])
+        last = [column.day]
+
+        def parse_date(cells: Sequence[str]) -> float | None:
+            found = parse(cells[date])
+            last[0] = (
+                last[0] if found is None else found
+            )  # beside a good clock a broken date is that of the row before
+            return last[0]
+
+        return parse_date
     if "year" not in places:
         return lambda _: 0.0
     year, month, day = places["year"], places.get("month"), places.get("day")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,33 +24,6 @@ MIN_PERIOD = 1e-15
 MAX_LINES = 200
 """The table of a known instrument begins within this many lines."""
 
-_WORDS = {
-    "second": "s",
-    "seconds": "s",
-    "sec": "s",
-    "volt": "V",
-    "volts": "V",
-    "ampere": "A",
-    "amperes": "A",
-    "amp": "A",
-    "amps": "A",
-    "watt": "W",
-    "watts": "W",
-    "unknown": "",
-    "unitless": "",
-    "value": "",
-    "no_units": "",
-    "no units": "",
-    "n/a": "",
-    "msecs": "ms",
-    "msec": "ms",
-    "hertz": "Hz",
-}
-_SYMBOLS = frozenset((
-    "", "s", "ms", "us", "µs", "μs", "ns", "V", "kV", "mV", "uV", "µV", "μV", "nV", "A", "mA", "uA", "µA", "μA",
-    "W", "mW", "Hz", "kHz", "MHz", "dB", "dBm", "dBV", "%", "Ω", "VV", "AA", "U",
-))  # fmt: skip
-
 
 def cells_of(line: str) -> Cells:
     """Cells of a line, without blanks, quotes, and the empty cells at its end."""
@@ -71,11 +43,6 @@ def is_sample(cells: Cells) -> bool:
     return bool(cells) and is_number(cells[0]) and all(not cell or is_number(cell) for cell in cells)
 
 
-def first_sample(rows: Sequence[Cells], after: int = 0) -> int | None:
-    """Index of the first row of numbers at or after index `after`; None where there is none."""
-    return next((i for i in range(after, len(rows)) if is_sample(rows[i])), None)
-
-
 def first_stamp(rows: Sequence[Cells], after: int) -> int | None:
     """Index of the first row that begins with a number, whatever follows ("∞", 0x00); None where there is none."""
     return next((i for i in range(after, len(rows)) if is_sample(rows[i][:1])), None)
@@ -86,46 +53,10 @@ def index_of(rows: Sequence[Cells], *firsts: str) -> int | None:
     return next((i for i, cells in enumerate(rows) if cells and cells[0].lower() in firsts), None)
 
 
-def said(rows: Iterable[Cells], *keys: str) -> str:
-    """The cell after the first of the keys, lower case, that a row begins with; "" where none does."""
-    for cells in rows:
-        if len(cells) > 1 and cells[0].lower().rstrip(" :=") in keys:
-            return cells[1]
-    return ""
-
-
 def positive(text: str) -> float | None:
     """The positive number that a cell holds, of the size of a period or rate; None for any other cell ("Inf")."""
     value = parse_number(text.strip())
     return value if value is not None and MIN_PERIOD <= value <= 1 / MIN_PERIOD else None
-
-
-def inverse(value: float | None) -> float | None:
-    """The period of a rate, and the rate of a period."""
-    return None if value is None else 1 / value
-
-
-def unit_in(cell: str) -> str | None:
-    """The unit that an oscilloscope's cell names ("Volt", "(ms)", "V"); None where it names none."""
-    text = cell.strip()
-    text = text[1:-1].strip() if text[:1] + text[-1:] in ("()", "[]") else text
-    return _WORDS.get(text.lower(), text if text in _SYMBOLS else None)
-
-
-def agrees(period: float, rows: Sequence[Cells], column: int) -> bool:
-    """True where the stamps of the first rows are a period apart: a decimated export keeps the old rate above it.
-
-    Args:
-        period: Sample period in s.
-        rows: Rows of samples.
-        column: Column of the stamp, in s.
-    """
-    stamps = [parse_number(cells[column]) for cells in rows if len(cells) > column]
-    known = [stamp for stamp in stamps if stamp is not None and math.isfinite(stamp)]
-    if len(known) < 2:
-        return True
-    span = known[-1] - known[0]
-    return abs(span - period * (len(known) - 1)) <= 0.02 * abs(span)
 
 
 def in_words(period: float) -> str:
@@ -201,7 +132,7 @@ _MAX_LENGTH = 1 << 14
 """No instrument writes a longer line above its samples; so wide a table is not an instrument's."""
 _LOOKED_AT = 40
 _MIN_SHARE = 0.6
-"""Least share of lines with the delimiter; the text above an ActiGraph's table has no delimiter."""
+"""Least share of lines with the delimiter; text above a table has no delimiter."""
 _MAX_BLANK = 0.4
 """Above this share, blank lines are not the instrument's own: line ends were doubled, for instance."""
 _MAX_CELLS = 50

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,6 +21,9 @@ from kalscope.sources.reading.sniffer import MAX_COLUMNS
 
 MAX_SHARE = 0.02
 """More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
+
+MAX_ASSUMPTIONS = 4
+"""Assumptions that are shown with a summary."""
 
 _SHORT = {
     "must have a readable": "no readable time",
@@ -61,6 +65,16 @@ def warnings(recording: Recording) -> tuple[str, ...]:
     if bad > MAX_SHARE and report.bad_cells > 1:
         found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
     return tuple(_plain(sentence) for sentence in found)
+
+
+def read_as(recording: Recording) -> tuple[str, ...]:
+    """What was taken for what, and what of it the file does not show, a sentence each; () if nothing was read."""
+    report = recording.report
+    said = [f"Read as {report.read_as}."] if report.read_as else []
+    more = len(report.assumptions) - MAX_ASSUMPTIONS
+    listed = [*report.assumptions[:MAX_ASSUMPTIONS], *([f"{more} more in the account"] if more > 0 else [])]
+    said += [f"Assumed: {'; '.join(listed)}."] if listed else []
+    return tuple(map(_plain, said))
 
 
 def as_plain(recording: Recording) -> dict[str, Any]:
@@ -205,6 +219,8 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
             f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {wide} fields in line"
             f" {widths[wide]}): write the columns that matter to a file of their own"
         )
+    if (frames := _raw_frames(name, said[-1][1])) is not None:
+        return frames
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     return BadFile(
@@ -213,9 +229,23 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     )
 
 
+_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
+
+
+def _raw_frames(name: str, line: str) -> BadFile | None:
+    if not _CANDUMP.match(line):
+        return None
+    return BadFile(
+        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
+        " writes their signals, where FILE.dbc describes them"
+    )
+
+
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     said = [line for line in lines if not is_blank(line) and not is_comment(line)]
+    if said and (frames := _raw_frames(name, said[-1])) is not None:
+        return frames
     last = _quoted(said[-1].strip()) if said else "nothing"
     return BadFile(
         f"{name} must hold a column of numbers besides the time (got only text, as in {last}): try --decimal,"

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.numbers import Array, check_sample_period
+from kalscope.common.text import count, duration, plural
 from kalscope.errors import BadFile, BadSetting
-from kalscope.recording import ReadReport, Recording
+from kalscope.recording import Assumption, ReadReport, Recording, Timing
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
@@ -19,7 +20,7 @@ from kalscope.sources.reading.axis import GivenPeriod, TimeAxis, counted_time, f
 from kalscope.sources.reading.columns import Column, named_column, settle_roles
 from kalscope.sources.reading.rows import Tally
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.reading.time_columns import chosen_time, find_time
+from kalscope.sources.reading.time_columns import chosen_time, find_time, judge
 
 # Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
 #
@@ -76,10 +77,13 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         # One channel shows that it is a code; those that only have it as smallest or largest sample count as well.
         channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
         channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
-        count = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
+        where = _listed([names[i] for i in channels])
+        often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         questions.append(
-            f"is {value:.15g} a missing value? It occurs {count} times in {_listed([names[i] for i in channels])},"
-            f" far from the rest; if so, read with --missing {value:.15g}"
+            Assumption(
+                f"is {value:.15g} a missing value? It occurs {often} times in {where},"
+                f" far from the rest; if so, read with --missing {value:.15g}"
+            )
         )
     return questions
 
@@ -153,11 +157,18 @@ def _comes_for_moments(samples: Array, value: float, nearest: float) -> bool:
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
 
 
+MAX_BAD = 0.5
+"""Largest share of cells that are not numbers in a channel."""
 _MIN_FALLING = 8
 """Fewest steps back that show a log that begins with its newest row, where no step goes forward."""
 
-_HEAD_ROWS = 1000
-"""Rows that nearly always show that stamps rise, before all of them are looked at."""
+_LESS_EVEN = 0.05
+"""Share of even steps that rows may lose by being put in order."""
+_MIN_BACK, _MAX_BACK = 2, 0.05
+"""Fewest steps back, and share of the steps, of rows that are out of order."""
+
+_FEW_ROWS = 1000
+"""Rows of a container by which its time is found."""
 
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
@@ -205,12 +216,13 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         raise no_rows(name, tally.lines["rejected"], tally.issues)
     if layout.time is not None:  # looked at many times, which is slow across the rows of a table
         reading.columns[layout.time.index] = np.ascontiguousarray(reading.columns[layout.time.index])
+    layout, debris = _without_debris(reading, name)
     turned = _oldest_first(reading.columns, layout)
     channels = layout.channels
     values, taken = _values(reading.columns, channels, options)
     axis = _axis(reading, len(values), options, sample_period)
     timing, period = axis.timing, axis.timing.period
-    notes = [*layout.notes, *turned, *axis.notes, *taken, *tally.notes]
+    notes = [*layout.notes, *debris, *turned, *axis.notes, *taken, *tally.notes]
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
     notes += _about_columns(layout, ends, len(values), name)
@@ -234,6 +246,8 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         inserted=inserted,
         issues=tuple(tally.issues),
         notes=tuple(notes),
+        read_as=_read_as(layout, time, timing, axis.unit),
+        assumptions=tuple(str(note) for note in notes if isinstance(note, Assumption)),
         timing=timing,
         options=_options(options, sample_period),
     )
@@ -242,23 +256,85 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     return Recording(time, names, units, values, period, report, gaps=options.gaps)
 
 
-def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
-    """Reverse the rows of a log that begins with its newest one, as services export it, and return a note.
+def _without_debris(reading: Reading, name: str) -> tuple[Layout, list[str]]:
+    """The layout without channels of which most cells are not numbers, and a note about each.
 
-    Only where the stamps always fall: where a device restarts, or a few rows are out of order, the order is kept.
+    Raises:
+        BadFile: no other channel is left that does more than rise.
+    """
+    layout, rows = reading.layout, reading.tally.lines["row"]
+    bad = {i for i in layout.channels if reading.tally.bad_columns[layout.columns[i].name] > MAX_BAD * rows}
+    if not bad or rows < _MIN_FALLING:
+        return layout, []
+    names = [f'"{layout.columns[i].name}"' for i in sorted(bad)]
+    good = [reading.columns[i] for i in layout.channels if i not in bad]
+    if all(bool(np.all(np.diff(column) > 0)) for column in good):
+        first = next((issue.text for issue in reading.tally.issues if issue.column), "")
+        raise BadFile(
+            f"{name} must hold numbers in at least half of the cells of a channel (got {first[:40]!r} and other"
+            f" texts in most cells of {_some(names)})"
+        )
+    for i in bad:
+        del reading.columns[i]
+    columns = tuple(replace(c, role="text") if i in bad else c for i, c in enumerate(layout.columns))
+    said = f"most cells of {_some(names)} are not numbers: left out"
+    return replace(layout, columns=columns), [Assumption(said)]
+
+
+def _read_as(layout: Layout, time: Array, timing: Timing, unit: str) -> str:
+    """What was taken for what: "300 rows over 10 min; time "t" in ms; channels a, b; left out: "status" (text)"."""
+    columns, taken = layout.columns, layout.time
+    said = plural(len(time), "row")
+    if timing.period is not None and len(time) > 1:
+        said += f" over {duration(float(time[-1] - time[0]))}"
+    if taken is None:
+        parts = ["no time column"]
+    else:
+        names = " and ".join(f'"{columns[i].name or f"column {i + 1}"}"' for i in taken.indices)
+        how = {"calendar": "as dates", "clock": "as a clock"}.get(taken.kind, f"in {unit}")
+        parts = [f"time {names} {how}"]
+    channels = [columns[i].name for i in layout.channels]
+    parts.append(f"{'channel' if len(channels) == 1 else 'channels'} {_some(channels)}")
+    out = {"text": "text", "row name": "row names", "row number": "row numbers", "metadata": "metadata"}
+    left = [
+        f'"{column.name or f"column {i + 1}"}" ({out[column.role]})'
+        for i, column in enumerate(columns)
+        if column.role in out
+    ]
+    if left:
+        parts.append(f"left out: {_some(left)}")
+    return "; ".join((said, *parts))
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
+    """Put the rows of a log in order of time where many of its steps go back, and return a note.
+
+    Services export the newest row first, or rows as they arrived. Where a device restarts, or a few rows are out of
+    order, the order is kept.
     """
     time = layout.time
     if time is None or time.kind == "clock":  # which falls at midnight
         return []
     stamps = columns[time.index]
-    if np.any(np.diff(stamps[:_HEAD_ROWS]) > 0):
+    back = np.count_nonzero(stamps[1:] < stamps[:-1])
+    if back < _MIN_BACK or back <= _MAX_BACK * (len(stamps) - 1) or len(stamps) <= _MIN_FALLING:
         return []
-    steps = np.diff(stamps)
-    if np.count_nonzero(steps < 0) < _MIN_FALLING or np.any(steps > 0):
-        return []
+    falls = bool(np.all(stamps[1:] <= stamps[:-1]))
+    order = np.arange(len(stamps))[::-1] if falls else np.argsort(stamps, kind="stable")
+    if not falls and judge(stamps[order]).even < judge(stamps).even - _LESS_EVEN:
+        return []  # the stamps of a device that restarts: in order of time its runs would mix
     for i, column in columns.items():
-        columns[i] = column[::-1]
-    return ["the newest row comes first in the file: the rows were put in order of time"]
+        columns[i] = column[order]
+    found = (
+        "the newest row comes first in the file"
+        if falls
+        else f"{count(int(back))} rows of the file step back in time"
+    )
+    return [Assumption(f"{found}: the rows were put in order of time")]
 
 
 def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:
@@ -369,7 +445,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
-    cells = [[_cell(value) for value in column[:_HEAD_ROWS].tolist()] for column in table.columns]
+    cells = [[_cell(value) for value in column[:_FEW_ROWS].tolist()] for column in table.columns]
     texts = [""] * len(table.texts)
     rows = [(*row, *texts) for row in zip(*cells, strict=True)]
     time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)

@@ -10,7 +10,7 @@ import numpy as np
 from kalscope.common.numbers import PERIODS, Array, Indices, Mask
 from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.errors import BadSetting
-from kalscope.recording import Gaps, RateSource, Timing
+from kalscope.recording import Assumption, Gaps, RateSource, Timing
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, Stretches, find_rate
@@ -25,18 +25,21 @@ _DAY_NUMBERS = (
     (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
 )
 """Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
+_MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
+"""Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
+_EXACT = 0.95
+"""Share of equal steps of a count of seconds."""
 _WHOLE_SECOND = 0.02
 """Days with seven or more decimals are this close, in s, to the whole seconds they mean."""
 
 
-def unit_by_magnitude(stamps: Array) -> str:
+def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule)
     """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
 
-    The most plausible rate decides, one between a sample every other second and 500 samples a second: integer
-    steps below 2 are seconds, from 2 on milliseconds, from 2000 on microseconds, from two million on nanoseconds.
-    Steps of whole minutes that divide an hour, and of hours, are seconds, as of a logger (60, 300, 3600; not 5,
-    which is 5 ms of a board); steps of whole minutes in milliseconds are milliseconds. Fractions are seconds, or
-    days where they are numbers of days that lie whole seconds apart (45123.506944444).
+    Whole numbers are milliseconds, as of `millis()`: their steps vary, repeat, or do not start at 0. They are
+    seconds where they count from 0 in equal steps of up to a minute, and where their steps are whole minutes that
+    divide an hour, or hours; microseconds where milliseconds would mean weeks, or minutes between two samples.
+    Fractions are seconds, or days where they are numbers of days that lie whole seconds apart (45123.506944444).
     """
     low, high = float(stamps.min()), float(stamps.max())
     step = _median_step(stamps[:100_000])
@@ -49,12 +52,16 @@ def unit_by_magnitude(stamps: Array) -> str:
             return unit
     if not whole and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
         return "day"
-    minutes = step > 0 and step % 60 == 0
-    if not whole or step < 2 or (minutes and (3600 % step == 0 or step % 3600 == 0)):
+    in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
+    if not whole or step < 2:
         return "s"
-    if step < 2000 or step % 60_000 == 0:
+    if step % 60 == 0 and (3600 % step == 0 or step % 3600 == 0) and not in_minutes:
+        return "s"
+    if step <= 60 and low in (0, step) and np.mean(np.diff(stamps[:100_000]) == step) >= _EXACT:
+        return "s"
+    if high < _WEEK_MS and (step < _LONG_STEP_MS or in_minutes):
         return "ms"
-    return "us" if step < 2e6 else "ns"
+    return "ns" if step >= 2e6 and high > 2.0**32 else "us"
 
 
 def _day_of_1970(stamps: Array) -> float | None:
@@ -71,17 +78,22 @@ def _are_seconds_in_days(stamps: Array) -> bool:
     return float(many.mean()) >= 0.5 and float(near.mean()) >= 0.99 and 0.5 < _median_step(seconds) < 3601
 
 
+_NEIGHBOURS = {"s": ("ms",), "ms": ("s", "us"), "us": ("ms", "ns"), "ns": ("us",)}
+
+
 def is_epoch(stamps: Array, unit: str) -> bool:
     """True where numeric stamps count from 1970: the first one lies between 2001 and 2100."""
     scale = SECONDS_PER_UNIT[unit]
     return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
 
 
-def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) -> tuple[Array, str]:
+def to_seconds(
+    stamps: Array, column: TimeColumn, start: float | None = None, *, stated: bool = False
+) -> tuple[Array, str]:
     """Seconds of the stamps, shape (n,), n >= 1, and a sentence that says how they were read.
 
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them:
-    their second 0 is `start`, in s since 1970, where that is known.
+    their second 0 is `start`, in s since 1970, where that is known. Their unit may be `stated` by the file.
     """
     if column.kind == "calendar":
         first = date_text(float(stamps[0]) * 1e-6)
@@ -96,8 +108,11 @@ def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) ->
         passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
         return seconds, f"time counts from the first stamp, {clock} on the clock{passed}"
     unit = column.unit or unit_by_magnitude(stamps)
-    said = f"read as {unit}" if column.unit else f"read as {unit} (assumed from their size: --time-unit changes it)"
     scale = SECONDS_PER_UNIT[unit]
+    others = "" if stated or is_epoch(stamps, unit) else _otherwise(stamps, unit)
+    said = f"read as {unit}"
+    if not stated:
+        said += f" (assumed from their size: {others or '--time-unit changes it'})"
     if unit == "year":
         return stamps * scale, f"stamps are {said}"
     day_of_1970 = _day_of_1970(stamps) if unit == "day" else None
@@ -110,7 +125,18 @@ def to_seconds(stamps: Array, column: TimeColumn, start: float | None = None) ->
         first = date_text(float(stamps[0]) * scale)
         return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {first}"
     counted = "" if start is None else f"; time counts from {date_text(start)}"
-    return _scaled(stamps, scale), f"stamps are {said}{counted}"
+    said = f"stamps are {said}{counted}"
+    return _scaled(stamps, scale), Assumption(said) if others else said
+
+
+def _otherwise(stamps: Array, unit: str) -> str:
+    """The rate in the unit and in the others that whole stamps may have: "0.5 Hz; 500 Hz with --time-unit us"."""
+    step = _median_step(stamps[:100_000])
+    if step < 2 or not bool(np.all(stamps[:1000] == np.floor(stamps[:1000]))):
+        return ""
+    rates = {other: sample_rate(step * SECONDS_PER_UNIT[other]) for other in ("s", "ms", "us", "ns")}
+    others = [f"{rates[other]} with --time-unit {other}" for other in _NEIGHBOURS.get(unit, ())]
+    return f"{rates[unit]}; {', '.join(others)}" if others else ""
 
 
 def _scaled(stamps: Array, scale: float) -> Array:
@@ -461,6 +487,8 @@ class TimeAxis:
     """Steps back in time."""
     notes: tuple[str, ...]
     """How the stamps were read and how even they are, each a sentence."""
+    unit: str = ""
+    """Unit of numeric stamps, as it was stated or assumed; "" for others."""
 
 
 def read_time(
@@ -482,12 +510,12 @@ def read_time(
         start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
     """
     given = given or GivenPeriod()
-    notes: list[str] = []
+    notes, stated = list[str](), ""
     if column.kind == "number":
-        column = replace(column, unit=unit or column.unit)
-        stamps, said = unwrap(stamps)
-        notes += said
-    time, how = to_seconds(stamps, column, start)
+        stamps, notes = unwrap(stamps)
+        stated = unit or column.unit
+        column = replace(column, unit=stated or unit_by_magnitude(stamps))
+    time, how = to_seconds(stamps, column, start, stated=column.kind != "number" or bool(stated))
     rate = find_rate(time)
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
@@ -495,6 +523,13 @@ def read_time(
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:
         return _without_rate(time, given, backward, notes)
+    if _is_on_change(rate):
+        axis = counted_time(len(time), given)
+        low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
+        said = f"the stamps have no rate, as where only changes are logged: eight of ten steps lie between {low}"
+        return replace(
+            axis, notes=(*notes, Assumption(f"{said} and {high}; the samples were counted"), *axis.notes)
+        )
     if not PERIODS[0] <= rate.period <= PERIODS[1]:
         axis = counted_time(len(time), given)
         said = f"the stamps are {rate.period:.3g} s apart, which is not a time: the samples were counted"
@@ -509,7 +544,23 @@ def read_time(
     timing = _timing(time, rate, pauses, given)
     usual = None if rate.steps.even else (rate.steps.low, rate.steps.high)
     timing = with_words(timing, usual, given.file, gaps, len(time))
-    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes))
+    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), _unit_words(column, stated))
+
+
+def _unit_words(column: TimeColumn, stated: str) -> str:
+    unit = f"{column.unit}s" if column.unit in ("day", "year") else column.unit
+    return "" if column.kind != "number" else f"{unit}{'' if stated else ' (assumed)'}"
+
+
+def _is_on_change(rate: SampleRate) -> bool:
+    """True where the steps are of all sizes: of three powers of ten or more."""
+    if np.isfinite(rate.error):
+        return False
+    positive = rate.steps.all[rate.steps.all > 0]
+    if positive.size < 20:
+        return False
+    counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
+    return int(np.count_nonzero(counts >= 0.05 * positive.size)) > 2
 
 
 def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
@@ -612,10 +663,8 @@ def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) ->
     notes: list[str] = []
     if backward:
         first = int(np.argmax(steps < 0))
-        notes.append(
-            f"time steps back {times(backward)}, first by {-float(steps[first]):.9g} s at sample {first + 2}:"
-            " the order of the file was kept"
-        )
+        said = f"time steps back {times(backward)}, first by {-float(steps[first]):.9g} s at sample {first + 2}"
+        notes.append(Assumption(f"{said}: the order of the file was kept"))
     if repeated and steps.size and not float(steps.min()) > 0:
         twice = len(time) - int(np.unique(time).size)
         if twice:

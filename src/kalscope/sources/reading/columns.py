@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 from kalscope.errors import BadSetting
+from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import (
     MISSING,
     MISSING_WORDS,
@@ -26,7 +27,7 @@ from kalscope.sources.grammar.cells import (
     words,
 )
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.grammar.stamps import is_stamp
+from kalscope.sources.grammar.stamps import MONTHS, is_stamp, is_weekday
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.instruments.preface import Preface
 from kalscope.sources.instruments.registry import find_preface
@@ -292,6 +293,7 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
 """Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
+_HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must occur to mean "no sample"."""
 
@@ -356,7 +358,9 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
     """Share of the cells that a data line may hold, 0…1; 0 where none is a number."""
     found = [kinds[cell] for cell in cells]
     numbers = float(found.count("number"))
-    if "text" not in found or not any(" " in cell for cell in cells):  # "outside 21 °C, wind 3 m/s" is prose
+    timed = "stamp" in found and 2 * found.count("measure") >= len(cells)
+    # "outside 21 °C, wind 3 m/s" is prose
+    if timed or "text" not in found or not any(" " in cell for cell in cells):
         numbers += found.count("measure")
     if len(cells) == 1 and found[0] == "grouped":
         numbers += "." in cells[0] and "," in cells[0]
@@ -409,15 +413,22 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     total = numbers + stamps + texts
     if not total:
         return ColumnType("empty", 1.0)
+    if texts >= _MIN_REPEATED and _are_hexadecimal(cells):
+        return ColumnType("text", 1.0)
     if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
         said = {cell.lower() for cell in cells if kinds[cell] == "text"}
-        if len(said) == 1:
+        if len(said) == 1 and texts <= numbers:
             return ColumnType("number", 1.0, numbers, measured, frozenset(said))
     if numbers >= max(stamps, texts):
         return ColumnType("number", numbers / total, numbers, measured)
     if stamps >= texts:
         return ColumnType("stamp", stamps / total, numbers)
     return ColumnType("text", texts / total, numbers)
+
+
+def _are_hexadecimal(cells: Sequence[str]) -> bool:
+    """True for words of one length such as 4E, 1f03, 0x1A: those without a letter are no decimal numbers."""
+    return len({len(cell) for cell in cells}) == 1 and all(map(_HEXADECIMAL.fullmatch, cells))
 
 
 def number_form(
@@ -434,6 +445,7 @@ def number_form(
     if not odd and plain.decimal == kinds.decimal:
         return plain, None
     suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
+    suffix = suffix if 2 * marks["measure"] >= sum(marks[kind] for kind in NUMERIC) else ""
     numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
     measures = replace(plain, suffix=suffix)
     if odd == marks["measure"] and all(map(measures.fits, numeric)):
@@ -484,7 +496,17 @@ _NAMES = words(
 )
 _VALUES = words("value _value state reading val sensor_value measured_value")
 _NO_TAGS = words("result table _start _stop")
-_MIN_ROWS = 4
+_KEYS = _NAMES | words(
+    """
+    id device device_id deviceid dev dev_id node node_id nodeid mac mac_address address addr room location place
+    station station_id site probe unit_id serial sn imei eui deveui dev_eui name_id ch port slot board source src
+    """
+)
+"""Names of a column that says which sensor a row is of, beside its values."""
+_MIN_ROWS, _MIN_KEYED_ROWS = 4, 12
+_MAX_KEYS = 64
+_MIN_CHANGES, _MIN_IN_TURN = 0.2, 0.8
+"""Share of the rows that are of another sensor than the row before, and of those in a strict turn."""
 
 
 def mark_series(
@@ -492,7 +514,8 @@ def mark_series(
 ) -> tuple[list[Column], tuple[str, ...]]:
     """The columns of a long table with the role "series" for those that name the value, and a note about it.
 
-    Any other table is returned unchanged. Few tables are long, so the rule is strict: a column named as such holds
+    Rows that hold several values, each row of one of several sensors, are long as well. Any other table is returned
+    unchanged. Few tables are long, so the rule is strict: a column named as such holds
     repeated texts, one named as such holds the values, and no other column but the time holds numbers.
     """
     bases = ["_".join(column.name.lower().split()) for column in columns]
@@ -503,7 +526,7 @@ def mark_series(
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
     if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        return columns, ()
+        return _mark_keys(columns, bases, rows, times)
     series = [i for i in texts if by_field and bases[i] not in _NO_TAGS] or names
     series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
     distinct = {tuple(row[i] for i in series) for row in rows}
@@ -516,3 +539,35 @@ def mark_series(
     marked = [replace(column, role="text") if i in numbers else column for i, column in enumerate(marked)]
     said = ", ".join(f'"{columns[i].name}"' for i in series)
     return marked, (f"each row holds one value, named by {said}",)
+
+
+def _mark_keys(
+    columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]
+) -> tuple[list[Column], tuple[str, ...]]:
+    """The columns with the role "series" for the one that says which sensor each row is of, and a note about it.
+
+    Its texts, or small whole numbers where its name says so, come again and again, in turn or mixed. A status or a
+    phase does not: it has no such name, and lasts.
+    """
+    for i, column in enumerate(columns):
+        named = bases[i] in _KEYS
+        rest = [other for j, other in enumerate(columns) if j != i and j not in times and other.role == "channel"]
+        is_key = column.role == "text" or (named and column.role == "channel")
+        if i in times or not rest or not is_key or len(rows) < _MIN_KEYED_ROWS:
+            continue
+        keys = [row[i] for row in rows]
+        is_date = all(key.lower() in MONTHS or is_weekday(key) for key in keys[:7]) and not named
+        if is_date or any(map(is_stamp, keys[:4])):
+            continue
+        count = len(set(keys))
+        if not 2 <= count <= min(_MAX_KEYS, len(rows) // _MIN_ROWS) or "" in keys:
+            continue
+        if column.role == "channel" and not all(key.isdecimal() and len(key) <= 5 for key in keys):
+            continue
+        changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
+        in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
+        if (changes >= _MIN_CHANGES) if named else (min(changes, in_turn) >= _MIN_IN_TURN):
+            marked = [replace(other, role="series") if j == i else other for j, other in enumerate(columns)]
+            said = f'each row is of one of {count} sensors, by "{column.name or f"column {i + 1}"}"'
+            return marked, (Assumption(said),)
+    return columns, ()

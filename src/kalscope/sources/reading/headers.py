@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,11 +14,14 @@ from kalscope.sources.grammar.cells import (
     bare_unit,
     is_comment,
     is_number,
+    is_unit,
     parse_number,
     split_fields,
     words,
 )
+from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DELIMITERS
+from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import COUNTING_NAMES, CellKinds, Cells, Column, Plan, named_column
 from kalscope.sources.reading.table import Body, HeadTable, header_cells
 
@@ -26,6 +30,12 @@ _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
+_NUMBERED_NAME = re.compile(r"[#%* \t]*(?:name|column) ?([0-9]{1,3})[ \t]*[=:][ \t]*(\S.*)", re.IGNORECASE)
+_LIST = re.compile(
+    r"[#%*; \t]*(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
+    r"[ \t]*(?::=|[:=])[ \t]*(\S.*)",
+    re.IGNORECASE,
+)
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 
 Row = tuple[int, Cells]
@@ -54,6 +64,51 @@ class _Rows:
     others: tuple[Row, ...] = ()
     first: int = 0
     said: str = "no header line"
+
+
+def _listed_above(head: Sequence[str], width: int) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table list: `# Labels:= ECG;EDA`, `# name 0 = timeS: Time [seconds]`."""
+    numbered: dict[int, str] = {}
+    lists: dict[bool, Cells] = {}
+    for line in head:
+        if len(line) > _MAX_HEADER_LENGTH:
+            continue
+        if match := _NUMBERED_NAME.fullmatch(line):
+            numbered[int(match[1])] = match[2].strip()
+        elif match := _LIST.fullmatch(line):
+            cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", match[2]))
+            if len(cells) == width > 1 and all(cells):
+                lists.setdefault(match[1].lower() == "units", cells)
+    if width > 1 and sorted(numbered) == list(range(width)):
+        lists[False] = tuple(numbered[i] for i in range(width))
+    return lists.get(False, ()), lists.get(True, ())
+
+
+def named_by_settings(
+    head: Sequence[str], columns: list[Column], time: TimeColumn | None, form: LineFormat
+) -> list[Column]:
+    """The columns with the names and units that settings above or beside the table give to its channels.
+
+    Oscilloscopes write `Source,CH2` and `Vertical Units,V`. Names of columns that differ are kept.
+    """
+    taken = time.indices if time else ()
+    channels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
+    if not channels or form.kind != "table" or form.delimiter == " ":
+        return columns
+    alike = len({columns[i].name for i in channels}) == 1
+    settings: dict[str, list[str]] = {}
+    for line in head[:_MAX_HEADER_PLACE]:
+        key, *values = split_fields(line, form.delimiter)
+        said = [value.rpartition(":")[2] for value in values if value and not is_number(value, form.decimal)]
+        settings.setdefault(key.strip(" :=").lower(), said)
+    named = list(columns)
+    for key in ("source", "channel data"):
+        for i, name in zip(channels, settings.get(key, ()), strict=False):
+            if alike and len(settings[key]) == len(channels) and (len(channels) > 1 or not columns[i].name):
+                named[i] = replace(named[i], name=name)
+    for i, unit in zip(channels, settings.get("vertical units", ()), strict=False):
+        named[i] = named[i] if named[i].unit else replace(named[i], unit=bare_unit(unit))
+    return named
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:
@@ -86,9 +141,12 @@ def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, k
     if found.names is not None:
         columns, more = _named(found.names, table, body)
         notes += more
+    listed_names, listed_units = _listed_above(head[: body.first - 1], table.width)
+    if found.names is None and listed_names:
+        columns, notes = tuple(map(named_column, listed_names)), ["names from the lines above the table"]
     if plan.preface.names:
         columns, notes = _by_preface(plan.preface.names, table.width), []
-    units = plan.preface.units or (found.units[1] if found.units is not None else ())
+    units = plan.preface.units or (found.units[1] if found.units is not None else listed_units)
     columns = tuple(
         replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column
         for i, column in enumerate(columns)
@@ -148,6 +206,10 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
         ),
         None,
     )
+    if len(rows) == 1 and units is None and all(is_unit(cell) and len(cell) > 2 for cell in rows[0][1]):
+        numbered = _numbered_names(head, rows[0], table)
+        if numbered is not None:
+            rows, units = [rows[0], numbered], 0
     start = 0 if units is None else units + 1
     names = next((i for i in range(start, len(rows)) if _is_telling(rows[i][1])), start)
     found = None if units is None else rows[units]
@@ -159,6 +221,14 @@ def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadT
     said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
     others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
     return _Rows(rows[names], found, others, said=said)
+
+
+def _numbered_names(head: Sequence[str], units: Row, table: HeadTable) -> Row | None:
+    """The line above a row of units that names the channels by numbers: `x-axis,1,2`."""
+    number = units[0] - 1
+    cells = tuple(split_fields(head[number - 1], table.form.delimiter)) if number else ()
+    named = bool(cells) and len(cells) == len(units[1]) and not is_number(cells[0]) and all(cells)
+    return (number, cells) if named else None
 
 
 def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTable) -> Row | None:

@@ -30,7 +30,7 @@ from kalscope.sources.grammar.line_format import (
 )
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
-from kalscope.sources.reading.columns import MAX_SERIES
+from kalscope.sources.reading.columns import HOST_AND_DEVICE, MAX_SERIES
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
@@ -39,7 +39,6 @@ Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 _TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
 TAIL_LINES = 64
 """Rows before a last line without newline by which it is judged."""
-_MIN_NEIGHBOURS = 5
 
 
 @dataclass(frozen=True)
@@ -247,10 +246,9 @@ class LineReader:
         return cells
 
     def read_last(self, number: int, line: str, before: Sequence[str]) -> LineEvent:
-        """Take a last line that has no newline: torn, unless it shows that nothing of it was cut.
+        """Take a last line that has no newline: a row where it holds as many values as the row before.
 
-        It does where its checksum is right, or where it is a row whose last number has exactly as many
-        decimals as that of all the rows before it. A whole number may have lost a digit.
+        It is torn where its last number has fewer decimals than that of all rows before it.
 
         Args:
             number: Its line number.
@@ -265,17 +263,24 @@ class LineReader:
         return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
 
     def _is_whole(self, line: str, before: Sequence[str]) -> bool:
-        mark = self._form.decimal
-        decimals = _decimals(line, mark)
-        rows = [text for text in before[-TAIL_LINES:] if self.read(0, text).kind == "row"]
-        alike = all(_decimals(row, mark) == decimals for row in rows)
-        return alike and decimals > 0 and len(rows) >= _MIN_NEIGHBOURS
+        mark, event = self._form.decimal, self.read(0, line)
+        read = [(text, self.read(0, text)) for text in before[-TAIL_LINES:]]
+        rows = [(text, above) for text, above in read if above.kind == "row"]
+        ours = any(column.name == HOST_AND_DEVICE[0] for column in self.layout.columns[:1])
+        if ours or event.issues or not rows or _known(event) < _known(rows[-1][1]):
+            return False  # our recorder ends each line
+        usual = {_decimals(text, mark) for text, _ in rows}
+        return len(usual) > 1 or _decimals(line, mark) >= max(usual)
 
 
 def rejected(number: int, text: str, reason: str) -> LineEvent:
     """The event of a line of the wrong shape."""
     text = text.rstrip("\r\n")[:MAX_ISSUE_LENGTH]
     return LineEvent(number, "rejected", text, (), (LineIssue(number, reason, text),))
+
+
+def _known(event: LineEvent) -> int:
+    return sum(not math.isnan(value) for row in event.rows for value in row)
 
 
 def _decimals(line: str, mark: str) -> int:

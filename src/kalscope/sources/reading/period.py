@@ -221,7 +221,7 @@ def is_coarse(steps: Steps) -> bool:
     alike = np.count_nonzero(np.abs(positive - tick) <= 0.25 * tick)
     longer = np.count_nonzero(positive > 1.25 * tick)
     # Where each step of the clock holds many samples, a short record has few steps, and pauses are many among them.
-    pauses = 0.05 * positive.size + (6 if share >= 0.8 else 2)
+    pauses = (0.15 if regular and share >= 0.7 else 0.05) * positive.size + (6 if share >= 0.8 else 2)
     return bool(alike >= (0.6 if share >= 0.8 else 0.8) * positive.size and longer <= pauses)
 
 
@@ -369,6 +369,8 @@ def find_rate(time: Array) -> SampleRate | None:
     median = steps.median
     if not (_SANE[0] < median and float(np.max(np.abs(time))) < _SANE[1]):
         return _unsteady(time, steps)
+    if (modal := _modal(time, steps)) is not None:
+        return SampleRate("uneven", modal, 0.0, _NO_PAUSES, split(len(time), _NO_PAUSES), steps, modal)
     recur = long_steps_recur(steps)
     if not recur and (_is_even(steps) or returns_to_grid(steps)):
         return _with_median(time, steps, "even" if steps.even else "uneven")
@@ -376,6 +378,21 @@ def find_rate(time: Array) -> SampleRate | None:
     if guess is None:
         return _unsteady(time, steps)
     return _fitted(time, steps, guess)
+
+
+def _modal(time: Array, steps: Steps) -> float | None:
+    """The usual step, where rows that wait and then come at once make up for each other; None elsewhere.
+
+    Most steps are it, hardly any is near it, which would be jitter, and so many steps explain the whole span.
+    """
+    usual, span = steps.median, float(time[-1] - time[0]) / (len(time) - 1)
+    if steps.even or abs(span - usual) > 0.05 * usual:
+        return None
+    off = np.abs(steps.all - usual)
+    exact, near = (float(np.mean(off <= share * usual)) for share in (0.02, 0.5))
+    if exact < 0.5 or near - exact > 0.05:
+        return None
+    return usual if float(np.mean(steps.all < 0.5 * usual)) > 0.02 else None
 
 
 def _unsteady(time: Array, steps: Steps) -> SampleRate:

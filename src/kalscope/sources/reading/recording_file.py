@@ -5,18 +5,17 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kalscope.common.files import Unpacking, does_not_fit
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile, NoMemory
-from kalscope.recording import Recording
+from kalscope.recording import Assumption, Recording
 from kalscope.sources.containers.registry import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.table import Part, Table, choose_part, refuse_part
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -24,7 +23,7 @@ from kalscope.sources.reading.account import no_channel, no_table, refuse_markup
 from kalscope.sources.reading.assemble import Reading, assemble, check_chosen_period, reading_of
 from kalscope.sources.reading.columns import UNIT_NAMES, Column, distinct_names
 from kalscope.sources.reading.rows import Tally, read_rows
-from kalscope.sources.reading.sniffer import Layout, sniff
+from kalscope.sources.reading.sniffer import MAX_INSIDE, MIN_CYCLES, Layout, sniff
 from kalscope.sources.reading.text_file import (
     RawFile,
     find_encoding,
@@ -40,6 +39,8 @@ from kalscope.sources.reading.text_file import (
 
 
 _MAX_LISTED = 4
+_MIN_WHOLE_TURNS = 0.9
+"""Share of the turns in which each name comes once."""
 _MIN_SHARED = 0.5
 """Share of the stamps of the shorter of two series that the other has as well, where both belong to one part."""
 
@@ -64,29 +65,45 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
         BadSetting: there is no such part.
     """
     codes = table[next(i for i, column in enumerate(layout.columns) if column.role == "series")]
-    values = table[layout.channels[0]]
-    stamps = _counted(codes) if layout.time is None else table[layout.time.index]
-    known = [code for code in range(len(tally.series)) if np.isfinite(values[codes == code]).any()]
-    groups = _groups({code: np.unique(stamps[codes == code]) for code in known})
+    kept = np.isfinite(codes)
+    codes = codes[kept].astype(np.int64)
+    measures = [Measure(layout.columns[i], table[i][kept]) for i in layout.channels]
+    stamps = _counted(codes) if layout.time is None else _in_turns(codes, table[layout.time.index][kept])
+    distinct, ranks = np.unique(stamps, return_inverse=True)
+    # Several samples of one name at one stamp: the first ones belong together, then the second ones, and so on.
+    turns = _counted(codes * len(distinct) + ranks)
+    most = int(turns.max(initial=0)) + 1
+    keys = ranks * most + turns
+    known = [
+        code
+        for code in range(len(tally.series))
+        if any(np.isfinite(measure.values[codes == code]).any() for measure in measures)
+    ]
+    groups = _groups({code: keys[codes == code] for code in known})
     described = _described(tally.series, layout)
     names = [_listed([described[code].name for code in group]) for group in groups]
     for one, group in zip(names, groups, strict=True):
         part = one if part in {described[code].name for code in group} else part
-    parts = [Part(one, len(times), len(group)) for one, (group, times) in zip(names, groups.items(), strict=True)]
+    sizes = zip(names, groups.items(), strict=True)
+    parts = [Part(one, len(times), len(group) * len(measures)) for one, (group, times) in sizes]
     if not parts:
         raise BadFile(f"{name} must hold a named value that is a number (got {len(tally.series)} names without)")
     chosen, notes = choose_part(parts, part, name, "set of names")
-    group, times = list(groups.items())[chosen]
+    group, places = list(groups.items())[chosen]
+    times, notes = distinct[places // most], tuple(map(Assumption, notes))
     silent = [described[code].name for code in range(len(tally.series)) if code not in known]
     if silent:
         more = f" and {len(silent) - 8} more" if len(silent) > 8 else ""
         notes = (*notes, f"names without numbers: {', '.join(silent[:8])}{more}")
-    data = {0: times}
-    for k, code in enumerate(group, 1):
+    data: dict[int, Array] = {0: times.astype(np.float64)}
+    columns = [Column("time", role="time" if layout.time is not None else "text")]
+    for code in group:
         here = codes == code
-        data[k] = np.full(len(times), np.nan)
-        data[k][np.searchsorted(times, stamps[here])] = values[here]
-    columns = [Column("time", role="time" if layout.time is not None else "text"), *(described[i] for i in group)]
+        for measure in measures:
+            column = np.full(len(times), np.nan)
+            column[np.searchsorted(places, keys[here])] = measure.values[here]
+            data[len(columns)] = column
+            columns.append(_of_series(described[code], measure.column, single=len(measures) == 1))
     for i, one in enumerate(distinct_names([column.name for column in columns[1:]]), 1):
         columns[i] = replace(columns[i], name=one)
     time = None if layout.time is None else replace(layout.time, index=0, parts=())
@@ -100,24 +117,52 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     )
 
 
+@dataclass(frozen=True)
+class Measure:
+    """One column of values of a long table."""
+
+    column: Column
+    values: Array
+
+
+def _of_series(series: Column, measure: Column, *, single: bool) -> Column:
+    """The channel of one series, and of one of its measures where there are several: "kitchen temp" in °C."""
+    if single:
+        return series if series.unit else replace(series, unit=measure.unit)
+    return replace(measure, name=f"{series.name} {measure.name}".strip(), form=None)
+
+
+def _in_turns(codes: Indices, stamps: Array) -> Array:
+    """The stamps, where the names come in turn those of the first of each turn: all of one turn are one row."""
+    begins = np.flatnonzero(codes == codes[0]) if codes.size else codes
+    ends = np.append(begins[1:], len(codes))
+    kinds = np.unique(codes).size
+    if kinds < 2 or len(begins) < MIN_CYCLES or np.mean(ends - begins == kinds) < _MIN_WHOLE_TURNS:
+        return stamps
+    inside, between = stamps[ends - 1] - stamps[begins], np.diff(stamps[begins])
+    if not 0 <= np.median(inside) <= MAX_INSIDE * np.median(between):
+        return stamps
+    return np.repeat(stamps[begins], ends - begins)
+
+
 def _listed(names: list[str]) -> str:
     return ", ".join(names[:_MAX_LISTED]) + (f" and {len(names) - _MAX_LISTED} more" if names[_MAX_LISTED:] else "")
 
 
-def _counted(codes: Array) -> Array:
-    """Without stamps the first values of all names belong together, then the second ones, and so on."""
-    stamps = np.zeros(len(codes))
-    for code in np.unique(codes[np.isfinite(codes)]):
-        here = codes == code
-        stamps[here] = np.arange(np.count_nonzero(here))
-    return stamps
+def _counted(codes: Indices) -> Indices:
+    """How often each value came before, shape (n,)."""
+    order = np.argsort(codes, kind="stable")
+    first = np.flatnonzero(np.diff(codes[order], prepend=-1))
+    turns = np.empty(len(codes), dtype=np.int64)
+    turns[order] = np.arange(len(codes)) - np.repeat(first, np.diff(np.append(first, len(codes))))
+    return turns
 
 
-def _groups(stamps: dict[int, NDArray[np.float64]]) -> dict[tuple[int, ...], Array]:
+def _groups(stamps: dict[int, Indices]) -> dict[tuple[int, ...], Indices]:
     """The names that share most of their stamps, with all their stamps; those with most stamps first."""
-    groups: list[tuple[list[int], Array]] = []
+    groups: list[tuple[list[int], Indices]] = []
     for code in sorted(stamps, key=lambda code: (-len(stamps[code]), code)):
-        own = stamps[code]
+        own = np.unique(stamps[code])
         for i, (members, times) in enumerate(groups):
             if np.isin(own, times, assume_unique=True).mean() >= _MIN_SHARED:
                 members.append(code)
@@ -225,7 +270,7 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
 def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Progress) -> Reading:
     layout = _sniff_head(raw, encoding, options)
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
-    if is_long(layout):
+    if is_long(layout) and tally.lines["row"]:
         return widened(table, tally, layout, options.part, raw.name)
     refuse_part(options.part, raw.name)
     columns = {i: table[i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}

@@ -146,6 +146,8 @@ class Tally:
     """Cells of rows that are not numbers."""
     issues: list[LineIssue] = field(default_factory=list["LineIssue"])
     """The first MAX_ISSUES."""
+    bad_columns: Counter[str] = field(default_factory=Counter[str])
+    """The same by the name of their column."""
     missing: Counter[str] = field(default_factory=Counter[str])
     """Cells of each word that says "no sample", beside the ordinary ones."""
     series: tuple[tuple[str, ...], ...] = ()
@@ -159,6 +161,7 @@ class Tally:
         if event.kind == "row":
             self.bad_cells += len(event.issues)
             self.missing.update(event.missing)
+            self.bad_columns.update(issue.column for issue in event.issues if issue.column)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
 
     @property
@@ -177,8 +180,7 @@ class Tally:
             self.ending = f"line {event.number}, the last, is torn: it has no newline and was left out"
         elif event.kind == "row":
             self.ending = (
-                f"line {event.number}, the last, has no newline; it was kept, because its last number has as many"
-                " decimals as all before, or its checksum is right"
+                f"line {event.number}, the last, has no newline; it was kept, because it has all its values"
             )
 
 
@@ -199,7 +201,7 @@ def read_rows(
         while data := block.result():
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
-            reader.take(data)
+            reader.take(data, growing=not data.endswith(b"\n") and path.stat().st_size > size)
             reader.require_room(file.tell(), size, path.name)
     return reader.finish(), reader.tally
 
@@ -223,8 +225,11 @@ class _TableReader:
         self._above = b""
         self._room_at = ROOM_EVERY
 
-    def take(self, data: bytes) -> None:
-        """Take the next lines, UTF-8, of which only the last of the file may lack its newline."""
+    def take(self, data: bytes, *, growing: bool = False) -> None:
+        """Take the next lines, UTF-8, of which only the last of the file may lack its newline.
+
+        The last line of a file that grows is still being written.
+        """
         at, whole = 0, data.rfind(b"\n") + 1
         while at < len(data) and self._number < self._layout.first_data:
             line, at = _line_at(data, at)
@@ -233,7 +238,7 @@ class _TableReader:
         self._take_rows(data, at, whole)
         if at <= whole < len(data):
             above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
-            event = self._reader.read_last(self._number, data[whole:].decode(), above)
+            event = self._reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
             self.tally.take_last(event)
             self._rows.add(event, last=True)
         self._above = data

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from kalscope.common.numbers import Array
+from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import NumberForm, is_comment
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -29,8 +30,17 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, read_header
-from kalscope.sources.reading.table import Body, HeadTable, candidate_lines, candidate_tables, find_body, weigh
+from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header
+from kalscope.sources.reading.table import (
+    Body,
+    HeadTable,
+    candidate_lines,
+    candidate_tables,
+    filled_width,
+    find_body,
+    marked_begin,
+    weigh,
+)
 from kalscope.sources.reading.time_columns import chosen_time, find_time, stamps_of
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
@@ -40,7 +50,7 @@ MIN_CYCLES = 4
 """How often all labels must come in turn."""
 _MIN_COMPLETE = 0.9
 """Share of the turns that must hold every label."""
-_MAX_INSIDE = 0.25
+MAX_INSIDE = 0.25
 """Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
@@ -69,7 +79,7 @@ def _are_together(begins: list[int], stamps: Array) -> bool:
     inside = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(begins)])
     between = np.diff(stamps[begins])
     known = np.isfinite(inside) & np.isfinite(between)
-    return bool(known.any()) and float(np.median(inside[known])) <= _MAX_INSIDE * float(np.median(between[known]))
+    return bool(known.any()) and float(np.median(inside[known])) <= MAX_INSIDE * float(np.median(between[known]))
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
@@ -111,7 +121,7 @@ def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberFor
     """The question about a column whose numbers could be written in two ways."""
     example = next(cell for cell in cells if differ(form, rival, cell))
     word = "comma" if rival.decimal == "," else "point"
-    return (
+    return Assumption(
         f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'
         f" The first was used; --decimal {word} selects the second"
     )
@@ -132,7 +142,7 @@ def _could_be(form: LineFormat, second: HeadTable) -> str:
         chosen.append(f"--delimiter {_WORDS[other.delimiter]}")
     if other.decimal != form.decimal:
         chosen.append(f"--decimal {'comma' if other.decimal == ',' else 'point'}")
-    return f"it could also be {count}: {' '.join(chosen)}"
+    return Assumption(f"it could also be {count}: {' '.join(chosen)}")
 
 
 def _about_numbers(number: NumberForm, form: LineFormat) -> str:
@@ -238,9 +248,9 @@ def sniff(
     plan = make_plan(head, options)
     if head and told_delimiter(head[0]):
         head[0] = ""  # no row of names
-    lines, marks = candidate_lines(head, samples)
+    lines, marks = candidate_lines(head, samples, marked_begin(head))
     table, second = weigh(lines, candidate_tables(lines, plan, head))
-    if table is None or table.width > MAX_COLUMNS or table.rows[0][0] > len(head):
+    if table is None or filled_width(table) > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
     return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)
 
@@ -270,12 +280,15 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
+    columns = named_by_settings(head, columns, time, table.form)
+    above = sum(number < header.first for number, _ in table.rows) if is_table else 0
     lead = _leading(table, columns, cells, time)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
         *explain(table.form, plan, body, columns, second),
         *doubtful,
+        *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
         *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
         *about_series,

@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     is_comment,
     is_grouped,
     is_number,
+    parse_number,
     split_fields,
 )
 from kalscope.sources.grammar.line_format import (
@@ -73,6 +74,8 @@ def find_beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds)
 
 MAX_HEADER_LINES = 5
 """Lines of names, units and what was done to each column that may be above a table."""
+MAX_ABOVE = 0.2
+"""Largest share of the rows that may be another table above the names, of calibration for instance."""
 MAX_REPEATED = 64
 """Rows of one repeated word that may come between the names and the first number."""
 _PAIR_LABELS = frozenset(
@@ -217,9 +220,13 @@ class _Grid:
         """
         places = [i for i, (number, _) in enumerate(self._lines) if number >= least]
         best, gained, whole, other = 0, 0, 0, 0
+        few = MAX_ABOVE * sum(self._fits[i] == "row" for i in places)
         for i in places:
-            if self._fits[i] == "text" and other - 2 * whole > gained and self._is_header(i):
-                best, gained = i + 1, other - 2 * whole
+            if self._fits[i] == "text" and self._is_header(i):
+                if other - 2 * whole > gained:
+                    best, gained = i + 1, other - 2 * whole
+                elif 0 < whole <= few and self._begins_anew(i):
+                    best = i + 1
             whole += self._fits[i] == "row"
             other += self._fits[i] == "partial"
         places = [i for i in places if i >= best]
@@ -232,6 +239,28 @@ class _Grid:
         while start - 1 in places and (self._fits[start - 1] == "void" or self._repeats(start - 1)):
             start -= 1
         return self._lines[start][0]
+
+    def _begins_anew(self, place: int) -> bool:
+        """True for names that differ from those above, below an empty line or one that is not of the table."""
+        number, cells = self._lines[place]
+        parted = place > 0 and (self._fits[place - 1] in (None, "text") or self._lines[place - 1][0] < number - 1)
+        distinct = len(set(cells)) == len(cells) and not any(self._kinds[cell] == "word" for cell in cells)
+        return (
+            parted
+            and distinct
+            and not any(cells == above for _, above in self._lines[:place])
+            and not self._goes_on(place)
+        )
+
+    def _goes_on(self, place: int) -> bool:
+        """True where the first column goes on below a line as it rose above it."""
+        rows = [cells for (_, cells), fit in zip(self._lines, self._fits, strict=True) if fit == "row"]
+        above = sum(fit == "row" for fit in self._fits[:place])
+        found = [parse_number(cells[0], self._table.form.decimal) for cells in rows[max(0, above - 2) : above + 1]]
+        if len(found) < 3 or None in found:
+            return False
+        before, last, after = (float(number or 0.0) for number in found)
+        return before < last < after <= last + 3 * (last - before)
 
     def _repeats(self, place: int) -> bool:
         """True for the second ERR of several below other names: one word that repeats is not a name."""
@@ -310,6 +339,7 @@ class _Grid:
         return (
             fits
             and any(cells)
+            and not cells[0].endswith(("=", ":"))
             and not self._is_pair(cells)
             and not any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
         )
@@ -324,6 +354,9 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
     cells = tuple(split_fields(text, delimiter))
     if delimiter != " " or len(cells) == width:
         return cells
+    listed = tuple(split_fields(text, ","))
+    if len(listed) == width:
+        return listed
     joined: list[str] = []
     for cell in cells:
         if joined and cell and cell[0] in "[(" and cell[-1] in "])":
@@ -482,6 +515,12 @@ def _alike(wide: list[Cells], narrow: list[Cells], width: int, kinds: CellKinds)
 # Pure functions on text.
 
 
+_BEGIN = re.compile(
+    r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end)[\W_]*",
+    re.IGNORECASE,
+)
+_MAX_PREFACE = 2000
+"""Lines above which a table begins."""
 MIN_TEXT_SHARE = 0.04
 """Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
 MIN_UNIFORM = 0.6
@@ -510,11 +549,37 @@ class HeadTable:
     """Widths of rows that lack their last cells: a later version of the logger added these."""
 
 
+def marked_begin(head: Sequence[str]) -> int:
+    """Line number of `*END*`, `[Data]`, `@data`, below which a table begins; 0 where no line says so.
+
+    There must be more lines with digits below it than above.
+    """
+    marks = [i for i, line in enumerate(head[:_MAX_PREFACE], 1) if len(line) < 40 and _BEGIN.fullmatch(line)]
+    if not marks:
+        return 0
+    digits = [any(c.isdecimal() for c in line) and not is_comment(line) for line in head]
+    return next((i for i in reversed(marks) if sum(digits[i:]) >= max(3, sum(digits[:i]))), 0)
+
+
+def filled_width(table: HeadTable) -> int:
+    """Cells of a row without those at its end that never hold anything."""
+    width = table.width
+    while width > 1 and not any(cells[width - 1] for _, cells in table.rows):
+        width -= 1
+    return width
+
+
 def candidate_lines(
-    head: Sequence[str], samples: Iterable[Sequence[str]] = ()
+    head: Sequence[str], samples: Iterable[Sequence[str]] = (), after: int = 0
 ) -> tuple[list[HeadLine], LineFormat]:
-    """Lines that may hold data; stamp and checksum split off where most lines have one, which the form says."""
-    lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if _may_be_data(text)]
+    """Lines that may hold data; stamp and checksum split off where most lines have one, which the form says.
+
+    Args:
+        head: The first lines.
+        samples: Runs of lines from further down.
+        after: Line number above the first that may hold data.
+    """
+    lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if i > after and _may_be_data(text)]
     last = len(head)
     for sample in samples:
         # A line number is skipped, so that the last line above is not next to the first below.
@@ -659,6 +724,7 @@ def _teleplot(lines: list[HeadLine], some: Mapping[str, Sequence[str]]) -> HeadT
 
 MIN_SHARE = 0.15
 """Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
+_COMMA_INSIDE = re.compile(r"[0-9],[0-9]")
 CLOSE = 0.9
 """A second way with at least this share of the best score could be meant as well."""
 TABS = 0.75
@@ -674,7 +740,12 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     found = [table for table in tables if table.score >= MIN_SHARE or _all_alike(lines, table)]
     tabs = max((table.score for table in found if table.form.delimiter == "\t"), default=0.0)
     # Where tabs split the rows, blanks are inside the cells: of a stamp, of a text.
-    found = [table for table in found if table.form.delimiter != " " or TABS * table.score > tabs]
+    # So do commas, unless they only end cells: `10:00 21.5, 40`.
+    commas = max((table.score for table in found if table.form.delimiter == ","), default=0.0)
+    best = {".": max(tabs, commas), ",": tabs}
+    found = [
+        table for table in found if table.form.delimiter != " " or TABS * table.score > best[table.form.decimal]
+    ]
     ranked = sorted(found, key=lambda table: _rank(lines, table), reverse=True)
     if not ranked:
         return None, None
@@ -741,7 +812,15 @@ def _rank(lines: list[HeadLine], table: HeadTable) -> tuple[float, bool, bool, b
     """
     fits = _names_fit(lines, table)
     score, teleplot = round(_score(lines, table), 6), table.form.kind == "teleplot"
-    return score, teleplot, fits, _is_padded(table), table.form.decimal == "."
+    return score, teleplot, fits, _is_padded(table) or _ends_in_commas(lines, table), table.form.decimal == "."
+
+
+def _ends_in_commas(lines: list[HeadLine], table: HeadTable) -> bool:
+    """True for `21,5, 40,2`: a comma before a blank separates cells, one inside a number is its decimal mark."""
+    if (table.form.delimiter, table.form.decimal, table.form.kind) != (" ", ",", "table"):
+        return False
+    some = [line.text for line in lines[:: max(1, len(lines) // _SOME)]]
+    return 2 * sum(", " in text and _COMMA_INSIDE.search(text) is not None for text in some) > len(some)
 
 
 def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
@@ -751,10 +830,8 @@ def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
         return False
     cells = split_fields(above[-1].text, table.form.delimiter)
     whole = table.form.decimal != "," or not any("," in cell for cell in cells)
-    width = table.width
-    while width > 1 and len(cells) < width and not any(row[width - 1] for _, row in table.rows):
-        width -= 1  # a separator at the end of each row
-    return whole and only_text(cells, table.form.decimal) and len(cells) == width
+    # A separator may end each row.
+    return whole and only_text(cells, table.form.decimal) and filled_width(table) <= len(cells) <= table.width
 
 
 def _differs(best: HeadTable, other: HeadTable) -> bool:

@@ -20,7 +20,7 @@ from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.grammar.cells import wide_encoding
-from kalscope.sources.grammar.line_format import ESCAPE, without_escapes
+from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without_escapes
 
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
 
@@ -99,6 +99,9 @@ _FOREIGN = {
     b"%PDF": "a PDF document",
     b"RIFF": "a WAV or AVI file",
     b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
+    b"CDF": "a NetCDF file: xarray.open_dataset(…).to_dataframe().to_csv(…) writes it as CSV",
+    b"SQLite format 3": "an SQLite database, as of RBR: sqlite3 -csv FILE 'SELECT * FROM data' writes it as CSV",
+    b"H Product:Blackbox": "a Betaflight blackbox log: blackbox_decode FILE writes it as CSV",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }
@@ -110,6 +113,7 @@ _NUL_RUN = re.compile(rb"\0{16,}")
 _FORTRAN = re.compile(rb"[0-9]\.[0-9]{0,30}[dD][-+][0-9]{2,3}(?![0-9A-Za-z])")
 _FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z]))")
 """With a point in the head, and everywhere with a sign: 12D3 is a name."""
+_NMEA = re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE)
 _MAX_CONTROL = 0.1
 """Largest share of control bytes in a text file, as from a noisy wire."""
 
@@ -270,14 +274,37 @@ def unusual_marks(raw: RawFile) -> tuple[str, ...]:
         said.append("control sequences of a terminal were left out")
     if _FORTRAN.search(raw.head):
         said.append("exponents are written with D, as Fortran does: 1.5D-03 is 0.0015")
+    if _is_nmea(raw.head):
+        said.append(
+            "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments"
+        )
     return tuple(said)
 
 
+def _is_nmea(head: bytes) -> bool:
+    return (b"GGA," in head or b"RMC," in head) and _NMEA.search(head) is not None
+
+
+def _position(line: str) -> str:
+    """`09:30:00.00 -> altitude:431.0 m,satellites:8` of a GGA sentence of NMEA, speed and course of an RMC."""
+    parts = split_checksum(line)
+    if not line.startswith("$") or parts is None or parts[1] != parts[2]:
+        return line
+    cells = parts[0].split(",")
+    kind, clock = cells[0][2:], cells[1] if len(cells) > 9 else ""
+    if kind not in ("GGA", "RMC") or len(clock) < 6:
+        return f"# {line}"
+    first = f"altitude:{cells[9]} m,satellites:{cells[7]}"
+    said = first if kind == "GGA" else f"speed:{cells[7]} kn,course:{cells[8]}"
+    return f"{clock[:2]}:{clock[2:4]}:{clock[4:]} -> {said}\n"
+
+
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
-    """The lines without the control sequences of a terminal, with Fortran's exponents written with e."""
+    """The lines without control sequences of a terminal, Fortran's exponents with e, NMEA as labels."""
+    rewritten: Callable[[str], str] = _position if _is_nmea(raw.head) else str
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in iter(lambda: read_line(lines), ""):
-            yield _FORTRAN_EXPONENT.sub("e", without_escapes(line))
+            yield rewritten(_FORTRAN_EXPONENT.sub("e", without_escapes(line)))
 
 
 def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:

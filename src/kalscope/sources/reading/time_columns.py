@@ -11,6 +11,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
+from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import CLOCK_PARSERS, ClockForm
@@ -165,13 +166,22 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
     sizes = np.abs(steps[steps != 0])
     usual = float(np.median(sizes)) if sizes.size else 0.0
     even = float(np.mean(np.abs(steps - usual) <= _EVEN_WITHIN * usual)) if sizes.size else 0.0
+    share = min(ahead, back) / max(ahead + back, 1)
+    if share > _MAX_BACK and _in_order_is_even(read):
+        share = _MAX_BACK
     return Evidence(
         fill=read.size / stamps.size,
-        back=min(ahead, back) / max(ahead + back, 1),
+        back=share,
         distinct=np.count_nonzero(steps) / max(steps.size, 1) if steps.size else 1.0,
         even=even,
         moves=bool(sizes.size),
     )
+
+
+def _in_order_is_even(stamps: Array) -> bool:
+    """True for even stamps whose rows are out of order."""
+    steps = np.diff(np.sort(stamps))
+    return bool(np.mean(np.abs(steps - np.median(steps)) < _EVEN_WITHIN * np.median(steps)) > _MIN_EVEN)
 
 
 def is_since_1970(stamps: Array) -> bool:
@@ -227,10 +237,11 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
 def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
     """Columns beside each other that hold a year, perhaps the day of the year, month, day, hour and minute.
 
-    Five columns of whole numbers, each in its range, with a year in front, are hardly anything else.
+    Five columns of whole numbers, each in its range, with a year in front, are hardly anything else; nor are four
+    whose stamps never step back.
     """
     width = min(map(len, rows), default=0)
-    for first in range(width - 4):
+    for first in range(width - 3):
         for is_numbered in (True, False):
             places = range(first + is_numbered, first + is_numbered + len(_IN_ORDER))
             parts: list[tuple[PartRole, int]] = [
@@ -238,7 +249,12 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
                 for role, i, ends in zip(_IN_ORDER, places, _RANGES, strict=True)
                 if i < width and _in_range(rows, first if role == "year" else i, *ends)
             ]
-            if tuple(role for role, _ in parts[:5]) != _IN_ORDER[:5]:
+            if tuple(role for role, _ in parts[:4]) != _IN_ORDER[:4]:
+                continue
+            if (
+                len(parts) == 4
+                and judge(stamps_of(TimeColumn(first, "calendar", parts=tuple(parts)), rows, ".")).back
+            ):
                 continue
             if not is_numbered:
                 return TimeColumn(first, "calendar", parts=tuple(parts))
@@ -349,9 +365,7 @@ def find_candidates(
             if form is not None and (name.strength or form.kind != "number"):
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
-    proposed = [*_joined(forms, names, rows, decimal), *forms.values()]
-    if options.time_format is not None and not forms:
-        proposed = _in_two_columns(rows, decimal, options)
+    proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
@@ -369,7 +383,7 @@ def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
 
 
 def _joined(
-    forms: dict[int, TimeColumn], names: list[TimeName], rows: list[Cells], decimal: str
+    forms: dict[int, TimeColumn], columns: list[Column], names: list[TimeName], rows: list[Cells], decimal: str
 ) -> list[TimeColumn]:
     """Each date with the clock of the same row, in the column beside it or in one that is named as a time.
 
@@ -385,23 +399,21 @@ def _joined(
             clocks[i] = form.clock
         elif digits is not None:
             clocks[i] = digits
+    for i, column in enumerate(columns):
+        digits = (
+            clock_form([row[i] for row in rows]) if i not in forms and _role(column.name, {}) == "clock" else None
+        )
+        if digits is not None:
+            clocks[i] = digits
     joined: list[TimeColumn] = []
     for i in dates:
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
         if beside:
             clock = beside[0]
-            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock))))
+            days = stamps_of(forms[i], rows, decimal)
+            day = float(days[np.isfinite(days)][0])
+            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock)), day=day))
     return joined
-
-
-def _in_two_columns(rows: list[Cells], decimal: str, options: ReadOptions) -> list[TimeColumn]:
-    """Two columns beside each other that the user's format reads together, joined by a blank."""
-    proposed: list[TimeColumn] = []
-    for i in range(min(map(len, rows), default=0) - 1):
-        form = find_stamp_form([f"{row[i]} {row[i + 1]}" for row in rows], decimal, hints_of(TimeName(0), options))
-        if form is not None:
-            proposed.append(replace(form, index=i, parts=(("date", i), ("clock", i + 1))))
-    return proposed
 
 
 def _has_days_only(form: TimeColumn, rows: list[Cells], decimal: str) -> bool:
@@ -450,6 +462,8 @@ def stamps_of(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
 
 _MIN_DATES = 8
 """Fewest rows to recognise dates in digits without a name."""
+_MIN_EVEN = 0.9
+"""Share of alike steps of a ramp that is a time although it is not the first column."""
 _MIN_STEPS_FROM_1970 = 3
 """Steps forward that stamps since 1970 without a name must show; between them they may repeat."""
 
@@ -462,8 +476,18 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         dated = _dates_in_digits([row[i] for row in rows], decimal) if column.role == "channel" else None
         if dated is not None:
             return replace(dated, index=i)
-    if not named and _rises_steadily([row[0] for row in rows], decimal):
-        return TimeColumn(0, "number")
+    unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
+    others = columns[1:] if columns[0].name.lower() == "x" else []
+    lone_x = bool(unit) or any(column.unit or column.name.lower().startswith("ch") for column in others)
+    if (not named or lone_x) and _rises_steadily([row[0] for row in rows], decimal):
+        return TimeColumn(0, "number", unit)
+    channels = [i for i, column in enumerate(columns) if column.role == "channel" and not named]
+    numbers = {i: _numbers([row[i] for row in rows], decimal) for i in channels}
+    rising = {i for i in channels if bool(np.all(np.diff(numbers[i]) > 0))}
+    for i in channels if len(rising) < len(channels) else ():
+        cells = [row[i] for row in rows] if i in rising else []
+        if i and _rises_steadily(cells, decimal) and judge(numbers[i]).even >= _MIN_EVEN:
+            return TimeColumn(i, "number")
     for i, column in enumerate(columns):
         if column.role == "channel" and _counts_from_1970([row[i] for row in rows], decimal):
             return TimeColumn(i, "number")
@@ -606,7 +630,7 @@ def _about_rival(best: Candidate, found: list[Candidate], columns: list[Column])
     if rival is None or rival.points < best.points - _CLOSE or not columns[rival.column.index].name:
         return []
     name = columns[rival.column.index].name
-    return [f'the time could also be "{name}": --time-column "{name}"']
+    return [Assumption(f'the time could also be "{name}": --time-column "{name}"')]
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:

@@ -191,14 +191,6 @@ def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
         chosen_time(columns, rows, ".", "time", options=ReadOptions(time_format="%H:%M"))
 
 
-def test_a_time_format_may_reach_over_a_date_and_a_clock_in_two_columns():
-    named = {"a": NOISE, "x": stamps("%d;%m;%Y"), "y": stamps("%H-%M-%S")}
-    time = time_of(named, ReadOptions(time_format="%d;%m;%Y %H-%M-%S"))
-    parse, rows = row_stamp_parser(time, "."), made(named)[1]
-    assert sorted(time.indices) == [1, 2]
-    assert parse(rows[7]) - parse(rows[0]) == 7e6
-
-
 def test_stamps_since_1970_need_no_name():
     named = {"x": [str(1551453301000 + 20 * i) for i in range(N)], "a": NOISE}
     assert name_of(named) == ["x"]
