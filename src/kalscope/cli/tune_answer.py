@@ -53,8 +53,8 @@ from kalscope.tuning.choose import channels_to_fuse, for_each_sensor, name_of_fu
 from kalscope.tuning.tuning import ChannelTuning
 
 WIDTH, MAX_LINES = 96, 6
-"""Columns of the page; lines of the summary of one tuned channel, besides one or two on what it was read as: those on
-its reading may be wider."""
+"""Columns of the page; lines of the summary of one tuned channel, besides one or two on what it was read as.
+Those on its reading may be wider."""
 
 MAX_OTHERS, MAX_NAME = 24, 24
 """Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
