@@ -397,8 +397,9 @@ def summary_of(answer: Answer, lines: int) -> list[str]:
 
 
 def wrapped(text: str) -> list[str]:
-    """The text in lines of the page; options and numbers stay whole."""
-    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+    """The text in lines of the page; options, numbers and percentages stay whole."""
+    lines = textwrap.wrap(text.replace(" %", "\u00a0%"), WIDTH, break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\u00a0", " ") for line in lines]
 
 
 def between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:
@@ -496,12 +497,13 @@ def _next(answer: Answer) -> Iterator[str]:
         yield f"{'Note' if one.action is None else 'Next'}{how}: {text}"
     about = list(_about_sensors(answer)) if answer.fuses else []
     yield from about
+    due = [one for one in advice if one.action or not answer.fuses]  # that a sensor was silent leaves nothing to do
     if params is None and answer.fuses:
         pass  # the message says what to do
     elif params is None and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
         yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
-    elif not advice and not any(text.startswith("Next") for text in about):
-        nothing = "nothing to correct; " if answer.verdict in ("ok", CHOSEN) else ""
+    elif not due and not any(text.startswith("Next") for text in about):
+        nothing = "nothing to correct; " if not advice and answer.verdict in ("ok", CHOSEN) else ""
         yield (
             "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
             "--no-robust keeps them"
