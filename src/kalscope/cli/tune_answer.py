@@ -318,8 +318,7 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
         case actions.UseStillStretch(first, last):
-            start, end = (f"{float(answer.recording.time[at]):.15g}" for at in (first, last - 1))
-            words = [f"--still {start}:{end}"]
+            words = [f"--still {_limits(answer.recording.time, first, last)}"]
         case actions.SetRatio(ratio):
             words = [f"--ratio {ratio:.3g}"]
         case actions.Scale(q_factor, r_factor) if params is not None:
@@ -332,6 +331,17 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case _:
             words = []
     return " ".join(words)
+
+
+def _limits(time: Array, first: int, last: int) -> str:
+    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
+    text = ""
+    for digits in range(3, 18):
+        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
+        text = f"{start}:{end}"
+        if (time.searchsorted(float(start)), time.searchsorted(float(end), "right")) == (first, last):
+            break
+    return text
 
 
 def _without(request: Request) -> list[str]:
