@@ -319,8 +319,7 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
         case actions.UseStillStretch(first, last):
-            start, end = (f"{float(answer.recording.time[at]):.15g}" for at in (first, last - 1))
-            words = [f"--still {start}:{end}"]
+            words = [f"--still {_limits(answer.recording.time, first, last)}"]
         case actions.SetRatio(ratio):
             words = [f"--ratio {ratio:.3g}"]
         case actions.Scale(q_factor, r_factor) if params is not None:
@@ -333,6 +332,17 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case _:
             words = []
     return " ".join(words)
+
+
+def _limits(time: Array, first: int, last: int) -> str:
+    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
+    text = ""
+    for digits in range(3, 18):
+        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
+        text = f"{start}:{end}"
+        if (time.searchsorted(float(start)), time.searchsorted(float(end), "right")) == (first, last):
+            break
+    return text
 
 
 def _without(request: Request) -> list[str]:
@@ -399,8 +409,9 @@ def summary_of(answer: Answer, lines: int) -> list[str]:
 
 
 def wrapped(text: str) -> list[str]:
-    """The text in lines of the page; options and numbers stay whole."""
-    return textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+    """The text in lines of the page; options, numbers and percentages stay whole."""
+    lines = textwrap.wrap(text.replace(" %", "\u00a0%"), WIDTH, break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\u00a0", " ") for line in lines]
 
 
 def between(low: float, high: float, largest: float = math.inf, words: Callable[[float], str] = number) -> str:
@@ -498,12 +509,13 @@ def _next(answer: Answer) -> Iterator[str]:
         yield f"{'Note' if one.action is None else 'Next'}{how}: {text}"
     about = list(_about_sensors(answer)) if answer.fuses else []
     yield from about
+    due = [one for one in advice if one.action or not answer.fuses]  # that a sensor was silent leaves nothing to do
     if params is None and answer.fuses:
         pass  # the message says what to do
     elif params is None and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
         yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
-    elif not advice and not any(text.startswith("Next") for text in about):
-        nothing = "nothing to correct; " if answer.verdict in ("ok", CHOSEN) else ""
+    elif not due and not any(text.startswith("Next") for text in about):
+        nothing = "nothing to correct; " if not advice and answer.verdict in ("ok", CHOSEN) else ""
         yield (
             "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
             "--no-robust keeps them"
