@@ -466,7 +466,7 @@ def test_the_report_accounts_for_every_line_on_stderr(awkward: str, capsys: Capt
         ("--time-column", "n", "time", 1.0),
         ("--time-column", "column 2", "time", 0.02),
         ("--time-column", "none", "sample", 1.0),
-        ("--time-unit", "s", "time_s", 20.0),
+        ("--time-unit", "s", "time", 20.0),
     ],
 )
 def test_time_is_what_was_chosen_by_name_number_or_unit(

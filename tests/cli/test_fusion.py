@@ -198,7 +198,7 @@ def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> N
     command, *shown = [line.removeprefix("    ") for line in example.rstrip().splitlines()]
     assert run(command.split()[2:]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert shown == printed[1 : 1 + len(shown)]
+    assert shown == printed[2 : 2 + len(shown)]  # below how the file was read
 
 
 @pytest.mark.parametrize(

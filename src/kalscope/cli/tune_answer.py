@@ -59,6 +59,15 @@ Those on its reading may be wider."""
 MAX_OTHERS, MAX_NAME = 24, 24
 """Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
 
+_WORDS = {"flat": "any ratio fits", "bad_unit": "numbers out of range", "copies": "two sensors move alike"}
+"""Verdicts whose code does not explain itself."""
+
+
+def words_of(verdict: str) -> str:
+    """A verdict as it is shown."""
+    return _WORDS.get(verdict) or verdict.replace("_", " ")
+
+
 CHOSEN = "chosen"
 """The verdict without an estimate: the pair follows from the options."""
 
@@ -118,7 +127,7 @@ class Answer:
     @property
     def verdict_words(self) -> str:
         """The verdict as it is shown."""
-        return self.verdict.replace("_", " ")
+        return words_of(self.verdict)
 
     @property
     def range(self) -> Estimate:
@@ -621,7 +630,7 @@ def _opinions(answer: Answer) -> Iterator[str]:
         if one.verdict not in WITHOUT_NUMBERS:
             inside = {True: "yes", False: "no", None: "–"}[is_within(one, answer.opinions[0])]
             cells = number(one.q), number(one.r), number(lag_of(one.ratio)), inside
-        yield _row(METHOD_NAMES[one.method], *cells, one.verdict.replace("_", " "))
+        yield _row(METHOD_NAMES[one.method], *cells, words_of(one.verdict))
     yield from wrapped(comparison(answer.opinions, momentum))
 
 

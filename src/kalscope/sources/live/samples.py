@@ -371,7 +371,9 @@ def gathered(rows: Sequence[ArrivedRow]) -> Iterator[ArrivedRow]:
 class LiveSamples:
     """The samples of one board, of the layout that it sends now."""
 
-    def __init__(self, spec: PortSpec, keep: int, clock: Clock, rate: float | None = None) -> None:
+    def __init__(
+        self, spec: PortSpec, keep: int, clock: Clock, rate: float | None = None, unit: str | None = None
+    ) -> None:
         """Prepare.
 
         Args:
@@ -379,8 +381,9 @@ class LiveSamples:
             keep: The least number of samples kept per channel.
             clock: Where the time comes from.
             rate: Rows a second of a file without times; None = 1.
+            unit: Unit of numeric stamps, as the user gives it; None = the column's.
         """
-        self._spec, self._keep, self._clock = spec, keep, clock
+        self._spec, self._keep, self._clock, self._unit = spec, keep, clock, unit
         self._file_period = 1.0 / (rate or 1.0)
         self.kept = False
         """Whether the lines come from a file: their time of arrival then means nothing."""
@@ -467,7 +470,10 @@ class LiveSamples:
         if grows and self._store is not None:
             self._store = self._store.widened(len(names), keep)
             return
-        self.time = FileTime(layout.time, self._file_period) if self.kept else LiveTime(layout.time)
+        column = layout.time
+        if column is not None and column.kind == "number":
+            column = replace(column, unit=self._unit or column.unit)
+        self.time = FileTime(column, self._file_period) if self.kept else LiveTime(column)
         self._store = SampleStore(len(names), keep)
         self._period, self._period_at = None, -1e9
 

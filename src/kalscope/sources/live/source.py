@@ -203,7 +203,7 @@ class LiveSource:
         self._lines = LiveLines(options)
         self._items = FirstItems(self._reader.items, clock.monotonic, self._lines.prime)
         self._layout: Layout | None = None
-        self._samples = LiveSamples(self.spec, keep, clock, options.rate)
+        self._samples = LiveSamples(self.spec, keep, clock, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
         self._rate = LineRate()
