@@ -9,7 +9,7 @@ from mkdocs.structure.files import File, Files
 
 from kalscope.common.charts import markup_of_table
 from kalscope.papers.page import list_disagreements
-from kalscope.papers.parts import Chapter, Figure, ResultTable
+from kalscope.papers.parts import Chapter
 from kalscope.papers.reproduction import Reproduction, reproduce
 
 if TYPE_CHECKING:
@@ -31,20 +31,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def _chapter(chapter: Chapter) -> str:
     parts = [f"# {escape(chapter.title)}", _paragraph(chapter.citation), *map(_paragraph, chapter.intro)]
     for block in chapter.blocks:
-        parts += [f"## {escape(block.title)}", _shown(block), _paragraph(block.caption, "caption")]
+        body = block.body.replace("\n", " ")  # an empty line ends HTML
+        parts += [f"## {escape(block.title)}", body, _paragraph(block.caption, "caption")]
         parts.append(_paragraph(block.verdict, "verdict"))
     return "\n\n".join(parts)
 
 
-def _shown(block: Figure | ResultTable) -> str:
-    if isinstance(block, ResultTable):
-        return markup_of_table(block.head, block.rows)
-    return '<figure class="wide">{}</figure>'.format(block.svg.replace("\n", " "))  # an empty line ends HTML
-
-
 def _checks(done: Reproduction) -> str:
     """Where the documents contradict themselves, and every number with its tolerance."""
-    where = [(one.document, one.where, one.one, one.other, one.here) for one in list_disagreements()]
+    where = [[one[key] for key in ("document", "where", "one", "other", "here")] for one in list_disagreements()]
     checks = [
         (one.name, f"{one.value:.6g}", f"{one.expected:.6g}", "yes" if one.passed else "no") for one in done.checks
     ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.numbers import Array, check_sample_period
-from kalscope.common.text import count, duration, plural
+from kalscope.common.text import count, duration
 from kalscope.errors import BadFile, BadSetting
 from kalscope.recording import Assumption, ReadReport, Recording, Timing
 from kalscope.sources.containers.table import Table
@@ -284,7 +284,7 @@ def _without_debris(reading: Reading, name: str) -> tuple[Layout, list[str]]:
 def _read_as(layout: Layout, time: Array, timing: Timing, unit: str) -> str:
     """What was taken for what: "300 rows over 10 min; time "t" in ms; channels a, b; left out: "status" (text)"."""
     columns, taken = layout.columns, layout.time
-    said = plural(len(time), "row")
+    said = f"{count(len(time))} row{'' if len(time) == 1 else 's'}"
     if timing.period is not None and len(time) > 1:
         said += f" over {duration(float(time[-1] - time[0]))}"
     if taken is None:
