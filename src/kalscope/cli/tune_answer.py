@@ -473,7 +473,8 @@ def _lags(answer: Answer) -> str:
 def _table(answer: Answer) -> Iterator[str]:
     """A row a sensor: noise, offset, share, and what is left without it."""
     params = answer.found.params
-    assert params is not None
+    if params is None:
+        return
     gains = bool(np.any(params.gain != 1.0))
     rows = [("sensor", "noise σ", "r", "offset", "gain", "share", "error alone", "without it")]
     for i, (one, unit) in enumerate(zip(answer.judgement.sensors, _units(answer), strict=True)):

@@ -62,23 +62,26 @@ class ReportTable:
     """Column headings; () = names and values, which need none."""
 
 
-def parameters(own: ChannelTuning, period: float | None) -> Rows:
+def parameters(entry: ChannelTuning, period: float | None) -> Rows:
     """The numbers of the filter and how they were found."""
-    unit = squared(own.unit)
-    if own.chain is not None and own.chain.then is not None:
-        return ("filter", own.chain.words), ("found", own.how)
+    unit = squared(entry.unit)
+    if entry.chain is not None and entry.chain.then is not None:
+        return ("filter", entry.chain.words), ("found", entry.how)
     rows = [
-        *(() if own.chain is None else (("filter", own.chain.words),)),
-        ("process noise q", f"{trimmed(own.q, 4)} {unit} per sample"),
-        *(() if own.sensors else (("measurement noise r", f"{trimmed(own.r, 4)} {unit}"),)),
-        ("initial variance p0", "automatic (diffuse)" if own.p0 is None else f"{trimmed(own.p0, 4)} {unit}"),
-        ("initial estimate x0", "first sample" if own.x0 is None else f"{trimmed(own.x0, 4)} {own.unit}".strip()),
+        *(() if entry.chain is None else (("filter", entry.chain.words),)),
+        ("process noise q", f"{trimmed(entry.q, 4)} {unit} per sample"),
+        *(() if entry.sensors else (("measurement noise r", f"{trimmed(entry.r, 4)} {unit}"),)),
+        ("initial variance p0", "automatic (diffuse)" if entry.p0 is None else f"{trimmed(entry.p0, 4)} {unit}"),
+        (
+            "initial estimate x0",
+            "first sample" if entry.x0 is None else f"{trimmed(entry.x0, 4)} {entry.unit}".strip(),
+        ),
     ]
-    if own.momentum > 0.0:
-        rows.insert(-2, ("momentum τ", lag_in_full(own.momentum, period)))
-    if own.gate is not None:
-        rows.append(("outlier gate on v²/s", trimmed(own.gate)))
-    return (*rows, ("found", own.how))
+    if entry.momentum > 0.0:
+        rows.insert(-2, ("momentum τ", lag_in_full(entry.momentum, period)))
+    if entry.gate is not None:
+        rows.append(("outlier gate on v²/s", trimmed(entry.gate)))
+    return (*rows, ("found", entry.how))
 
 
 def meaning(steady: SteadyState, result: FilterResult, period: float | None, error: str) -> Rows:
@@ -132,7 +135,7 @@ def simpler_filters(found: Comparison) -> ReportTable:
 
 
 def pinned_settings(
-    own: ChannelTuning,
+    entry: ChannelTuning,
     pins: Sequence[tuple[str, ChannelTuning]],
     z: Array,
     dt: Array | None,
@@ -141,7 +144,7 @@ def pinned_settings(
 ) -> ReportTable:
     """The present setting and the pinned ones of the channel, by name."""
     rows: list[tuple[str, ...]] = []
-    for name, one in (("current", own), *pins) if pins else ():
+    for name, one in (("current", entry), *pins) if pins else ():
         result = one.filter.run(z, dt)
         steady, chain = one.filter.settled(result, period), one.chain
         label = f"{name}, τ {number(one.momentum)}" if one.momentum > 0.0 else name
@@ -290,13 +293,13 @@ def _judged_fusion(
     return (ReportTable(heading, rows, columns),), texts
 
 
-def _judged(own: ChannelTuning, z: Array, dt: Array | None, period: float | None, truth: Array | None) -> Judged:
+def _judged(entry: ChannelTuning, z: Array, dt: Array | None, period: float | None, truth: Array | None) -> Judged:
     """The tables and the texts on how well the filter fits, and on simpler ones; of a chain there are none."""
-    if own.chain is not None:
+    if entry.chain is not None:
         return (), (("Does the filter fit?", UNJUDGED),)
-    checks = without_residuals(diagnose_run(Run.of_samples(z, own.params, dt)))
-    found = compare_alternatives(z, own.params, dt=dt, truth=truth)
-    judgement = judge(checks, request=still_met(request_in(own.how, own.r), own.params, period))
+    checks = without_residuals(diagnose_run(Run.of_samples(z, entry.params, dt)))
+    found = compare_alternatives(z, entry.params, dt=dt, truth=truth)
+    judgement = judge(checks, request=still_met(request_in(entry.how, entry.r), entry.params, period))
     advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
     texts = (
         ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
@@ -329,25 +332,25 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 
 
 def _charts(
-    recording: Recording, own: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
+    recording: Recording, entry: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
     """The whole recording, and a detail from the middle of a long one; a wild start of x may leave them."""
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
-    if own.sensors:
-        measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(own.sensors)]
-    curves = (*measured, (own.name if own.sensors else "filtered", result.x, "s2"))
+    if entry.sensors:
+        measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(entry.sensors)]
+    curves = (*measured, (entry.name if entry.sensors else "filtered", result.x, "s2"))
     n, timed = len(recording), recording.sample_period is not None
     x = np.maximum.accumulate(recording.time) if timed else np.arange(n, dtype=np.float64)
     first = (n - MAX_DETAIL_SAMPLES) // 2
     last = first + MAX_DETAIL_SAMPLES - 1
     parts = {"The whole recording": slice(0, n), f"Detail: samples {first} to {last}": slice(first, last + 1)}
-    short = own.name if len(own.name) <= 10 else f"{own.name[:9]}…"  # fits beside a low chart
+    short = entry.name if len(entry.name) <= 10 else f"{entry.name[:9]}…"  # fits beside a low chart
     return tuple(
         Panel(
             title,
             tuple(_line(x[part], y[part], name, style) for name, y, style in curves),
             "time (s)" if timed else "sample",
-            f"{short} ({own.unit[:8]})" if own.unit else short,
+            f"{short} ({entry.unit[:8]})" if entry.unit else short,
             _y_range(np.concatenate([y[part] for _, y, _ in measured])),
         )
         for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
