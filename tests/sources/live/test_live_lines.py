@@ -171,13 +171,16 @@ def test_one_word_is_no_header_that_takes_the_names_away():
     assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0)]
 
 
-def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names():
+@pytest.mark.parametrize("mark", [b"", b"# "])  # the exported sketches write their names as a comment
+def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
     assert stream.names == ["value 1", "value 2"]
-    stream.feed(b"raw,filtered\n7,8\n9,10\n")
+    for remark in (b"# ready,set,go\n", b"# a r=1,q=2\n"):  # of another number of names, or with values
+        assert stream.feed(remark).feed(b"5,6\n").names == ["value 1", "value 2"]
+    stream.feed(mark + b"raw,filtered\n7,8\n9,10\n")
     assert stream.names == ["raw", "filtered"]
-    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0), (9.0, 10.0)]
-    stream.feed(b"raw,filtered\n11,12\n")
+    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), *3 * [(5.0, 6.0)], (7.0, 8.0), (9.0, 10.0)]
+    stream.feed(mark + b"raw,filtered\n11,12\n")
     assert stream.rows[-1] == (11.0, 12.0)
     assert not np.isnan(stream.rows).any()
 

@@ -173,6 +173,8 @@ class LiveLines:
         """Count a line; None if it needs no event."""
         # Where each line names its values, a row of bare numbers is text, but still shows another program.
         unknown = event.kind == "text" and (self.layout is None or _are_numbers(event.text))
+        if event.kind == "comment" and self._names_columns(event.text):
+            self._names = event.text.lstrip("#").strip()
         if unknown or event.kind in {"row", "rejected"}:
             event = self._after_program_change(event) or event
             if event.kind == "rejected" and self._boot:
@@ -219,6 +221,17 @@ class LiveLines:
         self._recent.clear()
         self._void = 0
         return self._parser.adopt_layout(head, named=fits)
+
+    def _names_columns(self, comment: str) -> bool:
+        """Whether a comment names each column of a table without names, as a sketch that restarts writes it."""
+        layout, names = self.layout, comment.lstrip("#").strip()
+        return (
+            layout is not None
+            and self._may_be_renamed
+            and "=" not in names
+            and _are_names(names)
+            and len(re.split(r"[,;\t]", names)) == len(layout.columns)
+        )
 
     def _is_void(self, event: LineEvent) -> bool:
         """Whether a line has the width of a row and no number, as `a:1,b:2` in a table of two columns."""
