@@ -273,7 +273,7 @@ LONE, STAYS = 1, 2
 """What a spike was: the signal came back at once; or it stayed where it had gone."""
 
 
-@compiled()
+@compiled(plain=True)
 def _find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size: Array) -> None:
     """Mark in `kind` the innovations v beyond `limit` with LONE or STAYS, the rest with 0; steps go to `size`.
 
@@ -287,7 +287,7 @@ def _find_spikes(v: Array, k: Array, limit: Array, kind: NDArray[np.int8], size:
         kind[i], size[i] = 0, d
         if abs(d) <= limit[i] + 0.25 * abs(tail):  # the tail is known only as well as k
             continue
-        after = (v[i + 1] - tail) * np.sign(d) if i + 1 < n else -np.inf
+        after = (v[i + 1] - tail) * math.copysign(1.0, d) if i + 1 < n else -math.inf
         if after > (0.5 - k[i]) * abs(d):
             kind[i] = STAYS
             tail += (1.0 - k[i]) * d

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 
@@ -22,8 +23,11 @@ R = TypeVar("R")
 MAX_PLAIN = 20_000
 """Samples that a loop takes as plain Python, in about 20 ms; a stream that continues needs the compiled loop."""
 
+FEW = 4_000
+"""Of these, those that it still takes once numba is loaded: to compile it at the first start takes 0.1 to 1 s."""
+
 _numba = threading.Event()
-"""Set once numba is loaded: from then on every loop is compiled."""
+"""Set once numba is loaded."""
 _no_folder = threading.Event()
 """Set where numba found no folder that it may write its cache to."""
 _at_load: list[Callable[[], None]] = []
@@ -31,15 +35,18 @@ _load = threading.Lock()
 """Held while `_numba` and `_at_load` change: two loops may be needed first at once, in two threads."""
 
 
-def compiled(*, plain: bool = False, **options: Any) -> Callable[[Callable[P, R]], Compiled[P, R]]:
+def compiled(
+    *, plain: bool = False, inner: bool = False, **options: Any
+) -> Callable[[Callable[P, R]], Compiled[P, R]]:
     """Make a compiled loop of a function; it releases the GIL (a reader thread must not starve).
 
     Args:
         plain: it may run as plain Python at first, because this gives the same numbers to the last bit: neither
             fast-math flags, nor numpy's division by zero, nor integers that overflow.
+        inner: only compiled loops call it, and keep it in their cache. One of its own would double its compilation.
         options: further options of numba's `njit`.
     """
-    return lambda function: Compiled(function, plain, options)
+    return lambda function: Compiled(function, plain, {"cache": not inner, "nogil": True, **options})
 
 
 @dataclass(frozen=True)
@@ -103,10 +110,14 @@ class Compiled(Generic[P, R]):
 
     def _while_few_samples(self, *args: P.args, **kwargs: P.kwargs) -> R:
         self._plain_left -= getattr(args[0], "size", 1)
-        if self._plain_left >= 0 and not _numba.is_set():
+        if self._plain_left >= (MAX_PLAIN - FEW if _numba.is_set() else 0):
             return self.py_func(*cast("Any", map(_plain, args)), **kwargs)
+        # In a thread of its own: Python keeps frames in pieces of 16 kB, and in a deep stack numba's recursion
+        # crosses the end of one so often that compiling takes 1.5 times as long.
+        with ThreadPoolExecutor(1) as pool:
+            result = pool.submit(self.dispatcher, *args, **kwargs).result()
         self._run = self.dispatcher
-        return self._run(*args, **kwargs)
+        return result
 
     def __reduce__(self) -> str:
         """Another process imports it by its name."""
@@ -151,7 +162,7 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         _numba.set()
     jit = cast("Any", njit)
     try:
-        return jit(cache=True, nogil=True, **options)(function)
+        return jit(**options)(function)
     except RuntimeError:
         _no_folder.set()
-        return jit(nogil=True, **options)(function)
+        return jit(**{**options, "cache": False})(function)

@@ -26,7 +26,15 @@ from kalscope.estimation.fit import (
 from kalscope.estimation.likelihood import MAX_LOG_RATIO, Records, search_records, take_apart
 from kalscope.estimation.methods import ratios_near, relative_errors
 from kalscope.estimation.result import USABLE, Estimate
-from kalscope.estimation.spikes import MAX_FITS, checked_robust, far_from_median, more_than_chance
+from kalscope.estimation.spikes import (
+    MAX_FITS,
+    checked_robust,
+    far_from_median,
+    is_suspect,
+    more_than_chance,
+    repeats,
+    unpredicted,
+)
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
@@ -282,7 +290,7 @@ def spike_free(many: Series, fit: Fit) -> Mask:
     pieces = [many.one(i) for i in range(len(many))]
     away, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
     free, last = np.zeros(len(many), np.bool_), np.zeros(len(many), np.bool_)
-    active = [i for i, (z, _) in enumerate(pieces) if not kernels.repeats(z[np.isfinite(z)])]
+    active = [i for i, (z, _) in enumerate(pieces) if not repeats(z)]
     for _ in range(MAX_FITS + 1):
         if not active:
             break
@@ -292,7 +300,7 @@ def spike_free(many: Series, fit: Fit) -> Mask:
         for k in np.flatnonzero(good):
             i = active[k]
             z, before = pieces[i][0], away[i]
-            scores = kernels.unpredicted(*pieces[i], q[k], r[k], None)
+            scores = unpredicted(*pieces[i], q[k], r[k], 0.0)
             after = scores > 0.0
             if last[i] or np.array_equal(before, after):
                 free[i] = not more_than_chance(np.where(before, scores, 0.0), z)
@@ -572,8 +580,8 @@ def estimate_many(
 
 def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
     """Which series may have spikes that `estimate` would set aside; False where readings repeat."""
-    suspect = np.empty(len(many), np.bool_)
-    kernels.suspect_each(many.values, many.steps, many.starts, numbers[Q], numbers[R], suspect)
+    pairs = enumerate(zip(numbers[Q], numbers[R], strict=True))
+    suspect = np.array([q + r > 0.0 and is_suspect(*many.one(i), q, r) for i, (q, r) in pairs], np.bool_)
     chosen = np.flatnonzero(suspect & ~stepped)
 
     def fit(some: Series, at: Indices) -> tuple[Array, Array, Mask]:

@@ -9,20 +9,46 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.numbers import Array, Mask, centred_median
+from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels, verdict
-from kalscope.estimation.kernels import NORMAL, SIGMAS, START_SIGMAS, WINDOW
 from kalscope.estimation.noise import resolution_of
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import denoise, smooth
+from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 
 # Which samples of a record are spikes: those that neither the samples before nor those after them predict.
 #
 # A genuine step is predicted well from the samples after it, and so is a fast movement: both stay.
+
+
+SIGMAS = 4.0
+"""Standard deviations from what both sides together predict, beyond which a sample is set aside."""
+NEAR = 15
+"""Samples on either side of one that show how lively the signal is there."""
+MOST = 25.0
+"""Limit on the v²/s of one neighbour: a single missed spike does not make the signal lively."""
+LIVELY = 1.5
+"""Mean v²/s of the samples around one from which the signal counts as lively; of normal noise it is 1 or less."""
+VERY_LIVELY, CROWDED = 2.0, 0.1
+"""Mean v²/s around a sample, and share of the samples there, beyond which it takes SIGMAS times as much again:
+what looks like several spikes may be movement."""
+MIN_RUNS = 6
+"""Number of runs of spikes, of any length, from which those of more than two samples are accepted."""
+START_SIGMAS = 3.0
+"""Distance from the centred median, in standard deviations of the noise, at which the search starts."""
+WINDOW = 2 * GATE_LIMIT + 1
+"""Samples of the centred median: spikes side by side are fewer than half of them."""
+FALSE_ALARM = 1e-3
+"""Share of records of normal noise in which a spike is found."""
+NORMAL = 1.8
+"""Standard deviation of white normal noise over the median of its distances from the centred median. It is not
+1.48: a sample that is the median itself has the distance 0. Where the signal moves fast it is larger."""
+EQUAL_SHARE = 0.2
+"""Share of readings equal to the one before from which the record is called quantised."""
 
 
 def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array:
@@ -37,19 +63,107 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         r: variance of the noise, unit².
         tau: momentum in sample periods, 0 for none.
     """
-    return kernels.unpredicted(z, steps, q, r + rounding_variance(z), tau or None)
+    side = _refuse(z, steps, q, r, tau)
+    if not side[2].any():
+        return np.zeros(len(z))
+    back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
+    other = _refuse(z[::-1].copy(), back, q, r, tau)
+    both = side[2] & other[2][::-1]
+    if not both.any():
+        return np.zeros(len(z))
+    v, s = (np.stack([here, there[::-1]]) for here, there in zip(side[:2], other[:2], strict=True))
+    return _unlike_movement(z, v, s, r, both)
+
+
+def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Array, Array, Mask]:
+    """Innovation and its variance of each sample, and whether the samples before it refuse it."""
+    v, s, refused = np.zeros(len(z)), np.ones(len(z)), np.empty(len(z), np.bool_)
+    kernels.refuse(z, steps, q, r, tau or None, _start(z, steps, q, r), v, s, refused)
+    return v, s, refused
+
+
+def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
+    """A level for the first sample, and its variance: the sample itself may be a spike."""
+    near = np.flatnonzero(~np.isnan(z))[:WINDOW]
+    span = steps[near[0] + 1 : near[-1] + 1].sum() if len(steps) else near[-1] - near[0]
+    return _median(z[near]), r + q * float(span)
+
+
+def _unlike_movement(z: Array, v: Array, s: Array, r: float, refused: Mask) -> Array:
+    """`unpredicted` of the innovations and their variances on both sides, shape (2, n), refused on both."""
+    found, at = np.zeros(len(z)), np.flatnonzero(refused & ~np.isnan(z))
+    p = s[:, at] - r
+    least, most = p.min(axis=0), p.max(axis=0)
+    with np.errstate(invalid="ignore"):
+        share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
+        first = np.where(p[0] == least, share, 1.0 - share)
+        found[at] = (first * v[0, at] + (1.0 - first) * v[1, at]) ** 2 / (r + share * least)
+    if found.max() <= SIGMAS**2:
+        return found
+    present = ~np.isnan(z)
+    counted = present & ~refused
+    squares = np.where(counted, np.minimum((v * v / s).min(axis=0), MOST), 0.0)
+    lively = _mean_near(squares, counted, at)
+    kept = np.zeros(len(z), np.bool_)
+    kept[at] = found[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    crowded = (lively > VERY_LIVELY) & (_mean_near(kept.astype(np.float64), present, at) > CROWDED)
+    kept[at] &= ~crowded | (found[at] > SIGMAS**4 * lively)
+    found[~kept] = 0.0
+    starts, lengths = _runs(kept[present])
+    if len(starts) < MIN_RUNS:  # a long run among few: the signal has moved, and come back
+        for start, length in zip(starts, lengths, strict=True):
+            if length > 2:
+                found[np.flatnonzero(present)[start : start + length]] = 0.0
+    return found
+
+
+def _mean_near(values: Array, counted: Mask, at: Indices) -> Array:
+    """Mean of the values that count within NEAR samples of each place; 0 where there are none."""
+    low, high = np.maximum(at - NEAR, 0), np.minimum(at + NEAR + 1, len(values))
+    total, count = (
+        np.append(0.0, np.cumsum(np.where(counted, some, 0.0))) for some in (values, np.ones(len(values)))
+    )
+    return (total[high] - total[low]) / np.maximum(count[high] - count[low], 1.0)
+
+
+def _median(values: Array) -> float:
+    """What `np.median` gives, in a fifth of its time for a few values."""
+    low, high = (len(values) - 1) // 2, len(values) // 2
+    middle = np.partition(values, high)
+    return 0.5 * float((middle[high] if low == high else middle[:high].max()) + middle[high])
+
+
+def _runs(marked: Mask) -> tuple[Indices, Indices]:
+    """Where each run of True begins, and how long it is."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
+    return edges[::2], edges[1::2] - edges[::2]
 
 
 def far_from_median(z: Array) -> tuple[Mask, bool]:
     """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
+    far, away = np.zeros(len(z), dtype=bool), _from_median(z)
+    far[np.isfinite(z)] = away > START_SIGMAS
+    return far, beyond_chance(away, START_SIGMAS)
+
+
+def _from_median(z: Array) -> Array:
+    """Distances of the finite samples from the centred median, in standard deviations of the noise they show."""
     present = np.isfinite(z)
-    away = np.abs(z[present] - centred_median(z[present], WINDOW))
-    scale = NORMAL * float(np.median(away))
+    samples = z if present.all() else z[present]
+    away = np.empty(len(samples))
+    kernels.median_distances(samples, np.empty(WINDOW), away)
+    scale = NORMAL * _median(away)
     if scale == 0.0 and away.any():
-        scale = float(np.median(away[away > 0.0]))
-    far = np.zeros(len(z), dtype=bool)
-    far[present] = away > START_SIGMAS * scale
-    return far, kernels.beyond_chance(away / scale if scale > 0.0 else away, START_SIGMAS)
+        scale = _median(away[away > 0.0])
+    return away / scale if scale > 0.0 else away
+
+
+def beyond_chance(distances: Array, least: float) -> bool:
+    """Whether more distances, in standard deviations, exceed `least` than by chance, or one exceeds it by far."""
+    n, largest = len(distances), float(distances.max(initial=0.0))
+    expected = n * math.erfc(least / math.sqrt(2.0))
+    far = n * math.erfc(largest / math.sqrt(2.0)) < FALSE_ALARM * (1.0 + 1e-9)
+    return far or int(np.count_nonzero(distances > least)) > expected + 4.0 * math.sqrt(expected) + 2.0
 
 
 def more_than_chance(scores: Array, z: Array) -> bool:
@@ -59,13 +173,25 @@ def more_than_chance(scores: Array, z: Array) -> bool:
         scores: of `unpredicted`.
         z: the record, shape (n,).
     """
-    return kernels.beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)
+    return bool(scores.any()) and beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)
+
+
+def is_suspect(z: Array, steps: Array, q: float, r: float) -> bool:
+    """Whether z, shape (n,), may hold spikes that a fit with q and r, unit², did not set aside."""
+    if repeats(z) or beyond_chance(_from_median(z), START_SIGMAS):
+        return True
+    return more_than_chance(unpredicted(z, steps, q, r, 0.0), z)
+
+
+def repeats(z: Array) -> bool:
+    """Whether so many readings of z, shape (n,), equal the one before that steps of the readings count too."""
+    readings = z[np.isfinite(z)]
+    return int(np.count_nonzero(readings[1:] == readings[:-1])) > EQUAL_SHARE * (len(readings) - 1)
 
 
 def rounding_variance(z: Array) -> float:
     """Δ²/12 of a record of which many readings equal the one before, else 0: one step of Δ is not a spike."""
-    readings = z[np.isfinite(z)]
-    return resolution_of(readings) ** 2 / 12.0 if kernels.repeats(readings) else 0.0
+    return resolution_of(z[np.isfinite(z)]) ** 2 / 12.0 if repeats(z) else 0.0
 
 
 # How much noise the rule itself removes: of good samples the largest few are set aside with the spikes.
@@ -232,7 +358,8 @@ def _settle(
 
 
 def _scores(z: Array, steps: Array, one: Estimate) -> Array:
-    return unpredicted(z, steps, float(one.q), float(one.r), float(one.momentum))
+    r = float(one.r) + rounding_variance(z)
+    return unpredicted(z, steps, float(one.q), r, float(one.momentum))
 
 
 def _conclude(z: Array, steps: Array, plain: Estimate, found: _Found) -> Estimate:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, centred_median
+from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
-from kalscope.estimation import methods
+from kalscope.estimation import kernels, methods
 from kalscope.estimation.likelihood import differences
 from kalscope.estimation.noise import resolution_of
 from kalscope.filtering.filter import filter_pieces
@@ -226,9 +226,8 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the centred median of five: spikes."""
-    distance = centred_median(readings, 5)
-    np.abs(np.subtract(readings, distance, out=distance), out=distance)
-    scale = np.empty(len(readings))
+    distance, scale = np.empty(len(readings)), np.empty(len(readings))
+    kernels.median_distances(readings, np.empty(5), distance)
     last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer
     scale[:last].reshape(-1, MIN_SAMPLES)[:] = np.median(distance[:last].reshape(-1, MIN_SAMPLES), axis=1)[:, None]
     scale[last:] = np.median(distance[last:]) if len(distance) else 0.0

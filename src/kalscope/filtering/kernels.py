@@ -88,7 +88,7 @@ def transition(dt: float, q: float, tau: float | None) -> Transition:
     return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
 
 
-@compiled(plain=True, inline="always")
+@compiled(plain=True, inner=True, inline="always")
 def predict(over: Transition, state: State) -> State:
     """The state one step later."""
     e, f, a, b, c = over
@@ -291,7 +291,7 @@ def denoise_samples(
     return -1
 
 
-@compiled(inline="always")
+@compiled(inner=True, inline="always")
 def has_settled(before: State, after: State) -> bool:
     """True where no variance changed by more than rounding."""
     return (
@@ -301,7 +301,7 @@ def has_settled(before: State, after: State) -> bool:
     )
 
 
-@compiled()
+@compiled(inner=True)
 def respond_to_block(k: float, ell: float, over: Transition, response: Array) -> None:
     """How a block of the settled filter depends on the state before it: row j is sample j of BLOCK.
 
@@ -423,7 +423,7 @@ def smooth_states(dt: Array, q: float, tau: float | None, start: float, states: 
         out_x[i], out_v[i], out_p[i], out_g[i], out_w[i] = after
 
 
-@compiled(inline="always")
+@compiled(inner=True, inline="always")
 def smoothed(over: Transition, state: State, after: State) -> State:
     """The filtered `state`, given the smoothed state `after` it."""
     e, f, a, b, c = over
@@ -455,7 +455,7 @@ def smoothed(over: Transition, state: State, after: State) -> State:
     )
 
 
-@compiled(inline="always")
+@compiled(inner=True, inline="always")
 def quadratic(a1: float, a2: float, b1: float, b2: float, p: float, g: float, w: float) -> float:
     """(a1, a2) [[p, g], [g, w]] (b1, b2)'."""
     return a1 * (p * b1 + g * b2) + a2 * (g * b1 + w * b2)
@@ -520,7 +520,7 @@ def filter_lanes(
     return lanes, last, total
 
 
-@compiled()
+@compiled(inner=True)
 def filter_blocks(z: Array, n: int, k: Array, rows: Array) -> None:
     """One block in all lanes: rows[l, 0] is the x before, rows[l, 1:] becomes that after each sample of z[l n:]."""
     a, b, c, d, e, f, g, h = rows

@@ -26,7 +26,7 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, on
 from kalscope.filtering.steady import SteadyState, params_of_gain, steady_state
 
 
-@compiled(inline="always")
+@compiled(inner=True, inline="always")
 def _step_printed(m: float, sigma_m: float, e: float, sigma_e: float) -> tuple[float, float, float, float, float]:
     """One sample: returns E, σE, K, M − E and σE + σM. NaN for e or inf for sigma_e means "not started".
 

@@ -11,8 +11,8 @@ from each import each
 from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, kalman_filter, steady_state
 from kalscope.common.text import number
 from kalscope.errors import Cancelled
-from kalscope.estimation.kernels import LONGEST, SIGMAS
-from kalscope.estimation.spikes import MAX_SHARE, unpredicted
+from kalscope.estimation.spikes import MAX_SHARE, SIGMAS, unpredicted
+from kalscope.filtering.kernels import GATE_LIMIT
 
 N = 1200
 EVEN = np.empty(0)
@@ -94,7 +94,7 @@ def test_steps_stay(seed):
     assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
 
 
-@pytest.mark.parametrize("length", [3, LONGEST, LONGEST + 1, 50])
+@pytest.mark.parametrize("length", [3, GATE_LIMIT, GATE_LIMIT + 1, 50])
 def test_a_lone_pulse_is_a_movement(length):
     _, z = walk()
     z[500 : 500 + length] += 30.0

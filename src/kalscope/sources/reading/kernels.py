@@ -53,7 +53,7 @@ def _fives() -> NDArray[np.uint64]:
 _FIVES = _fives()
 
 
-@compiled()
+@compiled(inner=True)
 def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     """The upper and the lower 64 bits of a product."""
     a_low, a_high, b_low, b_high = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
@@ -63,7 +63,7 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     return a_high * b_high + (middle >> _HALF) + (other >> _HALF), (other << _HALF) | (low & _LOW)
 
 
-@compiled(error_model="numpy")
+@compiled(inner=True, error_model="numpy")
 def scaled(digits: int, tens: int) -> float:
     """A number of at most MAX_DIGITS digits times a power of ten of at most MAX_TENS, up or down, rounded once."""
     if digits <= _MAX_PLAIN and -_MAX_PLAIN_TENS <= tens <= _MAX_PLAIN_TENS:
@@ -90,7 +90,7 @@ def scaled(digits: int, tens: int) -> float:
     return math.ldexp(float(found), ((217706 * tens) >> 16) + 63 + int(upper) - zeros - 52)
 
 
-@compiled()
+@compiled(inner=True)
 def _roughly(data: Bytes, at: int, end: int) -> float:
     """The digits between two places as one whole number, with a rounding each."""
     rough = 0.0
@@ -100,7 +100,7 @@ def _roughly(data: Bytes, at: int, end: int) -> float:
     return rough
 
 
-@compiled()
+@compiled(inner=True)
 def _exponent(data: Bytes, at: int) -> tuple[int, int]:
     """The power of ten after an e, and its end; 1000 where it is that large or missing."""
     down = data[at] == 45
@@ -114,7 +114,7 @@ def _exponent(data: Bytes, at: int) -> tuple[int, int]:
     return (-power if down else power), at
 
 
-@compiled()
+@compiled(inner=True)
 def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, int]:
     """The number, or nan, that begins at `at`; where it ends; and EXACT, ROUNDED or BAD.
 
@@ -173,14 +173,14 @@ _EMPTY, _NO_CELL = -1, -2
 """What `_odd_cell` found besides what `read_number` finds: nothing between two delimiters; the end of the line."""
 
 
-@compiled()
+@compiled(inner=True)
 def _past_blanks(data: Bytes, at: int, delimiter: int) -> int:
     while data[at] == _BLANK or (data[at] == _TAB and delimiter != _TAB):
         at += 1
     return at
 
 
-@compiled()
+@compiled(inner=True)
 def _past_text(data: Bytes, at: int, delimiter: int) -> int:
     """The end of a cell of text; −1 where a byte may change what the line means: a quote, a bracket."""
     if data[at] in _LINE_MARKS:
@@ -193,7 +193,7 @@ def _past_text(data: Bytes, at: int, delimiter: int) -> int:
     return at
 
 
-@compiled()
+@compiled(inner=True)
 def _odd_cell(data: Bytes, at: int, marks: tuple[int, int], wanted: int) -> tuple[float, int, int]:
     """The cell at `at`, however it is written: its value, the byte before the next cell or the newline, kind."""
     delimiter, decimal = marks
@@ -289,7 +289,7 @@ def read_plain_rows(
     return row, end, before, hard
 
 
-@compiled()
+@compiled(inner=True)
 def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
     """Whether a line of so many fields is a row, and its stamp is not damage."""
     kind = form.widths[fields] if fields < len(form.widths) else NEVER
