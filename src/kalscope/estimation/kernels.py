@@ -91,27 +91,20 @@ def scan_ratios(  # noqa: PLR0912 - one loop over the samples, with what a block
                 if not 1.0 / FULL < product[j] < FULL:
                     logdet[row, j] += math.log(product[j])
                     product[j] = 1.0
-            while settled < lanes and near_steady(p, gain, settled):
+            near = settled < lanes
+            while near:  # as closely as rounding lets the variance come: at a small gain K it piles up to 1e-16/K
                 for j in range(settled, settled + LANES):
-                    p[j], kept[j], since[j] = gain[j], steady[j], i
-                settled += LANES
+                    near = near and abs(p[j] - gain[j]) <= 1e-12 * gain[j] + 4e-16
+                if near:
+                    for j in range(settled, settled + LANES):
+                        p[j], kept[j], since[j] = gain[j], steady[j], i
+                    settled += LANES
+                    near = settled < lanes
         for j in range(settled):
             logdet[row, j] -= (stop - since[j]) * math.log(steady[j])
         for j in range(lanes):
             chi2[row, j] += squares[j] * steady[j]
             logdet[row, j] += math.log(product[j])
-
-
-@compiled(inner=True)
-def near_steady(p: Array, gain: Array, first: int) -> bool:
-    """Whether the group of lanes from `first` on has settled, as closely as rounding lets the variance come.
-
-    Where the gain K is small the recursion forgets slowly, and its rounding piles up to about 1e-16/K.
-    """
-    near = True
-    for j in range(first, first + LANES):
-        near = near and abs(p[j] - gain[j]) <= 1e-12 * gain[j] + 4e-16
-    return near
 
 
 @compiled(inner=True, error_model="numpy", fastmath={"contract"})
@@ -212,7 +205,8 @@ def take_apart(  # noqa: PLR0912
             elif whole or waited > 0.0 or half != 0.0:
                 if even and waited != 1.0:
                     even = False
-                    gap[:m] = 1.0
+                    for j in range(m):
+                        gap[j] = 1.0
                 if not even:
                     gap[m] = min(waited, MAX_GAP)
                 d[m] = half
