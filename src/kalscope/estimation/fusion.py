@@ -24,7 +24,6 @@ from kalscope.estimation.climb import (
     SensorFit,
     best_fit,
     climbed,
-    covariance,
     guessed_noises,
     momentum_interval,
     movement_interval,
@@ -32,8 +31,8 @@ from kalscope.estimation.climb import (
     place_at,
     starting_gains,
     starting_places,
-    step_of,
     step_sizes,
+    step_variance,
 )
 from kalscope.estimation.fit import checked_momentum, estimate
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
@@ -206,7 +205,7 @@ def with_momentum(
     if not start:
         return plain, one
     place, fitted = plain.place, replace(options, keeps=tau is None)
-    least = _STILL * float(step_sizes(data).max()) / step_of(start)
+    least = _STILL * float(step_sizes(data).max()) / step_variance(start)
     step = one.q / data.scale**2 or place.q or least
     # none of the r that are searched so small that the search begins at an edge
     lifted = np.where(np.isnan(options.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
@@ -472,7 +471,7 @@ def _gains(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array, float]:
     stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
     turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
     turned = turned[:, searched] / gain[searched]
-    error = _errors(turned, covariance(fit)[-len(searched) :, -len(searched) :])
+    error = _errors(turned, fit.top.covariance[-len(searched) :, -len(searched) :])
     shown = gain / stretch
     with np.errstate(over="ignore"):
         return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
@@ -490,7 +489,7 @@ def _offsets(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array]:
             at[j - len(searched)] += BESIDE
             beside, _ = _without_common(record, fit.coordinates.data, fit.coordinates.place(at))
             slopes[:, j] = (beside - offset) / BESIDE
-        error = np.hypot(error, _errors(slopes, covariance(fit)[-len(searched) :, -len(searched) :]))
+        error = np.hypot(error, _errors(slopes, fit.top.covariance[-len(searched) :, -len(searched) :]))
     return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
 
 
