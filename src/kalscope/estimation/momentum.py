@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from kalscope.estimation.likelihood import (
     Profile,
     find_peak,
     grid_for,
+    loglik_of,
     profile_input,
     profile_of,
     walk_profile,
@@ -66,16 +67,18 @@ def moving_sums(data: Differences, q: Array, r: Array, tau: Array) -> tuple[Arra
 
 def concentrated(data: Differences, log_moves: Array, tau: Array) -> tuple[Array, Array]:
     """Log-likelihood of each ln(variance of one step / r), ∓inf allowed, and its best scale, in scale²."""
-    chi2, logdet = moving_sums(data, *pairs(log_moves, tau), tau)
+    q, r = pairs(log_moves, tau)
+    chi2, logdet = moving_sums(data, q, r, tau)
     loglik = data.from_sums(chi2, logdet)
     # Without noise two samples at one instant, s = 0, contradict each other.
     return np.where(np.isnan(loglik), -math.inf, loglik), chi2 / data.m
 
 
-def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:
+def pairs(log_moves: Array, tau: Array) -> Array:
     """Q and r up to their scale, for each ln(variance of one step / r); exact at ∓inf."""
     with np.errstate(over="ignore"):
-        return 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+        q, r = 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+    return np.stack([q, r])
 
 
 def ratio_of(log_moves: float, tau: float) -> float:
@@ -272,94 +275,56 @@ def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[Ar
 # Maximum likelihood of q and r, or of q alone, where the momentum is given: one search, as without momentum.
 
 
-_DERIVATIVE_STEP = 1e-3
-"""Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
+def _peak(data: Differences, tau: float, progress: Progress, r: float | None = None) -> Peak:
+    """The maximum over ln(step variance / r) of one τ > 0, with the best r or the one given, in scale²."""
+
+    def loglik(log_moves: Array) -> Array:
+        taus = np.full(len(log_moves), tau)
+        if r is None:
+            return concentrated(data, log_moves, taus)[0]
+        sums = moving_sums(data, np.exp(log_moves) * r / step_variance(tau), np.full(len(taus), r), taus)
+        return loglik_of(data.m, data.scale, *sums, r)
+
+    if r is None:
+        return find_peak(loglik, grid_for(data.m), float(loglik(np.array([math.inf]))[0]), progress)
+    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
+    return find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(r))), -math.inf, progress)
 
 
 def fit_at(data: Differences, tau: float, progress: Progress) -> MomentumFit:
     """The best q and r of one τ > 0."""
     peak = _peak(data, tau, progress)
-    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
-    q, r = pairs(near, np.full(3, tau))
-    unit = concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
-    q, r = q * unit, r * unit
-    errors = [_relative_error(value, peak, data.m) for value in (q, r)]
-    low, high = (ratio_of(end, tau) for end in peak.interval)
-    return MomentumFit(
-        q=float(q[0]),
-        r=float(r[0]),
-        tau=tau,
-        loglik=peak.loglik,
-        q_se=float(q[0]) * errors[0] if q[0] > 0.0 else math.inf,
-        r_se=float(r[0]) * errors[1] if r[0] > 0.0 else math.inf,
-        tau_interval=(tau, tau),
-        region=((low, tau), (high, tau)),
-    )
-
-
-def _peak(data: Differences, tau: float, progress: Progress) -> Peak:
-    """The maximum over ln(step variance / r) of one τ > 0."""
-
-    def loglik(log_moves: Array) -> Array:
-        return concentrated(data, log_moves, np.full(len(log_moves), tau))[0]
-
-    at_infinity = float(loglik(np.array([math.inf]))[0])
-    return find_peak(loglik, grid_for(data.m), at_infinity, progress)
+    near = methods.logs_near(np.array([peak.log_ratio]))[0]
+    q, r = pairs(near, np.full(3, tau)) * concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
+    shape = r if r.all() else np.ones(3)  # without noise the errors do not depend on it
+    place, curvature = np.array([peak.log_ratio]), np.array([peak.curvature])
+    (q_error,), (r_error,) = methods.relative_errors(place, curvature, shape[None], data.m)
+    errors = [value[0] * error if value[0] > 0.0 else math.inf for value, error in ((q, q_error), (r, r_error))]
+    return _fit_of(peak, tau, float(q[0]), float(r[0]), *map(float, errors))
 
 
 def fit_movement(data: Differences, tau: float, r: float, progress: Progress) -> MomentumFit:
     """The best q of one τ > 0 where r, unit², is known."""
-    scaled = r / data.scale / data.scale
-    constant = data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale))
-
-    def loglik(log_moves: Array) -> Array:
-        q, size = np.exp(log_moves) * scaled / step_variance(tau), len(log_moves)
-        chi2, logdet = moving_sums(data, q, np.full(size, scaled), np.full(size, tau))
-        return -0.5 * (constant + logdet + chi2)
-
-    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
-    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
-    low, high = (ratio_of(end, tau) for end in peak.interval)
+    peak = _peak(data, tau, progress, r / data.scale / data.scale)
     q = ratio_of(peak.log_ratio, tau) * r
-    return MomentumFit(
-        q=q,
-        r=r,
-        tau=tau,
-        loglik=peak.loglik,
-        q_se=q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf,
-        r_se=0.0,
-        tau_interval=(tau, tau),
-        region=((low, tau), (high, tau)),
-    )
+    return _fit_of(peak, tau, q, r, q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf, 0.0)
 
 
-def _relative_error(near: Array, peak: Peak, m: int) -> float:
-    """Standard error of ln of a variance, known at the peak and beside it; see `maximum_likelihood.fit`."""
-    if not math.isfinite(peak.log_ratio):
-        return math.sqrt(2.0 / m)
-    if not peak.curvature < 0.0:
-        return math.inf
-    slope = float(np.log(near[2] / near[1])) / (2.0 * _DERIVATIVE_STEP)
-    return math.sqrt(2.0 / m - slope * slope / peak.curvature)
+def _fit_of(peak: Peak, tau: float, q: float, r: float, q_se: float, r_se: float) -> MomentumFit:
+    low, high = ((ratio_of(end, tau), tau) for end in peak.interval)
+    return MomentumFit(q, r, tau, peak.loglik, q_se, r_se, (tau, tau), (low, high))
 
 
 # The momenta that a record allows: where the profile of the likelihood over τ falls below the 95 % mark.
 
 
-@dataclass(frozen=True)
-class End:
-    """One end of the interval."""
+def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> tuple[float, float, bool]:
+    """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ.
 
-    tau: float
-    """The momentum, in samples."""
-    log_moves: float
-    """The best ln(step variance / r) there; inf for r = 0."""
-    crossed: bool
-    """Whether the likelihood falls below the mark there; False at the border of what is searched."""
-
-
-def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> End:
-    """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ."""
+    Returns:
+        τ, the best ln(step variance / r) there, and whether the likelihood falls below the mark, or τ is the border
+        of what is searched.
+    """
     progress = progress.part(0.5, 0.5)
 
     def profile(log_tau: float, rest: Array) -> tuple[float, Array]:
@@ -371,7 +336,7 @@ def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -
         return peak.loglik, np.array([peak.log_ratio])
 
     end, rest, crossed = interval_end(top, profile, 0, side)
-    return End(momentum_of(end), float(rest[0]), crossed)
+    return momentum_of(end), float(rest[0]), crossed
 
 
 # Maximum likelihood of q, r and τ together, with standard errors and the interval of τ.
@@ -383,26 +348,21 @@ def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
     Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
     much longer the signal keeps its direction.
     """
-    low = momentum_end(data, top, -1.0, progress.part(0.0, 0.3))
-    high = momentum_end(data, top, 1.0, progress.part(0.3, 0.6))
+    ends = [momentum_end(data, top, side, progress.part(0.3 + 0.3 * side, 0.6)) for side in (-1.0, 1.0)]
+    (low, _, below), (high, _, above) = ends
     tau = momentum_of(float(top.at[0]))
     there = fit_at(data, tau, progress.part(0.6, 0.8))
-    shortest = max(data.span, low.tau)
+    shortest = max(data.span, low)
     if tau > shortest:
         there = fit_at(data, shortest, progress.part(0.8, 1.0))
     else:
-        unit = data.scale * data.scale
-        qs, rs = zip(*(params_at(data, end.tau, end.log_moves) for end in (low, high)), strict=True)
-        there = replace(
-            there,
-            q_se=widened(there.q, there.q_se, [unit * q for q in qs]),
-            r_se=widened(there.r, there.r_se, [unit * r for r in rs]),
-        )
-    border = [(ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high)]
+        qs, rs = zip(*(params_at(data, end, log_moves) for end, log_moves, _ in ends), strict=True)
+        there = replace(there, q_se=widened(there.q, there.q_se, qs), r_se=widened(there.r, there.r_se, rs))
+    border = [(ratio_of(log_moves, end), end) for end, log_moves, _ in ends]
     border += [_farthest(there, end) for end in border]
     return replace(
         there,
-        tau_interval=(low.tau if low.crossed else 0.0, high.tau if high.crossed else math.inf),
+        tau_interval=(low if below else 0.0, high if above else math.inf),
         region=(*there.region, *border),
     )
 
@@ -423,11 +383,10 @@ def _farthest(there: MomentumFit, end: tuple[float, float]) -> tuple[float, floa
 
 
 def params_at(data: Differences, tau: float, log_moves: float) -> tuple[float, float]:
-    """The pair, in scale², of a place of the likelihood."""
+    """The pair, unit², of a place of the likelihood."""
     place = np.array([log_moves]), np.array([tau])
-    (q,), (r,) = pairs(*place)
-    unit = float(concentrated(data, *place)[1][0])
-    return float(q) * unit, float(r) * unit
+    (q,), (r,) = pairs(*place) * concentrated(data, *place)[1] * data.scale * data.scale
+    return float(q), float(r)
 
 
 def widened(value: float, error: float, ends: Sequence[float]) -> float:
@@ -470,25 +429,8 @@ _BLOCKS = 2
 """Stretches of each part. All count alike: a sensor may lie still in one of them, and be shaken in another."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The evidence for momentum in one channel."""
-
-    gain: float
-    """Twice the log-likelihood that it adds."""
-    needed: float
-    """What it must add; inf for a record that is too short to tell."""
-    less: float | None
-    """By which fraction the one-step error on unseen samples is smaller with momentum; None where not tried."""
-
-    @property
-    def chosen(self) -> bool:
-        """Whether both tests favour it."""
-        return self.less is not None and self.less >= MIN_LESS
-
-
-def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> Choice:
-    """Weigh momentum against the random walk.
+def _better_prediction(data: Differences, plain: Estimate, top: Top, progress: Progress) -> float | None:
+    """By which fraction the one-step error on unseen samples is smaller with momentum; None where none can tell.
 
     Args:
         data: the record.
@@ -496,29 +438,24 @@ def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> 
         top: the best place of the likelihood with momentum.
         progress: receives progress reports.
     """
-    gain = 2.0 * (top.height - float(plain.loglik))
-    count = data.m + 1
-    needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
-    if not gain > needed:
-        return Choice(gain, needed, None)
     z = np.concatenate([[0.0], np.cumsum(data.d)])
-    ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
-    ratios: list[Array] = []
+    ends = np.linspace(0.0, len(z), FOLDS + 1).astype(int).tolist()
+    ratios: list[Array] = [np.empty(0)]
     for i, part in enumerate(itertools.pairwise(ends)):
-        others = data.parts([(0, part[0]), (part[1], count)])
+        others = data.parts([(0, part[0]), (part[1], len(z))])
         if others.d.any():
             now = progress.part(i / FOLDS, (i + 1) / FOLDS)
             pair = methods.fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
-            place = search_near(others, top, now.part(0.2, 0.9)).at
-            tau = momentum_of(float(place[0]))
-            q, r = params_at(others, tau, float(place[1]))
+            log_tau, log_moves = search_near(others, top, now.part(0.2, 0.9)).at.tolist()
             now(0.9, "prediction of unseen samples")
+            tau = momentum_of(log_tau)
+            (q,), (r,) = pairs(np.array([log_moves]), np.array([tau])).tolist()  # the scale changes no prediction
             walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part)
             moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part)
             still = (walk == 0.0) | (moving == 0.0)
             ratios.append(np.sqrt(moving[~still] / walk[~still]))
-    logs = np.log(np.concatenate([np.empty(0), *ratios]))
-    return Choice(gain, needed, 1.0 - float(np.exp(logs.mean())) if len(logs) else None)
+    logs = np.log(np.concatenate(ratios))
+    return 1.0 - float(np.exp(logs.mean())) if len(logs) else None
 
 
 def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
@@ -542,14 +479,25 @@ def with_momentum(data: Differences, plain: Estimate, progress: Progress) -> Est
     if plain.verdict == "bad_unit":
         return plain
     top = search(data, progress.part(0.0, 0.4))
-    choice = choose(data, plain, top, progress.part(0.4, 0.8))
-    if choice.less is None or not choice.chosen:
-        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=choice.less or 0.0)
-        if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
-            return kept
-        return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
-    fit = fit_around(data, top, progress.part(0.8, 1.0))
-    return replace(conclude(fit, _reason(fit, choice.less)), prediction_gain=choice.less)
+    gain, count, less = 2.0 * (top.height - float(plain.loglik)), data.m + 1, None
+    if count >= MIN_SAMPLES and gain > MIN_GAIN + SHORT_RECORD / count:
+        less = _better_prediction(data, plain, top, progress.part(0.4, 0.8))
+    if less is not None and less >= MIN_LESS:
+        fit = fit_around(data, top, progress.part(0.8, 1.0))
+        return replace(conclude(fit, _reason(fit, less)), prediction_gain=less)
+    if count < MIN_SAMPLES:
+        why = "The record is too short to tell whether the signal has momentum."
+    elif gain <= 2.0 * DROP:
+        why = "No momentum: it would not fit better."
+    elif less is None:
+        why = "No momentum: it raises the likelihood, but not by enough to be sure."
+    else:
+        change = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
+        why = f"No momentum: with it the error on unseen samples would be {change}, so it is not used."
+    kept = replace(plain, message=f"{plain.message} {why}", prediction_gain=less or 0.0)
+    if plain.verdict != "ok" or gain <= 2.0 * DROP:
+        return kept
+    return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
 
 
 def with_given_momentum(data: Differences, tau: float, progress: Progress) -> Estimate:
@@ -571,18 +519,6 @@ def _either(plain: Estimate, moving: Estimate) -> Estimate:
     upto = f"up to {number(high)} samples" if high < math.inf else "of any length"
     also = f"The 95 % intervals also hold for a momentum {upto}, which allows lags from {short} to {long} samples."
     return replace(plain, message=f"{plain.message} {also}", **spans)
-
-
-def _kept(choice: Choice) -> str:
-    """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
-    if choice.needed == math.inf:
-        return "The record is too short to tell whether the signal has momentum."
-    if choice.gain <= 2.0 * DROP:
-        return "No momentum: it would not fit better."
-    if choice.less is None:
-        return "No momentum: it raises the likelihood, but not by enough to be sure."
-    less = f"only {percent(choice.less)} less" if choice.less > 0.0 else f"{percent(-choice.less)} more"
-    return f"No momentum: with it the error on unseen samples would be {less}, so it is not used."
 
 
 def _reason(fit: MomentumFit, less: float) -> str:

@@ -33,7 +33,6 @@ from kalscope.filtering.steady import steady_state
 METHOD_NAMES = {
     "ml": "maximum likelihood",
     "moments": "moments of the differences",
-    "als": "correlations of the innovations",
     "allan": "Allan variance",
 }
 """Names of the methods of `estimate` for users."""

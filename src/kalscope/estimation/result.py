@@ -37,7 +37,7 @@ class Estimate:
     """
 
     method: str = "ml"
-    """How it was found: "ml", "moments", "als", "allan", "fixed_r" or "fixed_ratio"."""
+    """How it was found: "ml", "moments", "allan", "fixed_r" or "fixed_ratio"."""
     names: tuple[str, ...] = ()
     """The sensors of a fusion, in the order of the columns; () for one record."""
     q: float

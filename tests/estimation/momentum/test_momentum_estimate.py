@@ -185,7 +185,7 @@ def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
 # --- refusals, progress ------------------------------------------------------------------------------------
 
 
-@each("method", ["moments", "als", "allan"])
+@each("method", ["moments", "allan"])
 def test_other_methods_know_no_momentum(record, method):
     with pytest.raises(BadSetting, match="which has none"):
         estimate(record, method, momentum=5.0)
