@@ -14,6 +14,7 @@ from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
+from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import (
     MAX_FACTOR,
     checked_momentum,
@@ -291,9 +292,6 @@ def spike_free(many: Series, fit: Fit) -> Mask:
 
 EQUAL = 1e-6
 """Relative difference between the q/r of two fits that are the same."""
-
-NORMAL = 1.9599639845400545
-"""Standard errors from an estimate to the end of its 95 % interval."""
 
 _AT_ONCE, SEARCHED = 4_000_000, 500_000
 """Samples between two reports of progress, a fraction of a second, and of one search, which stay in the cache."""

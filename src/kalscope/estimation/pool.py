@@ -15,6 +15,7 @@ from kalscope.common.numbers import Array, Indices, Mask, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
+from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, Records, find_peak, take_apart
 from kalscope.estimation.many import SEARCHED, Series, fitted_ratios, series_of
@@ -361,9 +362,6 @@ def _settled(inputs: Array) -> tuple[Array, Array]:
 # Devices compared: which lie apart from the others.
 
 
-NORMAL = 1.959963984540054
-"""Standard errors from an estimate to the end of its 95 % interval."""
-
 EDGE = 1.5
 """Least standard deviation, in ln, beyond the end of an interval whose estimate is 0: short recordings without any
 movement are more frequent than a likelihood that is quadratic in the logarithm predicts."""
@@ -433,8 +431,9 @@ def outliers(values: ArrayLike, interval: Interval | None = None, expected: floa
         return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), threshold, 0.0, middle, math.nan)
     whole = float(np.median(np.abs(values[given] - middle))) / _MAD
     with np.errstate(invalid="ignore"):
-        sides = np.stack([values - low, high - values]) / NORMAL
-    down, up = np.nan_to_num(sides, nan=0.0 if interval is None else math.inf, posinf=math.inf)
+        sides: Array = np.stack([values - low, high - values]) / NORMAL
+    sides[np.isnan(sides)] = 0.0 if interval is None else math.inf
+    down, up = sides
     errors = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))[given]
     errors = errors[np.isfinite(errors)]
     usual = float(np.median(errors)) if len(errors) else 0.0

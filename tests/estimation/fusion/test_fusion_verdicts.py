@@ -157,7 +157,7 @@ def test_of_a_momentum_as_long_as_the_record_no_end_is_said():
 @pytest.mark.slow
 def test_too_few_readings_for_gains_are_not_known_rather_than_wrong():
     found = estimate_fusion(walk(10)[:, None] * [1.0, 2.0, 0.5] + noise(1.0, 1.0, 1.0, n=10), gains=True)
-    for name in ("r_interval", "gain_interval", "offset_interval", "q_interval"):
+    for name in ("r_interval", "sensor_gain_interval", "offset_interval", "q_interval"):
         assert not np.isnan(getattr(found, name)).any()
 
 
