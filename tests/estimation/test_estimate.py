@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 
@@ -12,19 +11,11 @@ from each import each
 from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
+from signals import walk
 
 from kalscope import BadSetting
 from kalscope.analysis.estimators import compare_methods
-from kalscope.errors import Cancelled
 from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
-
-
-def walk(n, ratio, seed=0, missing=0.0, r=1.0):
-    g = np.random.default_rng(seed)
-    z = np.cumsum(g.normal(0, math.sqrt(ratio * r), n)) + g.normal(0, math.sqrt(r), n)
-    z[g.random(n) < missing] = np.nan
-    return z
-
 
 # --- the instant ones -----------------------------------------------------------------------------------
 
@@ -127,20 +118,6 @@ def test_progress_rises_to_one(method, nile):
 def test_importing_the_estimators_leaves_the_heavy_parts_of_scipy_alone():
     code = "import sys, kalscope.estimation; print({'scipy.optimize', 'scipy.interpolate'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout.strip() == b"set()"
-
-
-def test_a_long_fit_can_be_cancelled():
-    asked = []
-
-    def cancelled():
-        asked.append(True)
-        return len(asked) > 3
-
-    with pytest.raises(Cancelled):
-        estimate(walk(5000, 1e-4), cancelled=cancelled)
-    assert len(asked) == 4
-    with pytest.raises(Cancelled):
-        compare_methods(walk(50, 0.1), cancelled=lambda: True)
 
 
 @each(

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,13 +158,14 @@ class Coordinates:
     """Those that are searched, ascending."""
 
     @cached_property
+    def _logs(self) -> int:
+        """How many of them, the first ones, are logarithms; the others are gains."""
+        return int(np.sum(self.free < FIRST_NOISE + self.data.sensors))
+
+    @property
     def gained(self) -> Indices:
         """The sensors whose gain is searched."""
-        return self.free[self.free >= FIRST_NOISE + self.data.sensors] - FIRST_NOISE - self.data.sensors
-
-    @cached_property
-    def _noisy(self) -> Indices:
-        return self.free[(self.free >= FIRST_NOISE) & (self.free < FIRST_NOISE + self.data.sensors)]
+        return self.free[self._logs :] - FIRST_NOISE - self.data.sensors
 
     @cached_property
     def _row(self) -> Array:
@@ -176,19 +178,16 @@ class Coordinates:
 
     def start(self) -> Array:
         """The coordinates of `base`."""
-        is_log = self.free < FIRST_NOISE + self.data.sensors
         at = self._row[self.free]
-        at[is_log] = np.log(at[is_log])
+        at[: self._logs] = np.log(at[: self._logs])
         return at
 
     def place(self, at: Array) -> Place:
         """The place of coordinates."""
-        row, noisy, searched = self._row.copy(), self._noisy, self.free[:FIRST_NOISE].tolist()
-        row[self.free] = at
-        row[noisy] = np.exp(row[noisy])
-        step, tau = (math.exp(row[k]) if k in searched else float(row[k]) for k in (STEP, MOMENTUM))
-        r, c = row[FIRST_NOISE:].reshape(2, -1)
-        return place_at(self.data, step / step_variance(tau), tau, r, c)
+        row = self._row.copy()
+        row[self.free] = np.append(np.exp(at[: self._logs]), at[self._logs :])
+        step, tau = row[:FIRST_NOISE].tolist()
+        return place_at(self.data, step / step_variance(tau), tau, *row[FIRST_NOISE:].reshape(2, -1))
 
     def slope(self, at: Place) -> Array:
         """Derivatives of the log-likelihood by the coordinates."""
@@ -436,17 +435,13 @@ def starting_gains(data: Readings, z: Array, gained: Indices, gauge: int) -> Arr
 def _noises(z: Array, steps: Array) -> list[Array]:
     """Guesses of r: half the steps, what differs between sensors split among them, and each one nearly exact."""
     sensors = len(steps)
-    pairs: list[Array] = []
-    sums: list[float] = []
-    for i in range(sensors):
-        for j in range(i):
-            moves = np.diff(z[:, i] - z[:, j])
-            moves = moves[np.isfinite(moves)]
-            if len(moves) >= _MIN_PAIRS:
-                row = np.zeros(sensors)
-                row[[i, j]] = 1.0
-                pairs.append(row)
-                sums.append(0.5 * float(np.mean(moves**2)))
+    pairs, sums = list[Array](), list[float]()
+    for i, j in combinations(range(sensors), 2):
+        moves = np.diff(z[:, i] - z[:, j])
+        moves = moves[np.isfinite(moves)]
+        if len(moves) >= _MIN_PAIRS:
+            pairs.append(np.isin(np.arange(sensors), (i, j)).astype(np.float64))
+            sums.append(0.5 * float(np.mean(moves**2)))
     guesses = [0.25 * steps]
     if not pairs:
         return guesses
@@ -493,6 +488,11 @@ class FitOptions:
     """Whether τ is searched."""
     gained: Indices
     """The sensors whose gain is searched."""
+
+    @staticmethod
+    def of_all(sensors: int, keeps: bool) -> FitOptions:
+        """All r, none known, and no gain."""
+        return FitOptions(np.full(sensors, math.nan), np.zeros(sensors), keeps, np.empty(0, np.intp))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation import climb
 from kalscope.estimation.climb import FitOptions, Place, Readings, SensorFit
 from kalscope.estimation.fit import checked_momentum, estimate
+from kalscope.estimation.many import above_zero_each
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.spikes import advised_gate, checked_robust, rounding_variance
@@ -111,26 +112,19 @@ def checked_record(
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
         raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
-    try:
-        known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
-    except (TypeError, ValueError):
-        known = np.empty(0)
-    if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
-        raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
+    known = above_zero_each("known_r", known_r, sensors, missing=True)
+    known = np.full(sensors, math.nan) if known is None else known
     return SensorRecord(readings, steps_of(dt, n), given, _index(reference, given), known)
 
 
 def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
     if reference is None:
         return None
-    if isinstance(reference, str) and reference in names:
-        return names.index(reference)
-    whole = isinstance(reference, int | np.integer) and not isinstance(reference, bool)
-    if whole and 0 <= int(reference) < len(names):
-        return int(reference)
-    raise BadSetting(
-        f"reference must be a sensor, its name or its index from 0 to {len(names) - 1} (got {reference!r})"
-    )
+    places = {key: i for i, name in enumerate(names) for key in (i, name)}
+    if isinstance(reference, bool) or reference not in places:
+        last = len(names) - 1
+        raise BadSetting(f"reference must be a sensor, its name or its index from 0 to {last} (got {reference!r})")
+    return places[reference]
 
 
 def _are_copies(first: Array, second: Array, gains: bool) -> bool:
@@ -166,18 +160,12 @@ def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Arra
 
 
 def with_momentum(
-    record: SensorRecord,
-    data: Readings,
-    options: FitOptions,
-    plain: SensorFit,
-    tau: float | None,
-    progress: Progress,
+    record: SensorRecord, options: FitOptions, plain: SensorFit, tau: float | None, progress: Progress
 ) -> tuple[SensorFit, Estimate]:
     """The fit with momentum where it is given or the signal asks for it, and the fused signal's own estimate.
 
     Args:
         record: the record.
-        data: the same as readings.
         options: what is searched.
         plain: the fit without momentum.
         tau: the momentum that is given; None = find it.
@@ -187,7 +175,7 @@ def with_momentum(
     start = one.momentum if tau is None else tau
     if not start:
         return plain, one
-    place, fitted = plain.place, replace(options, keeps=tau is None)
+    place, data, fitted = plain.place, plain.coordinates.data, replace(options, keeps=tau is None)
     least = _STILL * float(climb.step_sizes(data).max()) / climb.step_variance(start)
     step = one.q / data.scale**2 or place.q or least
     # none of the r that are searched so small that the search begins at an edge
@@ -255,8 +243,7 @@ def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | N
     data = Readings.of(z, steps)
     unit = data.scale * data.scale
     start = climb.place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
-    free = np.full(data.sensors, math.nan)
-    options = FitOptions(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
+    options = FitOptions.of_all(data.sensors, params.momentum > 0.0)
     return shared_noise(z, steps, climb.climbed(data, options, start, FINE))
 
 
@@ -300,7 +287,7 @@ def _shared_by_two(z: Array, steps: Array, fit: SensorFit, pair: tuple[int, ...]
         gain, r = np.append(gain, 1.0), np.append(r, 1.0 / weights.sum())
     if not np.isfinite(columns[-1]).any():
         return None
-    options = FitOptions(np.full(len(r), math.nan), np.zeros(len(r)), fit.keeps, np.empty(0, np.intp))
+    options = FitOptions.of_all(len(r), fit.keeps)
 
     def fitted(beta: float, q: float, noise: Array) -> Place:
         turned = np.stack([columns[0], columns[1] - beta * columns[0], *columns[2:]], axis=1)
@@ -336,9 +323,9 @@ def _shared_by_all(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
     expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
     step = place.q * data.scale**2 / one.scale**2
     start = climb.place_at(one, step, place.tau, np.array([expected]), np.ones(1))
-    options = FitOptions(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
-    fixed = climb.climbed(one, options, start).place
-    free = climb.climbed(one, replace(options, known=np.array([math.nan])), fixed).place
+    options = FitOptions.of_all(1, False)
+    fixed = climb.climbed(one, replace(options, known=np.array([expected])), start).place
+    free = climb.climbed(one, options, fixed).place
     common = float(free.r[0] - expected) * one.scale**2 / data.scale**2
     least = np.sort(place.r / place.c**2)[:2]
     correlation = common / math.sqrt(float(np.prod(least + common))) if common > 0.0 else 0.0
@@ -699,5 +686,5 @@ def _fitted(
     plain = climb.best_fit(data, options, starts, progress.part(0.0, 0.5))
     if tau == 0.0 or (tau is None and plain.place.q == 0.0):
         return options, plain, None
-    fit, one = with_momentum(record, data, options, plain, tau, progress.part(0.5, 1.0))
+    fit, one = with_momentum(record, options, plain, tau, progress.part(0.5, 1.0))
     return options, fit, one

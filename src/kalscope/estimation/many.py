@@ -198,15 +198,15 @@ def _writeable(array: Any) -> Any:
     return array if array.flags.writeable else array.copy()
 
 
-def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array | None:
-    """One number above 0 a series, shape (count,), of one for all or one each; None for None."""
+def above_zero_each(name: str, value: ArrayLike | None, count: int, missing: bool = False) -> Array | None:
+    """One number above 0 each, shape (count,), of one for all or one each, NaN if `missing`; None for None."""
     if value is None:
         return None
     try:
         array: Array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
     except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be one number, or one a series, {count} (got something else)") from None
-    if count and not (array.min() > 0.0 and array.max() <= MAX_VARIANCE):
+        raise BadSetting(f"{name} must be one number, or {count}, one each (got {value})") from None
+    if np.any(~((array > 0.0) & (array <= MAX_VARIANCE)) & ~(missing & np.isnan(array))):
         raise BadSetting(f"{name} must be finite and above 0 (got {array.min():g} to {array.max():g})")
     return array
 

@@ -88,9 +88,8 @@ def ratio_of(log_moves: float, tau: float) -> float:
 
 def step_variances(tau: Array) -> Array:
     """Variance of one step of the signal for q = 1, shape of `tau`."""
-    values = tau.tolist()
-    known = {value: step_variance(value) for value in set(values)}  # many lanes have one τ
-    return np.array([known[value] for value in values])
+    values, places = np.unique(tau, return_inverse=True)  # many lanes have one τ
+    return np.array([step_variance(value) for value in values.tolist()])[places]
 
 
 # The likelihood over λ = q/r for a given momentum.
@@ -282,7 +281,7 @@ def _peak(data: Differences, tau: float, progress: Progress, r: float | None = N
         taus = np.full(len(log_moves), tau)
         if r is None:
             return concentrated(data, log_moves, taus)[0]
-        sums = moving_sums(data, np.exp(log_moves) * r / step_variance(tau), np.full(len(taus), r), taus)
+        sums = moving_sums(data, np.exp(log_moves) / step_variance(tau), np.ones(len(taus)), taus)
         return loglik_of(data.m, data.scale, *sums, r)
 
     if r is None:

@@ -433,8 +433,9 @@ def outliers(values: ArrayLike, interval: Interval | None = None, expected: floa
     with np.errstate(invalid="ignore"):
         sides: Array = np.stack([values - low, high - values]) / NORMAL
     sides[np.isnan(sides)] = 0.0 if interval is None else math.inf
-    down, up = sides
-    errors = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))[given]
+    down: Array = sides[0]
+    up: Array = sides[1]
+    errors: Array = np.where(np.isinf(sides[::-1]), sides, 0.5 * (down + up)).min(axis=0)[given]
     errors = errors[np.isfinite(errors)]
     usual = float(np.median(errors)) if len(errors) else 0.0
     spread = math.sqrt(max(whole * whole - usual * usual, 0.0)) if math.isfinite(whole) else 0.0
