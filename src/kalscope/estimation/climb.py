@@ -617,12 +617,11 @@ def _edges(data: Readings, options: FitOptions, best: Place) -> list[Place]:
 
 def noise_interval(fit: SensorFit, options: FitOptions, sensor: int) -> tuple[float, float]:
     """The r of one sensor that the record allows, in scale²."""
-    place, known = fit.place, float(options.known[sensor])
+    known = float(options.known[sensor])
     if not math.isnan(known):
         return known, known
-    if place.r[sensor] == 0.0:
-        r = np.where(np.arange(len(place.r)) == sensor, _guess(float(place.by_r[sensor]), fit), place.r)
-        return 0.0, _upper_end(fit, options, place.q, r, FIRST_NOISE + sensor)
+    if fit.place.r[sensor] == 0.0:
+        return 0.0, _upper_end(fit, options, FIRST_NOISE + sensor)
     low, high = _interval(fit, FIRST_NOISE + sensor)
     return max(low, float(options.floor[sensor])), high
 
@@ -631,7 +630,7 @@ def movement_interval(fit: SensorFit, options: FitOptions) -> tuple[float, float
     """The q that the record allows, in scale²."""
     place = fit.place
     if place.q == 0.0:
-        return 0.0, _upper_end(fit, options, _guess(place.by_q, fit), place.r, STEP)
+        return 0.0, _upper_end(fit, options, STEP)
     if not fit.keeps:
         step = step_variance(place.tau)
         low, high = _interval(fit, STEP)
@@ -656,19 +655,20 @@ def _interval(fit: SensorFit, parameter: int) -> tuple[float, float]:
     return _end(fit, index, -1.0), _end(fit, index, 1.0)
 
 
-def _guess(slope: float, fit: SensorFit) -> float:
-    """A variance whose likelihood is not yet much lower than at the edge where it is 0."""
-    least = math.exp(float(fit.top.low.min()) + 1.0) if len(fit.top.low) else 1e-18
-    return max(0.01 * DROP / max(-slope, 1e-300), least) if slope < 0.0 else least
-
-
-def _upper_end(fit: SensorFit, options: FitOptions, q: float, r: Array, parameter: int) -> float:
-    """The largest value of a variance that is 0 at the top; its guess in q or r is above 0."""
-    edge = place_at(fit.coordinates.data, q, fit.place.tau, r, fit.place.c)
+def _upper_end(fit: SensorFit, options: FitOptions, parameter: int) -> float:
+    """The largest value of a variance that is 0 at the top, from one on whose likelihood is not much lower yet."""
+    place, low = fit.place, fit.top.low
+    row, slopes = np.append(place.q, place.r), np.append(place.by_q, place.by_r)
+    index = max(parameter - FIRST_NOISE + 1, 0)
+    guess = math.exp(float(low.min()) + 1.0) if len(low) else 1e-18
+    if slopes[index] < 0.0:
+        guess = max(0.01 * DROP / max(-float(slopes[index]), 1e-300), guess)
+    row[index] = guess
+    edge = place_at(fit.coordinates.data, float(row[0]), place.tau, row[1:], place.c)
     coordinates = coordinates_of(fit.coordinates.data, replace(options, keeps=fit.keeps), edge)
     low, high = bounds(coordinates, options.floor)
-    size = len(low)
-    top = Top(np.clip(coordinates.start(), low, high), fit.top.height, np.zeros((size, size)), low, high)
+    at, flat = np.clip(coordinates.start(), low, high), np.zeros((len(low), len(low)))
+    top = Top(at, fit.top.height, flat, low, high)
     return _end(SensorFit(coordinates, top, edge), coordinates.index(parameter), 1.0)
 
 

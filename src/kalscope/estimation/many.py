@@ -314,6 +314,11 @@ class Known:
     r: Array | None = None
     ratio: Array | None = None
 
+    @property
+    def any(self) -> bool:
+        """Whether something is known."""
+        return self.r is not None or self.ratio is not None
+
     def some(self, rows: Indices | slice) -> Known:
         """That of some of the series."""
         return Known(None if self.r is None else self.r[rows], None if self.ratio is None else self.ratio[rows])
@@ -492,11 +497,11 @@ def estimate_many(
     """
     many = series_of(series, dt)
     k, tau, always = len(many), checked_momentum(momentum, "ml"), checked_robust(robust)
-    if r is not None and ratio is not None:
-        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
-    if (r is not None or ratio is not None) and tau != 0.0:
-        raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
     known = Known(above_zero_each("r", r, k), above_zero_each("ratio", ratio, k))
+    if known.r is not None and known.ratio is not None:
+        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
+    if known.any and tau != 0.0:
+        raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
     report, set_aside = Progress(progress, cancelled), [np.empty(0, np.intp)]
     numbers, codes, samples = np.empty((16, k)), np.empty(k, np.uint8), np.empty(k, np.intp)
     report(0.0, "fit")
@@ -508,7 +513,7 @@ def estimate_many(
             again = codes[here] < TOO_FEW
         elif always is None:
             again |= _spiky(some, numbers[:, here], again, known.some(here))
-        elif r is not None or ratio is not None:
+        elif known.any:
             again[:] = False
         for i in (first + np.flatnonzero(again)).tolist():
             z, steps = many.one(i)
