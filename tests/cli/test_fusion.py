@@ -302,7 +302,7 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
         (["--reference", "a"], "--reference needs --fuse"),
         (["--sensor-gains"], "--sensor-gains needs --fuse"),
         (["--fuse", "a,b", "--reference", "c"], "--reference must be a sensor of --fuse: a, b (got 'c')"),
-        (["--fuse", "a,b", "--method", "als"], "--method must be ml with --fuse"),
+        (["--fuse", "a,b", "--method", "allan"], "--method must be ml with --fuse"),
         (["--fuse", "a,b", "--r", "a=0"], "--r must be a number above 0 (got '0')"),
         (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
         (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),

@@ -173,7 +173,7 @@ def test_a_given_momentum_is_kept_and_none_is_the_random_walk(moving: Path, caps
     assert tuned(capsys, str(moving), "--momentum", "auto") == tuned(capsys, str(moving))
 
 
-@pytest.mark.parametrize("options", [["--method", "als"], ["--ratio", "0.1"], ["--sigma", "1"]])
+@pytest.mark.parametrize("options", [["--method", "allan"], ["--ratio", "0.1"], ["--sigma", "1"]])
 def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options: list[str]) -> None:
     assert run(["tune", str(moving), "--momentum", "5", *options]) != 0
     assert 'momentum must be "auto" or 0' in capsys.readouterr().err
@@ -371,7 +371,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--r", "1", "--still", "0:1"], "can give r (got --still and --r)"),
     (["demo", "--density", "1"], "given together (got only --density)"),
     (["demo", "--bandwidth-hz", "1"], "given together (got only --bandwidth-hz)"),
-    (["demo", "--method", "als", "--r", "1"], "--method als must be used without --r"),
+    (["demo", "--method", "allan", "--r", "1"], "--method allan must be used without --r"),
     (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
     (

@@ -224,8 +224,9 @@ def fusions(count: int = 24) -> Iterator[Case]:
             spoil(g, z, seed // 4)
         options = {"reference": None if seed % 3 else 0, "robust": bool(seed % 4) and "auto"}
         fit = ks.estimate_fusion(z, dt=dt, gains=gains, **options)
-        names = "verdict q momentum r offset gain q_interval r_interval offset_interval gain_interval loglik"
-        case = {"id": f"fusions#{seed:02d}", "model": plain(model), "tuned": fields(fit, f"{names} message notes")}
+        names = "verdict q momentum r offset gain q_interval r_interval offset_interval loglik message notes"
+        case = {"id": f"fusions#{seed:02d}", "model": plain(model), "tuned": fields(fit, names)}
+        case["tuned"] |= {"gain_interval": plain(fit.sensor_gain_interval)}
         case["tuned"] |= {"spikes": [places(rows) for rows in fit.spikes], "usable": fit.params is not None}
         if fit.params is not None:
             case["judged"] = fields(judged := ks.judge_fusion(z, fit, dt), "error best sentences")

@@ -164,7 +164,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
 
 
 def set_method_comparison(recording: Recording, channel: str, estimates: tuple[Estimate, ...]) -> Change:
-    """The four methods have given their estimates."""
+    """The three methods have given their estimates."""
 
     def change(state: State) -> State:
         same = state.continues(recording) and state.channel == channel

@@ -576,7 +576,7 @@ class Answers:
     outcome: Outcome | None = None
     """The last search."""
     method_comparison: tuple[Estimate, ...] = ()
-    """The estimates of the four methods, once they were run."""
+    """The estimates of the three methods, once they were run."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
 

@@ -300,17 +300,17 @@ def table(checks: Checks) -> str:
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
 
 
-# Part of the Check tab: four methods side by side, and which lie within the interval of the first.
+# Part of the Check tab: three methods side by side, and which lie within the interval of the first.
 
 
 METHODS_COMPARED = (
-    "Four methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
+    "Three methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
 )
 """Why the table may find no noise where the search finds some: shown above the table, too."""
 
 
 class EstimatorsView:
-    """The button "Run four methods" and its table; they run as a job."""
+    """The button "Run three methods" and its table; they run as a job."""
 
     def __init__(
         self, gui: viser.GuiApi, check_tab: AbstractContextManager[object], session: Session, jobs: Jobs
@@ -319,7 +319,7 @@ class EstimatorsView:
         self._stop = threading.Event()
         with check_tab:
             heading = gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run four methods", hint="Three other methods beside maximum likelihood.")
+            compare = gui.add_button("Run three methods", hint="Two other methods beside maximum likelihood.")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and compare nothing.")
             self._comparison = gui.add_markdown("")
@@ -352,7 +352,7 @@ def samples_to_compare(state: State) -> Array:
 
 
 def comparison_text(state: State) -> str:
-    """The four methods side by side, and which of them lie outside the interval, as markdown."""
+    """The three methods side by side, and which of them lie outside the interval, as markdown."""
     if not state.answers.method_comparison:
         return METHODS_COMPARED
     period = state.recording.sample_period

@@ -162,7 +162,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     "gain K": _target("gain", "gain K", "0.1"),
     "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
     "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
-    **{METHOD_NAMES[name]: _method(name) for name in ("moments", "als", "allan")},
+    **{METHOD_NAMES[name]: _method(name) for name in ("moments", "allan")},
 }
 """Ways by the words on screen, the most useful first."""
 

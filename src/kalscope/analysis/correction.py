@@ -20,7 +20,7 @@ from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood import Differences, differences
-from kalscope.estimation.momentum import concentrated, moving_sums, search, step_variance
+from kalscope.estimation.momentum import concentrated, momentum_of, moving_sums, search, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
 
@@ -389,13 +389,13 @@ def find_free(record: Record) -> tuple[tuple[float, float], tuple[float, float],
     if searched.m > PARTS * PART:
         firsts = np.linspace(0, searched.m + 1 - PART, PARTS).astype(int).tolist()
         searched = searched.parts((first, first + PART) for first in firsts)
-    best = search(searched, Progress(None))
+    log_tau, log_moves = search(searched, Progress(None)).at.tolist()
     heights = np.append(record.data.concentrated(LOG_RATIOS), record.data.random_walk()[0])
     at = int(np.argmax(heights))
     log_ratio = float(LOG_RATIOS[min(at, len(LOG_RATIOS) - 1)])
-    log_moves = min(best.log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
-    height, _ = concentrated(record.data, np.array([log_moves]), np.array([best.tau]))
-    momentum = min(best.tau, float(record.data.m))  # the record cannot show how much longer it is
+    log_moves = min(log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
+    height, _ = concentrated(record.data, np.array([log_moves]), np.array([momentum_of(log_tau)]))
+    momentum = min(momentum_of(log_tau), float(record.data.m))  # the record cannot show how much longer it is
     return (log_moves, momentum), (log_ratio, 0.0), float(height[0]) - float(heights[at])
 
 

@@ -599,7 +599,9 @@ def _sensor_ranges(answer: Answer) -> Iterator[str]:
     fit, readings = answer.range, np.isfinite(answer.z).sum(axis=0).tolist()
     yield f"The record allows (95 %): q {between(*fit.q_interval)} {squared(answer.unit)}"
     for i, (name, unit) in enumerate(zip(answer.sensors, _units(answer), strict=True)):
-        offset, gain = (" to ".join(map(number, ends[i])) for ends in (fit.offset_interval, fit.gain_interval))
+        offset, gain = (
+            " to ".join(map(number, ends[i])) for ends in (fit.offset_interval, fit.sensor_gain_interval)
+        )
         gains = f", gain {gain}" if np.any(fit.gain != 1.0) else ""
         noise = f"r {between(*fit.r_interval[i])} {squared(unit)}"
         offset = f"offset {offset} {unit}".rstrip()
@@ -736,7 +738,6 @@ def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
 def _plain_fusion(answer: Answer) -> dict[str, Any]:
     fit, params, judged, shared = answer.range, answer.found.params, answer.judgement, answer.range.shared
     z, units, names = answer.z, _units(answer), answer.sensors
-    intervals = ("r_interval", "offset_interval", "gain_interval")
     sensors: list[dict[str, Any]] = [
         {
             "name": name,
@@ -746,7 +747,9 @@ def _plain_fusion(answer: Answer) -> dict[str, Any]:
             "offset": params and params.offset[i],
             "gain": params and params.gain[i],
             "share": params and params.shares[i],
-            **{one: getattr(fit, one)[i] for one in intervals},
+            "r_interval": fit.r_interval[i],
+            "offset_interval": fit.offset_interval[i],
+            "gain_interval": fit.sensor_gain_interval[i],
             "spikes": fit.spikes[i] if fit.spikes else [],
             "judgement": _plain_sensor(judged.sensors[i]) if judged.sensors else None,
         }

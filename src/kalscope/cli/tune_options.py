@@ -39,7 +39,7 @@ class TuneOptions:
     """
 
     method: Annotated[
-        str, typer.Option(metavar="NAME", help="ml (default), moments, als or allan.", show_default=False)
+        str, typer.Option(metavar="NAME", help="ml (default), moments or allan.", show_default=False)
     ] = "ml"
     lag_ms: Annotated[float | None, number_option("Target: largest lag behind a ramp, ms.")] = None
     cutoff_hz: Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")] = None

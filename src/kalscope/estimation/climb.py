@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import Progress
 from kalscope.estimation import kernels
 from kalscope.estimation.likelihood import DROP
-from kalscope.estimation.momentum import MIN_MOMENTUM, interval_end, step_variance
+from kalscope.filtering.kernels import transition
 from kalscope.filtering.params import MAX_MOMENTUM
 
 # The exact log-likelihood of several sensors, its derivatives, and the coordinates in which it is searched.
@@ -23,6 +24,8 @@ from kalscope.filtering.params import MAX_MOMENTUM
 # offsets enter linearly, so each place of the search has its most likely ones, from the normal equations.
 
 
+MIN_MOMENTUM = 0.1
+"""Shortest τ searched, in samples: a velocity that is forgotten faster cannot be distinguished from none."""
 SEARCHED = 15_000
 """Readings that are enough for a search from several starts; only its end needs all of them."""
 _SLOPE = 1e-4
@@ -155,18 +158,19 @@ class Coordinates:
     """Those that are searched, ascending."""
 
     @cached_property
+    def _logs(self) -> int:
+        """How many of them, the first ones, are logarithms; the others are gains."""
+        return int(np.sum(self.free < FIRST_NOISE + self.data.sensors))
+
+    @property
     def gained(self) -> Indices:
         """The sensors whose gain is searched."""
-        return self.free[self.free >= FIRST_NOISE + self.data.sensors] - FIRST_NOISE - self.data.sensors
-
-    @cached_property
-    def _noisy(self) -> Indices:
-        return self.free[(self.free >= FIRST_NOISE) & (self.free < FIRST_NOISE + self.data.sensors)]
+        return self.free[self._logs :] - FIRST_NOISE - self.data.sensors
 
     @cached_property
     def _row(self) -> Array:
         base = self.base
-        return np.concatenate([[base.q * step_of(base.tau), base.tau], base.r, base.c])
+        return np.concatenate([[base.q * step_variance(base.tau), base.tau], base.r, base.c])
 
     def index(self, parameter: int) -> int:
         """Which coordinate a parameter is."""
@@ -174,19 +178,16 @@ class Coordinates:
 
     def start(self) -> Array:
         """The coordinates of `base`."""
-        is_log = self.free < FIRST_NOISE + self.data.sensors
         at = self._row[self.free]
-        at[is_log] = np.log(at[is_log])
+        at[: self._logs] = np.log(at[: self._logs])
         return at
 
     def place(self, at: Array) -> Place:
         """The place of coordinates."""
-        row, noisy, searched = self._row.copy(), self._noisy, self.free[:FIRST_NOISE].tolist()
-        row[self.free] = at
-        row[noisy] = np.exp(row[noisy])
-        step, tau = (math.exp(row[k]) if k in searched else float(row[k]) for k in (STEP, MOMENTUM))
-        r, c = row[FIRST_NOISE:].reshape(2, -1)
-        return place_at(self.data, step / step_of(tau), tau, r, c)
+        row = self._row.copy()
+        row[self.free] = np.append(np.exp(at[: self._logs]), at[self._logs :])
+        step, tau = row[:FIRST_NOISE].tolist()
+        return place_at(self.data, step / step_variance(tau), tau, *row[FIRST_NOISE:].reshape(2, -1))
 
     def slope(self, at: Place) -> Array:
         """Derivatives of the log-likelihood by the coordinates."""
@@ -195,24 +196,31 @@ class Coordinates:
         return np.concatenate([[by_step, by_tau], at.r * at.by_r, at.by_c])[self.free]
 
 
-def step_of(tau: float) -> float:
+def step_variance(tau: float) -> float:
     """Variance of one step of the signal for q = 1."""
-    return step_variance(tau) if tau > 0.0 else 1.0
+    if tau == 0.0:
+        return 1.0
+    _, f, a, _, _ = transition(1.0, 1.0, tau)
+    return float(a + 0.5 * f * f / tau)
 
 
 def log_step_slope(tau: float) -> float:
     """Derivative of ln(step variance) by ln τ."""
-    return (math.log(step_of(tau * (1.0 + _SLOPE))) - math.log(step_of(tau * (1.0 - _SLOPE)))) / (2.0 * _SLOPE)
+    return (math.log(step_variance(tau * (1.0 + _SLOPE))) - math.log(step_variance(tau * (1.0 - _SLOPE)))) / (
+        2.0 * _SLOPE
+    )
 
 
 # Newton's method to the top of a smooth function of a few coordinates within bounds, from its exact slopes.
 #
-# The curvature is the difference of slopes beside the place. So the top is as good as the slopes are, about 1e-10;
-# comparing heights alone would stop at 1e-7.
+# The top is as good as the slopes are, about 1e-10; comparing heights alone would stop at 1e-7.
 
 
-Function = Callable[[Array], tuple[float, Array]]
-"""Height and slope at coordinates of shape (k,)."""
+Local = tuple[float, Array, Callable[[], Array]]
+"""Height, slope, shape (k,), and what computes the curvature, shape (k, k)."""
+
+Function = Callable[[Array], Local]
+"""The function at coordinates of shape (k,)."""
 
 BESIDE = 1e-4
 """Step for the curvature; all coordinates are logarithms or gains near 1."""
@@ -224,6 +232,8 @@ LEAST = 1e-9
 """Rise of a step after which the next one would only follow rounding: errors fall with their square."""
 _ENOUGH = 1e-9
 """Step at whose length the top is reached."""
+_SHORT = 0.1
+"""Step of which the rise is known without going there."""
 _STEEP = 1e-10
 """Share of the highest curvature below which a direction counts as level."""
 
@@ -238,6 +248,24 @@ class Top:
     """Height there."""
     curvature: Array
     """Second derivatives there, shape (k, k), symmetric."""
+    low: Array
+    """Lower bounds of the coordinates."""
+    high: Array
+    """Upper bounds."""
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the coordinates; inf for one at a bound or without curvature."""
+        full = np.diag(np.full(len(self.at), math.inf))
+        inner = (self.at > self.low) & (self.at < self.high)
+        information = -self.curvature[np.ix_(inner, inner)]
+        if inner.any() and np.all(np.linalg.eigvalsh(information) > 1e-9):
+            full[np.ix_(inner, inner)] = np.linalg.inv(information)
+        return full
+
+    def error(self, index: int) -> float:
+        """Standard error of one coordinate."""
+        return math.sqrt(float(self.covariance[index, index]))
 
 
 def climb(
@@ -248,53 +276,118 @@ def climb(
     A step that rises by less than `least` is the last one, and so is the one after `steps` of them.
     """
     at = np.clip(start, low, high)
-    height, slope = function(at)
+    height, slope, bend = function(at)
     curvature = np.zeros((len(at), len(at)))
     for _ in range(steps if len(at) else 0):
-        curvature = _curvature(function, at, slope, high)
-        free = ~((at <= low) & (slope < 0.0) | (at >= high) & (slope > 0.0))
-        step = np.zeros(len(at))
-        step[free] = _uphill(curvature[np.ix_(free, free)], slope[free])
-        step *= min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-300))
-        length = float(np.abs(np.clip(at + step, low, high) - at).max())
+        curvature = bend()
+        step = _step(at, slope, curvature, low, high)
+        there = np.clip(at + step, low, high)
+        length, rise = float(np.abs(there - at).max()), 0.5 * float(slope @ (there - at))
+        if rise < least and length < _SHORT:
+            at, height = there, height + rise
+            break
         moved = _search(function, at, height, step, low, high)
         if moved is None:
             break
-        risen = moved[0] - height
-        height, at, slope = moved
+        risen = moved[1][0] - height
+        at, (height, slope, bend) = moved
         if length < _ENOUGH or risen < least:
             break
-    return Top(at, height, curvature)
+    return Top(at, height, curvature, low, high)
 
 
-def _curvature(function: Function, at: Array, slope: Array, high: Array) -> Array:
-    rows = np.empty((len(at), len(at)))
-    for i in range(len(at)):
-        side = BESIDE if at[i] + BESIDE <= high[i] else -BESIDE
-        beside = at.copy()
-        beside[i] += side
-        rows[i] = (function(beside)[1] - slope) / side
-    return np.nan_to_num(0.5 * (rows + rows.T))
-
-
-def _uphill(curvature: Array, slope: Array) -> Array:
-    """Newton's step, with every curvature taken as that of a hilltop."""
-    bent, ways = np.linalg.eigh(curvature)
-    steep = np.maximum(np.abs(bent), max(_STEEP * float(np.abs(bent).max(initial=0.0)), 1e-12))
-    return np.asarray(ways @ ((ways.T @ slope) / steep))
+def _step(at: Array, slope: Array, curvature: Array, low: Array, high: Array) -> Array:
+    """Newton's step, with every curvature taken as that of a hilltop; what it takes to a bound stays there."""
+    free, step = ~((at <= low) & (slope < 0.0) | (at >= high) & (slope > 0.0)), np.zeros(len(at))
+    beyond = free
+    while beyond.any():
+        bent, ways = np.linalg.eigh(curvature[np.ix_(free, free)])
+        steep = np.maximum(np.abs(bent), max(_STEEP * float(np.abs(bent).max(initial=0.0)), 1e-12))
+        rest = (slope + curvature[:, ~free] @ step[~free])[free]
+        step[free] = ways @ ((ways.T @ rest) / steep)
+        step[free] *= min(1.0, MAX_STEP / max(float(np.abs(step[free]).max(initial=0.0)), 1e-300))
+        beyond = free & ((at + step < low) | (at + step > high))
+        step, free = np.clip(at + step, low, high) - at, free & ~beyond
+    return step
 
 
 def _search(
     function: Function, at: Array, height: float, step: Array, low: Array, high: Array
-) -> tuple[float, Array, Array] | None:
+) -> tuple[Array, Local] | None:
     """The first of shorter and shorter steps that does not lead down; None where even the shortest does."""
     slack = 1e-13 * abs(height)
     for halvings in range(24):
         there = np.clip(at + step * 0.5**halvings, low, high)
-        found, slope = function(there)
-        if math.isfinite(found) and found >= height - slack:
-            return found, there, slope
+        found = function(there)
+        if math.isfinite(found[0]) and found[0] >= height - slack:
+            return there, found
     return None
+
+
+# The end of a 95 % interval: where the profile of the likelihood over one coordinate falls below the mark.
+
+
+NORMAL = math.sqrt(2.0 * DROP)
+"""Standard errors from the middle to the end of a 95 % interval, 1.96."""
+SURE = 0.1
+"""Standard error of the logarithm of a variance up to which its likelihood is as good as normal."""
+FINE = 1e-4
+"""Rise of the likelihood that matters for the end of an interval."""
+FINE_STEPS = 10
+"""Steps of the other parameters towards their best; they start where they were a little further inside."""
+_WIDENING, _MARGIN = 1.7, 0.05
+"""Factor between two steps outwards; share of the bracket that a step back leaves on either side at least."""
+_STEPS = 12
+"""Steps towards the end within its bracket."""
+
+
+def interval_end(
+    top: Top, profile: Callable[[float, Array], tuple[float, Array]], index: int, side: float
+) -> tuple[float, Array, bool]:
+    """Go outwards until the likelihood has fallen by DROP, then towards that place; √drop is almost straight.
+
+    Args:
+        top: the maximum.
+        profile: the highest likelihood where this coordinate has a value, and the other coordinates there, searched
+            from some near them.
+        index: the coordinate.
+        side: −1 for the lower end, 1 for the upper.
+
+    Returns:
+        The end, the best other coordinates there, and whether the likelihood falls so far within the bounds.
+    """
+    others = np.arange(len(top.at)) != index
+    inside, border = float(top.at[index]), float((top.low if side < 0.0 else top.high)[index])
+    rest, last, fallen = top.at[others], inside, 0.0
+    follow = -np.linalg.pinv(top.curvature[np.ix_(others, others)]) @ top.curvature[others, index]
+    bent = -float(top.curvature[index, index] + top.curvature[index, others] @ follow)
+    stride = NORMAL * min(max(bent, 1.0) ** -0.5, 1.0)
+
+    def drop(value: float) -> float:
+        nonlocal rest, last
+        height, rest = profile(value, rest + (value - last) * follow)
+        last = value
+        return max(top.height - height, 0.0)
+
+    outside, beyond = inside, 0.0
+    while beyond < DROP:
+        if side * (outside - border) >= 0.0:
+            return border, rest, False
+        inside, fallen, stride = outside, beyond, stride * (_WIDENING if outside != inside else 1.0)
+        outside = side * min(side * inside + stride, side * border)
+        beyond = drop(outside)
+    middle, between = outside, beyond
+    for _ in range(_STEPS):
+        if abs(between - DROP) < 1e-3:
+            break
+        share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(beyond) - math.sqrt(fallen))
+        middle = inside + min(max(share, _MARGIN), 1.0 - _MARGIN) * (outside - inside)
+        between = drop(middle)
+        if between < DROP:
+            inside, fallen = middle, between
+        else:
+            outside, beyond = middle, between
+    return middle, rest, True
 
 
 # Where the search begins: r of each sensor and q from the variances of differences.
@@ -342,17 +435,13 @@ def starting_gains(data: Readings, z: Array, gained: Indices, gauge: int) -> Arr
 def _noises(z: Array, steps: Array) -> list[Array]:
     """Guesses of r: half the steps, what differs between sensors split among them, and each one nearly exact."""
     sensors = len(steps)
-    pairs: list[Array] = []
-    sums: list[float] = []
-    for i in range(sensors):
-        for j in range(i):
-            moves = np.diff(z[:, i] - z[:, j])
-            moves = moves[np.isfinite(moves)]
-            if len(moves) >= _MIN_PAIRS:
-                row = np.zeros(sensors)
-                row[[i, j]] = 1.0
-                pairs.append(row)
-                sums.append(0.5 * float(np.mean(moves**2)))
+    pairs, sums = list[Array](), list[float]()
+    for i, j in combinations(range(sensors), 2):
+        moves = np.diff(z[:, i] - z[:, j])
+        moves = moves[np.isfinite(moves)]
+        if len(moves) >= _MIN_PAIRS:
+            pairs.append(np.isin(np.arange(sensors), (i, j)).astype(np.float64))
+            sums.append(0.5 * float(np.mean(moves**2)))
     guesses = [0.25 * steps]
     if not pairs:
         return guesses
@@ -400,6 +489,11 @@ class FitOptions:
     gained: Indices
     """The sensors whose gain is searched."""
 
+    @staticmethod
+    def of_all(sensors: int, keeps: bool) -> FitOptions:
+        """All r, none known, and no gain."""
+        return FitOptions(np.full(sensors, math.nan), np.zeros(sensors), keeps, np.empty(0, np.intp))
+
 
 @dataclass(frozen=True)
 class SensorFit:
@@ -411,10 +505,6 @@ class SensorFit:
     """The top in these coordinates."""
     place: Place
     """The parameters there."""
-    low: Array
-    """Lower bounds of the coordinates."""
-    high: Array
-    """Upper bounds."""
 
     @property
     def keeps(self) -> bool:
@@ -466,13 +556,31 @@ def coordinates_of(data: Readings, options: FitOptions, place: Place) -> Coordin
 
 def top_of(coordinates: Coordinates, start: Array, low: Array, high: Array, least: float = LEAST) -> SensorFit:
     """The top of the likelihood in these coordinates."""
+    top = climb(_likelihood(coordinates, high), start, low, high, least)
+    return SensorFit(coordinates, top, coordinates.place(top.at))
 
-    def function(at: Array) -> tuple[float, Array]:
-        place = coordinates.place(at)
-        return place.loglik, coordinates.slope(place)
 
-    top = climb(function, start, low, high, least)
-    return SensorFit(coordinates, top, coordinates.place(top.at), low, high)
+def _likelihood(coordinates: Coordinates, high: Array, held: int | None = None, value: float = 0.0) -> Function:
+    """The log-likelihood over the coordinates, or over all but the one that is held at a value."""
+    others = np.arange(len(high)) != (-1 if held is None else held)
+
+    def function(at: Array) -> Local:
+        place = coordinates.place(at if held is None else np.insert(at, held, value))
+        slope = coordinates.slope(place)[others]
+
+        def curvature() -> Array:
+            """By slopes beside the place: so the top is as good as the slopes are."""
+            rows = np.empty((len(at), len(at)))
+            for i in range(len(at)):
+                side = BESIDE if at[i] + BESIDE <= high[others][i] else -BESIDE
+                beside = at.copy()
+                beside[i] += side
+                rows[i] = (function(beside)[1] - slope) / side
+            return np.nan_to_num(0.5 * (rows + rows.T))
+
+        return place.loglik, slope, curvature
+
+    return function
 
 
 def bounds(coordinates: Coordinates, floor: Array) -> tuple[Array, Array]:
@@ -507,35 +615,13 @@ def _edges(data: Readings, options: FitOptions, best: Place) -> list[Place]:
 # What a record allows: 95 % intervals of the variances, from the curvature or, where that is weak, the profile.
 
 
-NORMAL = math.sqrt(2.0 * DROP)
-"""Standard errors from the middle to the end of a 95 % interval, 1.96."""
-SURE = 0.1
-"""Standard error of the logarithm of a variance up to which its likelihood is as good as normal."""
-_FINE = 1e-4
-"""Rise of the likelihood that matters for the end of an interval."""
-_CLIMB = 10
-"""Steps of the other parameters towards their best; they start where they were a little further inside."""
-
-
-def covariance(fit: SensorFit) -> Array:
-    """Covariance of the coordinates at the top; a coordinate at a bound or without curvature has variance inf."""
-    size = len(fit.top.at)
-    full = np.diag(np.full(size, math.inf))
-    inner = (fit.top.at > fit.low) & (fit.top.at < fit.high)
-    information = -fit.top.curvature[np.ix_(inner, inner)]
-    if inner.any() and np.all(np.linalg.eigvalsh(information) > 1e-9):
-        full[np.ix_(inner, inner)] = np.linalg.inv(information)
-    return full
-
-
 def noise_interval(fit: SensorFit, options: FitOptions, sensor: int) -> tuple[float, float]:
     """The r of one sensor that the record allows, in scale²."""
-    place, known = fit.place, float(options.known[sensor])
+    known = float(options.known[sensor])
     if not math.isnan(known):
         return known, known
-    if place.r[sensor] == 0.0:
-        r = np.where(np.arange(len(place.r)) == sensor, _guess(float(place.by_r[sensor]), fit), place.r)
-        return 0.0, _upper_end(fit, options, place.q, r, FIRST_NOISE + sensor)
+    if fit.place.r[sensor] == 0.0:
+        return 0.0, _upper_end(fit, options, FIRST_NOISE + sensor)
     low, high = _interval(fit, FIRST_NOISE + sensor)
     return max(low, float(options.floor[sensor])), high
 
@@ -544,13 +630,13 @@ def movement_interval(fit: SensorFit, options: FitOptions) -> tuple[float, float
     """The q that the record allows, in scale²."""
     place = fit.place
     if place.q == 0.0:
-        return 0.0, _upper_end(fit, options, _guess(place.by_q, fit), place.r, STEP)
+        return 0.0, _upper_end(fit, options, STEP)
     if not fit.keeps:
-        step = step_of(place.tau)
+        step = step_variance(place.tau)
         low, high = _interval(fit, STEP)
         return low / step, high / step
     slope = np.array([1.0, -log_step_slope(place.tau)])
-    variance = float(slope @ covariance(fit)[:2, :2] @ slope)
+    variance = float(slope @ fit.top.covariance[:2, :2] @ slope)
     error = NORMAL * math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else math.inf
     return place.q * math.exp(-error), place.q * (math.exp(error) if error < 700.0 else math.inf)
 
@@ -563,51 +649,37 @@ def momentum_interval(fit: SensorFit) -> tuple[float, float]:
 def _interval(fit: SensorFit, parameter: int) -> tuple[float, float]:
     """The ends of a parameter; 0 and inf beyond the bounds of the search."""
     index = fit.coordinates.index(parameter)
-    at, error = float(fit.top.at[index]), math.sqrt(float(covariance(fit)[index, index]))
+    at, error = float(fit.top.at[index]), fit.top.error(index)
     if error <= SURE:
         return math.exp(at - NORMAL * error), math.exp(at + NORMAL * error)
-    return _end(fit, index, -1.0, error), _end(fit, index, 1.0, error)
+    return _end(fit, index, -1.0), _end(fit, index, 1.0)
 
 
-def _guess(slope: float, fit: SensorFit) -> float:
-    """A variance whose likelihood is not yet much lower than at the edge where it is 0."""
-    least = math.exp(float(fit.low.min()) + 1.0) if len(fit.low) else 1e-18
-    return max(0.01 * DROP / max(-slope, 1e-300), least) if slope < 0.0 else least
-
-
-def _upper_end(fit: SensorFit, options: FitOptions, q: float, r: Array, parameter: int) -> float:
-    """The largest value of a variance that is 0 at the top; its guess in q or r is above 0."""
-    edge = place_at(fit.coordinates.data, q, fit.place.tau, r, fit.place.c)
+def _upper_end(fit: SensorFit, options: FitOptions, parameter: int) -> float:
+    """The largest value of a variance that is 0 at the top, from one on whose likelihood is not much lower yet."""
+    place, low = fit.place, fit.top.low
+    row, slopes = np.append(place.q, place.r), np.append(place.by_q, place.by_r)
+    index = max(parameter - FIRST_NOISE + 1, 0)
+    guess = math.exp(float(low.min()) + 1.0) if len(low) else 1e-18
+    if slopes[index] < 0.0:
+        guess = max(0.01 * DROP / max(-float(slopes[index]), 1e-300), guess)
+    row[index] = guess
+    edge = place_at(fit.coordinates.data, float(row[0]), place.tau, row[1:], place.c)
     coordinates = coordinates_of(fit.coordinates.data, replace(options, keeps=fit.keeps), edge)
     low, high = bounds(coordinates, options.floor)
-    top = replace(fit.top, at=np.clip(coordinates.start(), low, high))
-    return _end(SensorFit(coordinates, top, edge, low, high), coordinates.index(parameter), 1.0, 1.0)
+    at, flat = np.clip(coordinates.start(), low, high), np.zeros((len(low), len(low)))
+    top = Top(at, fit.top.height, flat, low, high)
+    return _end(SensorFit(coordinates, top, edge), coordinates.index(parameter), 1.0)
 
 
-def _end(fit: SensorFit, index: int, side: float, error: float) -> float:
+def _end(fit: SensorFit, index: int, side: float) -> float:
     """Where the likelihood has fallen to the mark; 0 or inf beyond the bounds."""
-    stride = side * (NORMAL * min(max(error, SURE), 1.0) if math.isfinite(error) else 1.0)
-    start, border = float(fit.top.at[index]), float((fit.low if side < 0.0 else fit.high)[index])
-    if side * (start - border) >= 0.0:
-        return math.exp(side * math.inf)
-    others, beside = np.arange(len(fit.top.at)) != index, fit.top.at
+    others = np.arange(len(fit.top.at)) != index
+    low, high = fit.top.low[others], fit.top.high[others]
 
-    def drop(value: float) -> tuple[float, Array]:
-        """How far the likelihood falls where the coordinate has this value and the others follow."""
-        nonlocal beside
-        at = beside.copy()
-        at[index] = value
+    def profile(value: float, rest: Array) -> tuple[float, Array]:
+        top = climb(_likelihood(fit.coordinates, fit.top.high, index, value), rest, low, high, FINE, FINE_STEPS)
+        return top.height, top.at
 
-        def function(rest: Array) -> tuple[float, Array]:
-            at[others] = rest
-            place = fit.coordinates.place(at)
-            return place.loglik, fit.coordinates.slope(place)[others]
-
-        top = climb(function, beside[others], fit.low[others], fit.high[others], _FINE, _CLIMB)
-        at[others] = top.at
-        fallen = fit.top.height - top.height
-        beside = at if fallen < DROP else beside
-        return fallen, at
-
-    end, _, crossed = interval_end(drop, start, stride, border, widening=1.7, margin=0.05, halving=99)
+    end, _, crossed = interval_end(fit.top, profile, index, side)
     return math.exp(end if crossed else side * math.inf)

@@ -42,7 +42,7 @@ def estimate(
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
         method: "ml" maximum likelihood (recommended), or for comparison: "moments" of the differences,
-            "als" correlations of the innovations, "allan" variance.
+            "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.

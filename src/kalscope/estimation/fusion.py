@@ -15,27 +15,10 @@ from kalscope.common.numbers import Array, Mask
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.common.text import count, gate_text, number, percent, plural
 from kalscope.errors import BadSetting
-from kalscope.estimation.climb import (
-    BESIDE,
-    NORMAL,
-    FitOptions,
-    Place,
-    Readings,
-    SensorFit,
-    best_fit,
-    climbed,
-    covariance,
-    guessed_noises,
-    momentum_interval,
-    movement_interval,
-    noise_interval,
-    place_at,
-    starting_gains,
-    starting_places,
-    step_of,
-    step_sizes,
-)
+from kalscope.estimation import climb
+from kalscope.estimation.climb import FitOptions, Place, Readings, SensorFit
 from kalscope.estimation.fit import checked_momentum, estimate
+from kalscope.estimation.many import above_zero_each
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.spikes import advised_gate, checked_robust, rounding_variance
@@ -129,26 +112,19 @@ def checked_record(
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
         raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
-    try:
-        known = np.full(sensors, math.nan) if known_r is None else np.array(known_r, dtype=np.float64)
-    except (TypeError, ValueError):
-        known = np.empty(0)
-    if known.shape != (sensors,) or np.any((known <= 0.0) | (known > MAX_VARIANCE)):
-        raise BadSetting(f"known_r must be one variance above 0 a sensor, or NaN (got {known_r})")
+    known = above_zero_each("known_r", known_r, sensors, missing=True)
+    known = np.full(sensors, math.nan) if known is None else known
     return SensorRecord(readings, steps_of(dt, n), given, _index(reference, given), known)
 
 
 def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:
     if reference is None:
         return None
-    if isinstance(reference, str) and reference in names:
-        return names.index(reference)
-    whole = isinstance(reference, int | np.integer) and not isinstance(reference, bool)
-    if whole and 0 <= int(reference) < len(names):
-        return int(reference)
-    raise BadSetting(
-        f"reference must be a sensor, its name or its index from 0 to {len(names) - 1} (got {reference!r})"
-    )
+    places = {key: i for i, name in enumerate(names) for key in (i, name)}
+    if isinstance(reference, bool) or reference not in places:
+        last = len(names) - 1
+        raise BadSetting(f"reference must be a sensor, its name or its index from 0 to {last} (got {reference!r})")
+    return places[reference]
 
 
 def _are_copies(first: Array, second: Array, gains: bool) -> bool:
@@ -184,18 +160,12 @@ def fused_signal(z: Array, place: Place, data: Readings, weights: Array) -> Arra
 
 
 def with_momentum(
-    record: SensorRecord,
-    data: Readings,
-    options: FitOptions,
-    plain: SensorFit,
-    tau: float | None,
-    progress: Progress,
+    record: SensorRecord, options: FitOptions, plain: SensorFit, tau: float | None, progress: Progress
 ) -> tuple[SensorFit, Estimate]:
     """The fit with momentum where it is given or the signal asks for it, and the fused signal's own estimate.
 
     Args:
         record: the record.
-        data: the same as readings.
         options: what is searched.
         plain: the fit without momentum.
         tau: the momentum that is given; None = find it.
@@ -205,19 +175,19 @@ def with_momentum(
     start = one.momentum if tau is None else tau
     if not start:
         return plain, one
-    place, fitted = plain.place, replace(options, keeps=tau is None)
-    least = _STILL * float(step_sizes(data).max()) / step_of(start)
+    place, data, fitted = plain.place, plain.coordinates.data, replace(options, keeps=tau is None)
+    least = _STILL * float(climb.step_sizes(data).max()) / climb.step_variance(start)
     step = one.q / data.scale**2 or place.q or least
     # none of the r that are searched so small that the search begins at an edge
     lifted = np.where(np.isnan(options.known), np.maximum(place.r, _EVEN * place.r.max()), place.r)
-    noises = [*guessed_noises(record.z, data, options, place.c), lifted]
-    starts = [place_at(data.middle(), step, start, noise, place.c) for noise in noises]
-    fit = best_fit(data, fitted, starts, progress.part(0.5, 1.0))
+    noises = [*climb.guessed_noises(record.z, data, options, place.c), lifted]
+    starts = [climb.place_at(data.middle(), step, start, noise, place.c) for noise in noises]
+    fit = climb.best_fit(data, fitted, starts, progress.part(0.5, 1.0))
     if tau is not None:
         return fit, one
     if fit.place.tau > data.span:  # the record cannot show how much longer than itself it is
-        cut = place_at(data, fit.place.q, data.span, fit.place.r, fit.place.c)
-        fit = climbed(data, options, cut)
+        cut = climb.place_at(data, fit.place.q, data.span, fit.place.r, fit.place.c)
+        fit = climb.climbed(data, options, cut)
     needed = MIN_GAIN + SHORT_RECORD / rows
     if 2.0 * (fit.place.loglik - place.loglik) <= needed:
         return plain, replace(one, momentum=0.0)
@@ -272,10 +242,9 @@ def shared_by_params(z: Array, steps: Array, params: FilterParams) -> Shared | N
         return None
     data = Readings.of(z, steps)
     unit = data.scale * data.scale
-    start = place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
-    free = np.full(data.sensors, math.nan)
-    options = FitOptions(free, np.zeros(data.sensors), params.momentum > 0.0, np.empty(0, np.intp))
-    return shared_noise(z, steps, climbed(data, options, start, FINE))
+    start = climb.place_at(data, params.q / unit, params.momentum, params.sensor_r / unit, params.gain)
+    options = FitOptions.of_all(data.sensors, params.momentum > 0.0)
+    return shared_noise(z, steps, climb.climbed(data, options, start, FINE))
 
 
 def shared_noise(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
@@ -318,13 +287,13 @@ def _shared_by_two(z: Array, steps: Array, fit: SensorFit, pair: tuple[int, ...]
         gain, r = np.append(gain, 1.0), np.append(r, 1.0 / weights.sum())
     if not np.isfinite(columns[-1]).any():
         return None
-    options = FitOptions(np.full(len(r), math.nan), np.zeros(len(r)), fit.keeps, np.empty(0, np.intp))
+    options = FitOptions.of_all(len(r), fit.keeps)
 
     def fitted(beta: float, q: float, noise: Array) -> Place:
         turned = np.stack([columns[0], columns[1] - beta * columns[0], *columns[2:]], axis=1)
         part = Readings.of(turned, steps, data.scale)
         gains = np.array([gain[0], gain[1] - beta * gain[0], *gain[2:]])
-        return climbed(part, options, place_at(part, q, place.tau, noise, gains), FINE).place
+        return climb.climbed(part, options, climb.place_at(part, q, place.tau, noise, gains), FINE).place
 
     def correlated(beta: float) -> tuple[float, float, Place]:
         one = fitted(beta, QUIET * place.q, np.maximum(r, EVEN * r.max()))
@@ -353,10 +322,10 @@ def _shared_by_all(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
     one = Readings.of(signal[:, None], steps)
     expected = data.scale**2 / float(np.sum(place.c**2 / place.r)) / one.scale**2
     step = place.q * data.scale**2 / one.scale**2
-    start = place_at(one, step, place.tau, np.array([expected]), np.ones(1))
-    options = FitOptions(np.array([expected]), np.zeros(1), False, np.empty(0, np.intp))
-    fixed = climbed(one, options, start).place
-    free = climbed(one, replace(options, known=np.array([math.nan])), fixed).place
+    start = climb.place_at(one, step, place.tau, np.array([expected]), np.ones(1))
+    options = FitOptions.of_all(1, False)
+    fixed = climb.climbed(one, replace(options, known=np.array([expected])), start).place
+    free = climb.climbed(one, options, fixed).place
     common = float(free.r[0] - expected) * one.scale**2 / data.scale**2
     least = np.sort(place.r / place.c**2)[:2]
     correlation = common / math.sqrt(float(np.prod(least + common))) if common > 0.0 else 0.0
@@ -364,10 +333,6 @@ def _shared_by_all(z: Array, steps: Array, fit: SensorFit) -> Shared | None:
 
 
 # From the top of the likelihood to an Estimate: units, offsets, gains, intervals, verdict and words.
-
-
-LITTLE = 0.01
-"""Share of the fused value below which a sensor adds almost nothing."""
 
 
 def listed(names: Sequence[str]) -> str:
@@ -385,21 +350,10 @@ def refused(record: SensorRecord, verdict: str, message: str) -> Estimate:
     sensors = len(record.names)
     none, wide = np.zeros(sensors), np.tile([0.0, math.inf], (sensors, 1))
     return Estimate(
-        names=record.names,
-        q=0.0,
-        r=none,
-        offset=none,
-        gain=np.ones(sensors),
-        q_interval=wide[0],
-        r_interval=wide,
-        offset_interval=np.tile([-math.inf, math.inf], (sensors, 1)),
-        gain_interval=np.ones((sensors, 2)),
-        loglik=0.0,
-        outliers=np.zeros(record.z.shape, bool),
-        verdict=verdict,
-        message=message,
-        params=None,
-    )
+        names=record.names, q=0.0, r=none, loglik=0.0, verdict=verdict, message=message, params=None,
+        outliers=np.zeros(record.z.shape, bool), offset=none, gain=np.ones(sensors), q_interval=wide[0],
+        r_interval=wide, offset_interval=wide - wide[:, ::-1], sensor_gain_interval=np.ones((sensors, 2)),
+    )  # fmt: skip
 
 
 def conclude(
@@ -420,8 +374,8 @@ def conclude(
     offset, offset_interval = _offsets(record, fit)
     with np.errstate(over="ignore", under="ignore"):
         q, r = place.q * unit * stretch * stretch, place.r * unit
-        q_interval = np.array(movement_interval(fit, options)) * unit * stretch * stretch
-        r_interval = np.array([noise_interval(fit, options, i) for i in range(data.sensors)]) * unit
+        q_interval = np.array(climb.movement_interval(fit, options)) * unit * stretch * stretch
+        r_interval = np.array([climb.noise_interval(fit, options, i) for i in range(data.sensors)]) * unit
     if not all(MIN_VARIANCE < size <= MAX_VARIANCE for size in (q, *r) if size > 0.0):
         return refused(record, "bad_unit", BAD_UNIT)
     used_q = q if q > 0.0 else float(q_interval[1])
@@ -434,32 +388,17 @@ def conclude(
     kept = record.without(outliers).z
     shared = shared_noise(kept, record.steps, fit)
     verdict, message = _verdict(record, params, place.q, r, shared)
-    notes = [
-        *_model_notes(record, kept, fit, moving),
-        *_unsure(record, q, q_interval, r, r_interval),
-        *_sensor_notes(record, outliers, params, r, options.floor * unit),
-    ]
-    return Estimate(
-        names=record.names,
-        q=q,
-        momentum=place.tau,
-        r=r,
-        offset=offset,
-        gain=gain,
-        q_interval=q_interval,
-        r_interval=r_interval,
-        offset_interval=offset_interval,
-        gain_interval=gain_interval,
-        momentum_interval=momentum_interval(fit) if place.tau > 0.0 else (0.0, 0.0),
-        prediction_gain=0.0 if moving is None else moving.prediction_gain,
-        loglik=place.loglik,
-        outliers=outliers,
-        verdict=verdict,
-        message=message,
-        notes=tuple(notes),
-        params=params,
-        shared=shared,
+    notes = _model_notes(record, kept, fit, moving) + _sensor_notes(
+        record, outliers, params, r, options.floor * unit
     )
+    return Estimate(
+        names=record.names, q=q, r=r, momentum=place.tau, loglik=place.loglik, verdict=verdict, message=message,
+        params=params, offset=offset, gain=gain, q_interval=q_interval, r_interval=r_interval,
+        offset_interval=offset_interval, sensor_gain_interval=gain_interval,
+        momentum_interval=climb.momentum_interval(fit) if place.tau > 0.0 else (0.0, 0.0),
+        prediction_gain=0.0 if moving is None else moving.prediction_gain,
+        outliers=outliers, shared=shared, notes=tuple(notes),
+    )  # fmt: skip
 
 
 def _gains(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array, float]:
@@ -472,7 +411,7 @@ def _gains(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array, float]:
     stretch = float(np.exp(np.log(np.abs(gain)).mean())) if free else 1.0
     turned = np.eye(sensors) - (1.0 / sensors if free else 0.0)
     turned = turned[:, searched] / gain[searched]
-    error = _errors(turned, covariance(fit)[-len(searched) :, -len(searched) :])
+    error = _errors(turned, fit.top.covariance[-len(searched) :, -len(searched) :])
     shown = gain / stretch
     with np.errstate(over="ignore"):
         return shown, np.sort(shown[:, None] * np.exp(np.outer(error, [-1.0, 1.0])), axis=1), stretch
@@ -487,10 +426,10 @@ def _offsets(record: SensorRecord, fit: SensorFit) -> tuple[Array, Array]:
         slopes = np.empty((len(offset), len(searched)))
         for j in range(len(searched)):
             at = fit.top.at.copy()
-            at[j - len(searched)] += BESIDE
+            at[j - len(searched)] += climb.BESIDE
             beside, _ = _without_common(record, fit.coordinates.data, fit.coordinates.place(at))
-            slopes[:, j] = (beside - offset) / BESIDE
-        error = np.hypot(error, _errors(slopes, covariance(fit)[-len(searched) :, -len(searched) :]))
+            slopes[:, j] = (beside - offset) / climb.BESIDE
+        error = np.hypot(error, _errors(slopes, fit.top.covariance[-len(searched) :, -len(searched) :]))
     return offset, offset[:, None] + np.outer(error, [-1.0, 1.0])
 
 
@@ -508,7 +447,7 @@ def _errors(turned: Array, spread: Array) -> Array:
     known = np.where(lost | lost[:, None], 0.0, spread)
     variance = np.diag(turned @ known @ turned.T)
     unknown = (np.abs(turned[:, lost]) > 1e-12).any(axis=1)
-    return np.where(unknown, math.inf, NORMAL * np.sqrt(np.maximum(variance, 0.0)))
+    return np.where(unknown, math.inf, climb.NORMAL * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _verdict(
@@ -561,7 +500,7 @@ def _model_notes(record: SensorRecord, z: Array, fit: SensorFit, moving: Estimat
     if tau > 0.0 and not fit.keeps and (moving is None or moving.prediction_gain == 0.0):
         notes.append(f"The momentum of {plural(tau, 'sample')} was given.")
     elif tau > 0.0 and moving is not None:
-        low, high = momentum_interval(fit)
+        low, high = climb.momentum_interval(fit)
         span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
         notes.append(
             f"The quantity keeps its direction for about {number(tau)} samples ({span}): with this momentum the "
@@ -587,19 +526,10 @@ def _model_notes(record: SensorRecord, z: Array, fit: SensorFit, moving: Estimat
     return notes
 
 
-def _unsure(record: SensorRecord, q: float, q_interval: Array, r: Array, r_interval: Array) -> list[str]:
-    """The variances above 0 of which the record does not exclude that they are 0."""
-    names = ["q"] if q > 0.0 and q_interval[0] == 0.0 else []
-    lowest = zip(record.names, r, r_interval[:, 0], strict=True)
-    names += [f"the r of {name}" for name, size, low in lowest if size > 0.0 and low == 0.0]
-    verb = "is" if len(names) == 1 else "are"
-    return [f"The record does not exclude that {listed(names)} {verb} 0: record longer."] if names else []
-
-
 def _sensor_notes(record: SensorRecord, outliers: Mask, params: FilterParams, r: Array, floor: Array) -> list[str]:
     """What is to know of single sensors; `floor` is the variance of rounding of each, unit²."""
     notes: list[str] = []
-    for i, (name, share) in enumerate(zip(record.names, params.shares.tolist(), strict=True)):
+    for i, name in enumerate(record.names):
         readings = record.z[np.isfinite(record.z[:, i]), i]
         spikes, rows = int(outliers[:, i].sum()), held_for(readings)
         if spikes:
@@ -611,9 +541,6 @@ def _sensor_notes(record: SensorRecord, outliers: Mask, params: FilterParams, r:
                 "sensor: it counts that often, and the sensor seems far better than it is. Leave the repeated "
                 "cells empty."
             )
-        if share < LITTLE:
-            part = f"its share of the fused value is {percent(share)}"
-            notes.append(f"{name} adds almost nothing while the others answer: {part}.")
         if 0.0 < r[i] <= 1.0001 * floor[i]:
             size = f"r = {number(r[i])} is the variance of rounding, Δ²/12"
             notes.append(f"The noise of {name} is smaller than its steps: {size}.")
@@ -674,6 +601,12 @@ def slow_sensors(z: Array, fit: SensorFit) -> list[int]:
 # `estimate_fusion`: q, momentum, and the noise and offset of each of several sensors of one quantity.
 
 
+TOO_MANY = (
+    "Over 20 % of the readings of {} are predicted neither by those before nor by those after them: too many for "
+    "spikes. Check its wiring and its supply, leave it out, or switch the spike-proof fit off."
+)
+
+
 def estimate_fusion(
     z: ArrayLike,
     *,
@@ -728,15 +661,8 @@ def estimate_fusion(
         part = task.part(0.3 * i / len(record.names), 0.3 * (i + 1) / len(record.names))
         one = estimate(column, "ml", record.dt, part, part.cancelled, momentum, robust)
         if one.verdict == "too_many_outliers":
-            return refused(
-                record,
-                one.verdict,
-                f"Over 20 % of the readings of {record.names[i]} are predicted neither by those before nor by "
-                "those after them: too many for spikes. Check its wiring and its supply, leave it out, or switch "
-                "the spike-proof fit off.",
-            )
-        if one.outliers is not None:
-            outliers[:, i] = one.outliers
+            return refused(record, one.verdict, TOO_MANY.format(record.names[i]))
+        outliers[:, i] = False if one.outliers is None else one.outliers
     if len(record.names) > 1:  # what most of the sensors see at once belongs to the quantity
         outliers &= 2 * outliers.sum(axis=1, keepdims=True) <= np.isfinite(record.z).sum(axis=1, keepdims=True)
     fitted = _fitted(record.without(outliers), gains, tau, task.part(0.3, 0.9))
@@ -755,10 +681,10 @@ def _fitted(
     options = FitOptions(record.known / unit, np.where(np.isnan(record.known), floor, 0.0), False, gained)
     tried = [np.ones(data.sensors)]
     if gains:
-        tried.append(starting_gains(data, record.z, gained, record.gauge))
-    starts = [place for c in tried for place in starting_places(data, record.z, options, c)]
-    plain = best_fit(data, options, starts, progress.part(0.0, 0.5))
+        tried.append(climb.starting_gains(data, record.z, gained, record.gauge))
+    starts = [place for c in tried for place in climb.starting_places(data, record.z, options, c)]
+    plain = climb.best_fit(data, options, starts, progress.part(0.0, 0.5))
     if tau == 0.0 or (tau is None and plain.place.q == 0.0):
         return options, plain, None
-    fit, one = with_momentum(record, data, options, plain, tau, progress.part(0.5, 1.0))
+    fit, one = with_momentum(record, options, plain, tau, progress.part(0.5, 1.0))
     return options, fit, one

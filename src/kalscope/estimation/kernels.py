@@ -255,33 +255,6 @@ def squares_since(d: Array, gap: Array, starts: Whole, since: Whole, ratio: Arra
             errors[k, j] = math.sqrt(state[3 * lanes + j] / (stop - first)) if first < stop else math.nan
 
 
-# The compiled loops of the compared estimators, nothing else: lagged products, and innovations under a fixed gain.
-
-
-@compiled(fastmath={"contract", "reassoc"})
-def lagged_products(v: Array, sums: Array) -> None:
-    """Σ v(i) v(i + j) into `sums[j]`; numpy's dot would start threads for it, which wait for each other."""
-    for j in range(sums.shape[0]):
-        total = 0.0
-        for i in range(v.shape[0] - j):
-            total += v[i] * v[i + j]
-        sums[j] = total
-
-
-@compiled(plain=True)
-def fixed_gain_innovations(d: Array, gap: Array, gain: float, warm_up: int, out: Array) -> None:
-    """Innovations v' = d + (1 − gain) v of the filter with a fixed gain; NaN for `warm_up` samples after a gap."""
-    v, left = 0.0, warm_up
-    for i in range(d.shape[0]):
-        if gap.shape[0] > 0 and gap[i] != 1.0:
-            v, left = 0.0, warm_up
-            out[i] = math.nan
-            continue
-        v = d[i] + (1.0 - gain) * v
-        out[i] = math.nan if left > 0 else v
-        left -= 1
-
-
 # The compiled loops of the likelihood with momentum, nothing else: many triples (q, r, τ) over one channel.
 #
 # Each triple is a lane of the filter with momentum, with the exact diffuse start. As without momentum it is carried

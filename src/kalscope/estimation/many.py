@@ -14,6 +14,7 @@ from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
+from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import (
     MAX_FACTOR,
     checked_momentum,
@@ -35,7 +36,7 @@ from kalscope.estimation.spikes import (
     repeats,
     unpredicted,
 )
-from kalscope.estimation.verdict import MIN_VARIANCE
+from kalscope.estimation.verdict import MIN_VARIANCE, gain_of, lag_of
 from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 # EstimateTable: what was found in each of many series, one array a quantity.
@@ -108,42 +109,22 @@ class EstimateTable:
     @property
     def gain(self) -> Array:
         """Steady gain without momentum, 0 … 1."""
-        return gains_of(self.ratio)
+        return gain_of(self.ratio)
 
     @property
     def lag_samples(self) -> Array:
         """Lag on a ramp without momentum, samples, 0 … inf."""
-        return lags_of(self.ratio)
+        return lag_of(self.ratio)
 
     @property
     def gain_interval(self) -> tuple[Array, Array]:
         """The steady gains that the record allows, without momentum."""
-        return gains_of(self.ratio_interval[0]), gains_of(self.ratio_interval[1])
+        return gain_of(self.ratio_interval[0]), gain_of(self.ratio_interval[1])
 
     @property
     def lag_interval(self) -> tuple[Array, Array]:
         """The lags that the record allows, without momentum, samples, the short one first."""
-        return lags_of(self.ratio_interval[1]), lags_of(self.ratio_interval[0])
-
-
-def gains_of(ratio: Array) -> Array:
-    """Steady gain of λ = 0 … inf: 2/(1 + √(1 + 4/λ))."""
-    with np.errstate(divide="ignore"):
-        return 2.0 / (1.0 + np.hypot(1.0, 2.0 / np.sqrt(ratio)))
-
-
-def lags_of(ratio: Array) -> Array:
-    """Lag on a ramp in samples of λ = 0 … inf, (1 − K)/K without cancellation."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        half = 2.0 / np.sqrt(ratio)
-        return np.where(ratio > 0.0, 0.5 * half * (half / (np.hypot(1.0, half) + 1.0)), np.inf)
-
-
-def reductions_of(ratio: Array) -> Array:
-    """White noise in to out of λ = 0 … inf, dB: −10·log10(K/(2 − K))."""
-    gain = gains_of(ratio)
-    with np.errstate(divide="ignore"):
-        return 10.0 * np.log10((2.0 - gain) / gain)
+        return lag_of(self.ratio_interval[1]), lag_of(self.ratio_interval[0])
 
 
 # Many series in one piece of memory: what every compiled loop over a fleet takes.
@@ -225,15 +206,15 @@ def _writeable(array: Any) -> Any:
     return array if array.flags.writeable else array.copy()
 
 
-def above_zero_each(name: str, value: ArrayLike | None, count: int) -> Array | None:
-    """One number above 0 a series, shape (count,), of one for all or one each; None for None."""
+def above_zero_each(name: str, value: ArrayLike | None, count: int, missing: bool = False) -> Array | None:
+    """One number above 0 each, shape (count,), of one for all or one each, NaN if `missing`; None for None."""
     if value is None:
         return None
     try:
         array: Array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
     except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be one number, or one a series, {count} (got something else)") from None
-    if count and not (array.min() > 0.0 and array.max() <= MAX_VARIANCE):
+        raise BadSetting(f"{name} must be one number, or {count}, one each (got {value})") from None
+    if np.any(~((array > 0.0) & (array <= MAX_VARIANCE)) & ~(missing & np.isnan(array))):
         raise BadSetting(f"{name} must be finite and above 0 (got {array.min():g} to {array.max():g})")
     return array
 
@@ -320,9 +301,6 @@ def spike_free(many: Series, fit: Fit) -> Mask:
 EQUAL = 1e-6
 """Relative difference between the q/r of two fits that are the same."""
 
-NORMAL = 1.9599639845400545
-"""Standard errors from an estimate to the end of its 95 % interval."""
-
 _AT_ONCE, SEARCHED = 4_000_000, 500_000
 """Samples between two reports of progress, a fraction of a second, and of one search, which stay in the cache."""
 
@@ -330,8 +308,11 @@ OK, FLAT, NO_NOISE, NO_MOVEMENT, TOO_FEW, CONSTANT, BAD_UNIT, HOLDS_INF, BAD_STE
 _OF_DEFECT = np.array([OK, TOO_FEW, CONSTANT, HOLDS_INF, BAD_STEPS], np.uint8)
 """Verdicts by their places in VERDICTS, and those of the defects of `kernels.take_apart`."""
 
-Q, R, Q_SE, R_SE, LOGLIK, LOW, HIGH, Q_LOW, Q_HIGH, R_LOW, R_HIGH = range(11)
+Q, R, Q_SE, R_SE, LOGLIK, LOW, HIGH, Q_LOW, Q_HIGH, R_LOW, R_HIGH, TAU, TAU_LOW, TAU_HIGH, SPIKES, GATE = range(16)
 """The rows of numbers."""
+_NOTHING = np.zeros((16, 1))
+_NOTHING[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH, GATE]] = math.inf
+"""Those of a series that cannot be fitted."""
 
 
 @dataclass(frozen=True)
@@ -340,6 +321,11 @@ class Known:
 
     r: Array | None = None
     ratio: Array | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether something is known."""
+        return self.r is not None or self.ratio is not None
 
     def some(self, rows: Indices | slice) -> Known:
         """That of some of the series."""
@@ -355,16 +341,11 @@ def fit_plain(
     """Fit each series up to one of `stops`, indices into the values, shape (series,).
 
     Returns:
-        The rows of numbers, shape (11, series); the verdicts as places in VERDICTS; the finite samples; whether
+        The rows of numbers, shape (16, series); the verdicts as places in VERDICTS; the finite samples; whether
         readings repeat.
     """
-    numbers = np.zeros((11, len(many)))
-    numbers[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH]] = math.inf
-    codes, samples, stepped = (
-        np.empty(len(many), np.uint8),
-        np.empty(len(many), np.intp),
-        np.empty(len(many), np.bool_),
-    )
+    numbers, codes = np.tile(_NOTHING, len(many)), np.empty(len(many), np.uint8)
+    samples, stepped = np.empty(len(many), np.intp), np.empty(len(many), np.bool_)
     for first, stop in many.parts(SEARCHED):
         here = slice(first, stop)
         data, samples[here], changes, defects = take_apart(
@@ -374,7 +355,7 @@ def fit_plain(
         chosen = np.flatnonzero(defects == kernels.GOOD)
         if len(chosen):
             rows = first + chosen
-            numbers[:, rows], codes[rows] = _fit(data.only(chosen), known.some(rows))
+            numbers[:TAU, rows], codes[rows] = _fit(data.only(chosen), known.some(rows))
         stepped[here] = shows_steps(changes, samples[here] - 1) & (codes[here] <= NO_NOISE)
     return numbers, codes, samples, stepped
 
@@ -419,9 +400,7 @@ def _fit(data: Records, known: Known) -> tuple[Array, NDArray[np.uint8]]:
     numbers = np.stack([*sizes[:4], np.where(walk, at_infinity, loglik), low, high, *sizes[4:]])
     flat = np.isneginf(peaks.low) & np.isposinf(peaks.high)
     codes = np.select([~fits, r == 0.0, q == 0.0, flat], [BAD_UNIT, NO_NOISE, NO_MOVEMENT, FLAT], OK)
-    least = np.zeros((11, 1))
-    least[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH]] = math.inf
-    return np.where(fits, numbers, least), codes.astype(np.uint8)
+    return np.where(fits, numbers, _NOTHING[:TAU]), codes.astype(np.uint8)
 
 
 def _apart(value: Array, end: Array, wide: Array) -> Array:
@@ -471,7 +450,7 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
         return wald
     # The spike-proof fit corrects r for the good samples that its rule removes.
     factor = 1.0 if one.method == "fixed_r" else one.r / found[R]
-    low, high, r_low, r_high = (factor * found[Q_LOW:]).tolist()
+    low, high, r_low, r_high = (factor * found[Q_LOW:TAU]).tolist()
     return low, high, r_low, r_high
 
 
@@ -525,57 +504,56 @@ def estimate_many(
     Source: as `estimate`.
     """
     many = series_of(series, dt)
-    k, tau, wanted = len(many), checked_momentum(momentum, "ml"), checked_robust(robust)
-    if r is not None and ratio is not None:
-        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
+    k, tau, always = len(many), checked_momentum(momentum, "ml"), checked_robust(robust)
     known = Known(above_zero_each("r", r, k), above_zero_each("ratio", ratio, k))
-    if (r is not None or ratio is not None) and tau != 0.0:
+    if known.r is not None and known.ratio is not None:
+        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
+    if known.any and tau != 0.0:
         raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
-
-    def alone(i: int) -> Estimate:
-        z, steps = many.one(i)
-        dt = steps if len(steps) else None
-        if known.r is not None:
-            return estimate_fixed_r(z, float(known.r[i]), dt, robust)
-        if known.ratio is not None:
-            return estimate_fixed_ratio(z, float(known.ratio[i]), dt, robust)
-        return estimate(z, dt=dt, momentum=momentum, robust=robust)
-
-    report = Progress(progress, cancelled)
-    numbers, codes, samples = np.empty((11, k)), np.empty(k, np.uint8), np.empty(k, np.intp)
-    taus, spikes, gate, set_aside = np.zeros((3, k)), np.zeros(k, np.intp), np.full(k, math.inf), list[Indices]()
+    report, set_aside = Progress(progress, cancelled), [np.empty(0, np.intp)]
+    numbers, codes, samples = np.empty((16, k)), np.empty(k, np.uint8), np.empty(k, np.intp)
     report(0.0, "fit")
-    together = tau == 0.0 and wanted is not True
+    together = tau == 0.0 and always is not True
     for first, stop in many.parts(_AT_ONCE if together else 1):
         here, some = slice(first, stop), many.between(first, stop)
         numbers[:, here], codes[here], samples[here], again = fit_plain(some, some.starts[1:], known.some(here))
         if not together:
             again = codes[here] < TOO_FEW
-        elif wanted is None:
+        elif always is None:
             again |= _spiky(some, numbers[:, here], again, known.some(here))
-        elif r is not None or ratio is not None:
+        elif known.any:
             again[:] = False
         for i in (first + np.flatnonzero(again)).tolist():
             z, steps = many.one(i)
-            if together and wanted is False and not may_be_below_resolution(z, float(numbers[R, i])):
+            if together and always is False and not may_be_below_resolution(z, float(numbers[R, i])):
                 continue
-            one = alone(i)
-            ends = pair_intervals(one, z, steps)
-            numbers[:, i] = (one.q, one.r, one.q_se, one.r_se, one.loglik, *one.ratio_interval, *ends)
-            codes[i] = VERDICTS.index(one.verdict)
-            taus[:, i] = (one.momentum, *one.momentum_interval)
-            gate[i] = math.inf if one.gate is None else one.gate
-            if one.outliers is not None:
-                away = np.flatnonzero(one.outliers)
-                spikes[i] = len(away)
-                set_aside.append(int(many.starts[i]) + away)
+            one = _alone(z, steps, known.some(slice(i, i + 1)), momentum, robust)
+            numbers[:, i], codes[i] = _row(one, z, steps), VERDICTS.index(one.verdict)
+            set_aside += [int(many.starts[i]) + rows for rows in one.spikes]
         report(stop / max(k, 1), "fit")
-    q, r_found, q_se, r_se, loglik, *ends = numbers
+    q, r_found, q_se, r_se, loglik, low, high, q_low, q_high, r_low, r_high, *rest = numbers
+    taus, tau_low, tau_high, spikes, gate = rest
     return EstimateTable(
-        q, r_found, q_se, r_se, loglik, (ends[0], ends[1]), (ends[2], ends[3]), (ends[4], ends[5]),
-        codes, samples, taus[0], (taus[1], taus[2]), spikes, gate,
-        np.concatenate([np.empty(0, np.intp), *set_aside]),
+        q, r_found, q_se, r_se, loglik, (low, high), (q_low, q_high), (r_low, r_high), codes, samples,
+        taus, (tau_low, tau_high), spikes.astype(np.intp), gate, np.concatenate(set_aside),
     )  # fmt: skip
+
+
+def _alone(z: Array, steps: Array, known: Known, momentum: Any, robust: Any) -> Estimate:
+    """The estimate of one series."""
+    dt = steps if len(steps) else None
+    if known.r is not None:
+        return estimate_fixed_r(z, float(known.r[0]), dt, robust)
+    if known.ratio is not None:
+        return estimate_fixed_ratio(z, float(known.ratio[0]), dt, robust)
+    return estimate(z, dt=dt, momentum=momentum, robust=robust)
+
+
+def _row(one: Estimate, z: Array, steps: Array) -> tuple[float, ...]:
+    """The numbers of one series."""
+    spikes, gate = sum(map(len, one.spikes)), math.inf if one.gate is None else one.gate
+    ends = (*one.ratio_interval, *pair_intervals(one, z, steps))
+    return one.q, one.r, one.q_se, one.r_se, one.loglik, *ends, one.momentum, *one.momentum_interval, spikes, gate
 
 
 def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:

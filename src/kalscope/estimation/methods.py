@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import correlation
-from kalscope.estimation.kernels import fixed_gain_innovations, lagged_products
 from kalscope.estimation.likelihood import MAX_LOG_RATIO, ONE, Differences, Peak, find_top_near, search_records
 from kalscope.estimation.result import Pair
 
@@ -48,10 +47,14 @@ def fit_maximum_likelihood(data: Differences, peak: Peak) -> Pair:
     return Pair(q, r, q * q_error if q else math.inf, r * r_error)
 
 
+def logs_near(log_ratios: Array) -> Array:
+    """Each ln λ, and a small step before and after it, shape (k, 3), for `relative_errors`."""
+    return log_ratios[:, None] + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+
+
 def ratios_near(log_ratios: Array) -> Array:
-    """λ at each ln λ, and a small step before and after it, shape (k, 3), for `relative_errors`."""
-    near = log_ratios[:, None] + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
-    return np.exp(np.minimum(near, MAX_LOG_RATIO))
+    """The λ of `logs_near`."""
+    return np.exp(np.minimum(logs_near(log_ratios), MAX_LOG_RATIO))
 
 
 def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array | int) -> tuple[Array, Array]:
@@ -70,80 +73,6 @@ def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array |
     variance = np.divide(-1.0, curvature, out=np.full(len(slope), math.inf), where=curvature < 0.0)
     variance[np.isinf(log_ratios)] = 0.0
     return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
-
-
-# ALS: the autocovariances of a running filter's innovations, solved for q and r by least squares.
-#
-# With any fixed gain L the prediction error has variance P = (q + L²r)/(1 − (1 − L)²), and the innovations have
-# C₀ = P + r and C_j = (1 − L)^(j−1) [(1 − L)P − L r]: linear in q and r. All C_j vanish where L is the best gain.
-# Mehra (1970), IEEE Trans. Automatic Control 15(2); least squares after Odelson, Rajamani & Rawlings (2006).
-
-
-TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
-
-_NOTHING = 1e-12
-"""A variance this much smaller than the other is a rounded 0."""
-
-_ROUNDS = 5
-_GAINS = 0.02, 0.95
-"""Range of the fixed gain: below it forgets too slowly, above it is insensitive to r."""
-
-
-def fit_by_correlations(data: Differences) -> Pair:
-    """The pair from the innovations' autocovariances; the filter is re-tuned a few times."""
-    gain, pair = 0.3, None
-    for _ in range(_ROUNDS):
-        lags = max(4, math.ceil(3.0 / gain))
-        innovations = np.empty(data.m)
-        fixed_gain_innovations(data.d, data.gap, gain, lags + 1, innovations)
-        present = int(np.isfinite(innovations).sum())
-        if present < 3 * lags + 10:
-            break
-        pair = solve(_design(gain, lags), *_autocovariances(innovations, lags))
-        gain = min(max(_gain(pair.q, pair.r), _GAINS[0]), _GAINS[1])
-    if pair is None or pair.q == pair.r:  # no innovations, or only zeros: all changes are across gaps
-        return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
-    return pair
-
-
-def _design(gain: float, lags: int) -> Array:
-    """Rows C₀ … C_lags, columns q and r."""
-    kept = 1.0 - gain
-    per_q = 1.0 / (1.0 - kept * kept)
-    per_r = gain * gain * per_q
-    decay = kept ** np.arange(lags)
-    later = np.outer(decay, [kept * per_q, kept * per_r - gain])
-    return np.vstack([[per_q, per_r + 1.0], later])
-
-
-def _autocovariances(innovations: Array, lags: int) -> tuple[Array, Array]:
-    """C₀ … C_lags over the pairs that are both present, and their standard errors where v is nearly white."""
-    present = np.isfinite(innovations)
-    v, there = np.where(present, innovations, 0.0), present.astype(np.float64)
-    pairs, c = np.empty(lags + 1), np.empty(lags + 1)
-    lagged_products(there, pairs)
-    lagged_products(v, c)
-    pairs = pairs.clip(1.0)
-    c /= pairs
-    return c, max(c[0], 1e-100) * np.sqrt(np.where(np.arange(lags + 1) == 0, 2.0, 1.0) / pairs)
-
-
-def solve(design: Array, seen: Array, errors: Array) -> Pair:
-    """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
-    from scipy.optimize import nnls
-
-    weighted = design / errors[:, None]
-    q, r = nnls(weighted, seen / errors)[0]
-    covariance = np.linalg.pinv(weighted.T @ weighted)
-    q_se, r_se = np.sqrt(np.diag(covariance))
-    q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
-    return Pair(q, r, float(q_se), float(r_se))
-
-
-def _gain(q: float, r: float) -> float:
-    if q <= 0.0:
-        return 0.0
-    return 2.0 / (1.0 + math.sqrt(1.0 + 4.0 * r / q))
 
 
 # Moments of the differences: a quick estimate without a filter.
@@ -191,9 +120,8 @@ def what_differences_say(data: Differences) -> str:
 
 def _products(data: Differences) -> list[float]:
     """Mean products of differences 0, 1 and 2 apart, scale²."""
-    sums = np.zeros(3)
-    lagged_products(data.d, sums)
-    return (sums / (data.m - np.arange(3.0))).tolist()
+    d, m = data.d, data.m  # BLAS would start threads for it
+    return [float(np.einsum("i,i", d[j:], d[: m - j])) / (m - j) if j < m else 0.0 for j in range(3)]
 
 
 # Allan variance: averages over M samples, compared with the average before.
@@ -202,6 +130,10 @@ def _products(data: Differences) -> list[float]:
 # the noise falls with M, the movement rises, and the two slopes separate them.
 
 
+TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
+
+_NOTHING = 1e-12
+"""A variance this much smaller than the other is a rounded 0."""
 _ALLAN_ROUNDS = 3
 _CORRELATED = 1.5
 """Neighbouring octaves share samples: standard errors are widened by this."""
@@ -232,6 +164,18 @@ def fit_by_allan(data: Differences) -> Pair:
     return Pair(pair.q, pair.r, _CORRELATED * pair.q_se, _CORRELATED * pair.r_se)
 
 
+def solve(design: Array, seen: Array, errors: Array) -> Pair:
+    """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
+    from scipy.optimize import nnls
+
+    weighted = design / errors[:, None]
+    q, r = nnls(weighted, seen / errors)[0]
+    covariance = np.linalg.pinv(weighted.T @ weighted)
+    q_se, r_se = np.sqrt(np.diag(covariance))
+    q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
+    return Pair(q, r, float(q_se), float(r_se))
+
+
 def allan_variances(
     row: Array, there: NDArray[np.bool_], sizes: NDArray[np.int64] | None = None
 ) -> tuple[Array, Array, Array]:
@@ -259,10 +203,10 @@ def allan_variances(
 # The methods by their names, one way to call all of them.
 
 
-METHODS = ("ml", "moments", "als", "allan")
+METHODS = ("ml", "moments", "allan")
 """The methods of `estimate`, in the order in which `compare_methods` shows them."""
 
-QUICK = {"moments": fit_by_moments, "als": fit_by_correlations, "allan": fit_by_allan}
+QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
 """The methods that use other properties of the record than its likelihood: from the record to a pair."""
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import Chebyshev, chebyshev
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array
@@ -17,6 +17,18 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import number, percent
 from kalscope.estimation import kernels, methods
 from kalscope.estimation import verdict as verdict_words
+from kalscope.estimation.climb import (
+    FINE,
+    FINE_STEPS,
+    MIN_MOMENTUM,
+    NORMAL,
+    Function,
+    Local,
+    Top,
+    climb,
+    interval_end,
+    step_variance,
+)
 from kalscope.estimation.likelihood import (
     DEFAULT_LOG_RATIOS,
     DROP,
@@ -25,6 +37,7 @@ from kalscope.estimation.likelihood import (
     Profile,
     find_peak,
     grid_for,
+    loglik_of,
     profile_input,
     profile_of,
     walk_profile,
@@ -32,7 +45,6 @@ from kalscope.estimation.likelihood import (
 from kalscope.estimation.result import Estimate, MomentumFit
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.kernels import transition
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import SteadyState, steady_state
 
@@ -55,16 +67,18 @@ def moving_sums(data: Differences, q: Array, r: Array, tau: Array) -> tuple[Arra
 
 def concentrated(data: Differences, log_moves: Array, tau: Array) -> tuple[Array, Array]:
     """Log-likelihood of each ln(variance of one step / r), ∓inf allowed, and its best scale, in scale²."""
-    chi2, logdet = moving_sums(data, *pairs(log_moves, tau), tau)
+    q, r = pairs(log_moves, tau)
+    chi2, logdet = moving_sums(data, q, r, tau)
     loglik = data.from_sums(chi2, logdet)
     # Without noise two samples at one instant, s = 0, contradict each other.
     return np.where(np.isnan(loglik), -math.inf, loglik), chi2 / data.m
 
 
-def pairs(log_moves: Array, tau: Array) -> tuple[Array, Array]:
+def pairs(log_moves: Array, tau: Array) -> Array:
     """Q and r up to their scale, for each ln(variance of one step / r); exact at ∓inf."""
     with np.errstate(over="ignore"):
-        return 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+        q, r = 1.0 / (1.0 + np.exp(-log_moves)) / step_variances(tau), 1.0 / (1.0 + np.exp(log_moves))
+    return np.stack([q, r])
 
 
 def ratio_of(log_moves: float, tau: float) -> float:
@@ -74,15 +88,8 @@ def ratio_of(log_moves: float, tau: float) -> float:
 
 def step_variances(tau: Array) -> Array:
     """Variance of one step of the signal for q = 1, shape of `tau`."""
-    values = tau.tolist()
-    known = {value: step_variance(value) for value in set(values)}  # many lanes have one τ
-    return np.array([known[value] for value in values])
-
-
-def step_variance(tau: float) -> float:
-    """Variance of one step of the signal for q = 1."""
-    _, f, a, _, _ = transition(1.0, 1.0, tau)
-    return float(a + 0.5 * f * f / tau)
+    values, places = np.unique(tau, return_inverse=True)  # many lanes have one τ
+    return np.array([step_variance(value) for value in values.tolist()])[places]
 
 
 # The likelihood over λ = q/r for a given momentum.
@@ -130,15 +137,10 @@ def _sums(data: Differences, grid: Array, tau: float, step: float) -> tuple[Arra
     return chi2 * r, logdet - data.m * np.log(r)
 
 
-# The maximum of the likelihood over q, r and τ: a coarse table, then patches around its highest places.
+# The maximum of the likelihood over q, r and τ: a coarse table, then the climb from its highest places.
 #
-# The table is of a part of a long record: only its places are used, and the whole record decides between them. The
-# likelihood is smooth in ln(step variance / r) and in ln τ, so a polynomial through a small patch of points
-# replaces it there. The patch moves until its top lies inside, and then shrinks around the top.
+# The table is of a part of a long record: only its places are used, and the whole record decides between them.
 
-
-MIN_MOMENTUM = 0.1
-"""Shortest τ searched, in samples: a velocity that is forgotten faster cannot be distinguished from none."""
 
 HIGHEST = 24.0
 """Largest finite ln(step variance / r) searched: no noise, as far as a double can tell."""
@@ -149,56 +151,22 @@ _TABLE_STEP = 1.6
 """Step of the table in ln(step variance / r)."""
 _STRETCHES, _STRETCH = 8, 512
 """Stretches of a long record, and samples of each, that the table is made of."""
-_NODES = 4
-"""Points of a patch along each of the two: the lanes of the kernel."""
-_SIZES = 0.7, 0.15, 0.02
-"""Half the side of the patches, one after the other."""
-_MIDDLE = 0.03
-"""Share of the last patch in which its top must lie: only there it is exact to the fourth power of its size."""
-_REACH = 10.0
-"""Longest of Newton's steps from the middle of the last patch, in halves of its side: ridges are long."""
 _PLATEAU = 8.0
 """ln(step variance / r) from which the noise of a part of the record is too little to show where it is."""
 _MAX_PEAKS = 3
 """Local maxima of the table to examine."""
-_MAX_MOVES = 12
-"""Moves of a patch of one size."""
+_NEAR = 0.1
+"""Rise of a step of the climb from each of them, below which only the highest is climbed on from."""
 _FAR_FROM_EDGE = 1e4
 """Samples times (r / step variance)², about the loss of log-likelihood by r = 0, from which that is not tried."""
-_NODES_EDGE = 8
-"""Points of a curve along ln τ where r = 0."""
-_SIZES_EDGE = 0.7, 0.2, 0.05
-"""Half its length, one after the other."""
-_WIDE = 0.9
-"""Half the length that is searched first: one step of the table."""
 
-_NODES_1D = chebyshev.chebpts1(_NODES)
-_FROM_VALUES = chebyshev.chebvander(_NODES_1D, _NODES - 1).T * np.array([[1.0], [2.0], [2.0], [2.0]]) / _NODES
-"""The matrix that makes the coefficients of one variable from its values at the Chebyshev points."""
-_RAYS = np.linspace(-1.0, 1.0, 41)
-_ON_RAYS = chebyshev.chebvander(_RAYS, _NODES - 1)
-_RAYS_FINE = np.linspace(-1.0, 1.0, 2001)
-_PATCH = [part.ravel() for part in np.meshgrid(_NODES_1D, _NODES_1D, indexing="ij")]
-"""The points of a patch of half the side 1 around 0, each of the two in a row."""
-
-
-@dataclass(frozen=True)
-class Top:
-    """The best place of a likelihood, and the shape around it."""
-
-    log_tau: float
-    """ln τ."""
-    log_moves: float
-    """ln(step variance / r); inf for r = 0."""
-    loglik: float
-    """Log-likelihood there."""
-    curvature: Array
-    """Second derivatives of the log-likelihood by (ln τ, ln(step variance / r)), shape (2, 2); 0 at an edge."""
-
-    @property
-    def tau(self) -> float:
-        """τ in samples, within what the filter takes."""
-        return momentum_of(self.log_tau)
+_NODES = 0.02 * chebyshev.chebpts1(4)
+"""Points along each coordinate whose cubic polynomial stands for the likelihood near a place."""
+_DERIVATIVES = np.linalg.inv(np.vander(_NODES, increasing=True))[:3] * np.array([[1.0], [1.0], [2.0]])
+"""From the heights there to height, slope and curvature in the middle."""
+_LOW = np.array([math.log(MIN_MOMENTUM), -math.inf])
+_HIGH = np.array([math.log(MAX_MOMENTUM), HIGHEST])
+"""Bounds of ln τ and ln(step variance / r)."""
 
 
 def momentum_of(log_tau: float) -> float:
@@ -206,41 +174,77 @@ def momentum_of(log_tau: float) -> float:
     return min(math.exp(log_tau), MAX_MOMENTUM)
 
 
+def _likelihood(
+    data: Differences, progress: Progress, log_tau: float | None = None, log_moves: float | None = None
+) -> Function:
+    """The log-likelihood over (ln τ, ln(step variance / r)), or over one of the two where the other is given."""
+
+    def function(at: Array) -> Local:
+        progress(0.0, "likelihood around the best momentum")
+        axes = iter([place + _NODES for place in at.tolist()])
+        held = ([one] if one is not None else next(axes) for one in (log_tau, log_moves))
+        taus, moves = np.meshgrid(*held, indexing="ij")
+        h = concentrated(data, moves.ravel(), np.exp(taus.ravel()))[0].reshape(taus.shape)
+        if not np.isfinite(h).all():
+            return -math.inf, np.zeros(len(at)), lambda: np.zeros((len(at), len(at)))
+        h = h if log_tau is not None else _DERIVATIVES @ h
+        h = h if log_moves is not None else h @ _DERIVATIVES.T
+        if len(at) == 1:
+            _, slope, bend = h.ravel()
+            return float(h[0, 0]), np.array([slope]), lambda: np.array([[bend]])
+        bends = np.array([[h[2, 0], h[1, 1]], [h[1, 1], h[0, 2]]])
+        return float(h[0, 0]), np.array([h[1, 0], h[0, 1]]), lambda: bends
+
+    return function
+
+
 def search(data: Differences, progress: Progress) -> Top:
-    """The highest place over all τ and all ratios."""
+    """The highest place, (ln τ, ln(step variance / r)), over all τ and all ratios; ln inf for r = 0."""
     log_taus = np.linspace(math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM), _PLACES)
     progress(0.0, "likelihood over all momenta")
     rows = [ratios_for(data.m, log_tau) for log_tau in log_taus.tolist()]
     taus = np.exp(np.repeat(log_taus, [len(row) for row in rows]))
-    table, _ = concentrated(_part_of(data), np.concatenate(rows), taus)
-    progress(0.2, "likelihood over all momenta")
-    heights = np.split(table, np.cumsum([len(row) for row in rows])[:-1])
-    starts = _starts(log_taus, rows, heights)
-    for i, (log_tau, log_moves) in enumerate(starts):
-        if log_moves > _PLATEAU:
-            row = ratios_for(data.m, log_tau)
-            height, _ = concentrated(data, row, np.full(len(row), math.exp(log_tau)))
-            starts[i] = log_tau, float(row[int(np.argmax(height))])
-    inner = _climb(data, starts, progress.part(0.3, 0.8))
-    progress(0.8, "likelihood without noise")
+    part, progress = _part_of(data), progress.part(0.5, 0.5)
+    table, _ = concentrated(part, np.concatenate(rows), taus)
+    starts = _starts(log_taus, rows, np.split(table, np.cumsum([len(row) for row in rows])[:-1]))
+    nearer = [climb(_likelihood(part, progress), start, _LOW, _HIGH, _NEAR).at.round(1) for start in starts]
+    function = _likelihood(data, progress)
+    tops = [climb(function, _seen(data, at, progress), _LOW, _HIGH, _NEAR) for at in np.unique(nearer, axis=0)]
+    best = climb(function, max(tops, key=lambda one: one.height).at, _LOW, _HIGH)
     edge, _ = concentrated(data, np.full(_PLACES, math.inf), np.exp(log_taus))
     at = int(np.argmax(edge))
-    if _at_most(edge[max(at - 1, 0) : at + 2]) < inner.loglik:
-        return inner
-    return _without_noise(data, float(log_taus[at]), _WIDE, inner, progress.part(0.8, 1.0))
+    rise = edge[at] - edge[max(at - 1, 0) : at + 2].min() if edge[at] > -math.inf else 0.0
+    if edge[at] + rise + 1.0 < best.height:  # the curve between them is lower
+        return best
+    return _without_noise(data, float(log_taus[at]), best, progress)
 
 
-def climb(data: Differences, start: Top, progress: Progress) -> Top:
+def search_near(data: Differences, start: Top, progress: Progress) -> Top:
     """The highest place near that of almost the same record."""
-    near = start.log_tau, min(start.log_moves, HIGHEST)
-    inner, inside = _patch_top(data, *near, _SIZES[1])
-    if inside:
-        inner = _move(data, inner.log_tau, inner.log_moves, _SIZES[2], progress.part(0.1, 0.8))
-    else:
-        inner = _climb(data, [near], progress.part(0.1, 0.8))
-    if data.m * math.exp(-2.0 * inner.log_moves) > _FAR_FROM_EDGE:
+    progress = progress.part(0.5, 0.5)
+    inner = climb(_likelihood(data, progress), _seen(data, start.at, progress), _LOW, _HIGH, FINE)
+    if data.m * math.exp(-2.0 * float(inner.at[1])) > _FAR_FROM_EDGE:
         return inner
-    return _without_noise(data, start.log_tau, _SIZES_EDGE[0], inner, progress.part(0.8, 1.0))
+    return _without_noise(data, float(start.at[0]), inner, progress)
+
+
+def _seen(data: Differences, at: Array, progress: Progress) -> Array:
+    """A place where the likelihood shows the way to its top: one on the plateau without noise does not."""
+    if at[1] < _PLATEAU:
+        return at
+    progress(0.0, "likelihood over all ratios")
+    row = ratios_for(data.m, float(at[0]))
+    heights, _ = concentrated(data, row, np.full(len(row), math.exp(at[0])))
+    return np.array([at[0], row[int(np.argmax(heights))]])
+
+
+def _without_noise(data: Differences, log_tau: float, inner: Top, progress: Progress) -> Top:
+    """The best τ near one where r = 0, or `inner` if that is better."""
+    edge = climb(_likelihood(data, progress, log_moves=math.inf), np.array([log_tau]), _LOW[:1], _HIGH[:1])
+    slack = 1e-9 + 1e-12 * abs(inner.height)  # an inner maximum must exceed the rounding of the sums
+    if not edge.height >= inner.height - slack:
+        return inner
+    return Top(np.append(edge.at, math.inf), edge.height, np.pad(edge.curvature, (0, 1)), _LOW, _HIGH)
 
 
 def _part_of(data: Differences) -> Differences:
@@ -251,12 +255,6 @@ def _part_of(data: Differences) -> Differences:
     return data.parts((first, first + _STRETCH) for first in firsts)
 
 
-def _at_most(heights: Array) -> float:
-    """What the maximum between such heights of a smooth curve stays below."""
-    highest = float(heights.max())
-    return highest + (highest - float(heights.min())) + 1.0 if highest > -math.inf else highest
-
-
 def ratios_for(m: int, log_tau: float) -> Array:
     """The ln(step variance / r) of the table at one τ: from a lag beyond m samples to no noise."""
     log_m = math.log(m)
@@ -264,314 +262,83 @@ def ratios_for(m: int, log_tau: float) -> Array:
     return np.arange(HIGHEST, min(lowest, 0.0) - 4.0, -_TABLE_STEP)[::-1]
 
 
-def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[tuple[float, float]]:
+def _starts(log_taus: Array, rows: list[Array], heights: list[Array]) -> list[Array]:
     """The highest places of the table that top their row and the rows beside it."""
     best = [int(np.argmax(row)) for row in heights]
     tops = [-math.inf, *(float(row[at]) for row, at in zip(heights, best, strict=True)), -math.inf]
     peaks = [i for i in range(len(rows)) if tops[i] <= tops[i + 1] >= tops[i + 2]]
     peaks = sorted(peaks, key=lambda i: -tops[i + 1])[:_MAX_PEAKS]
-    return [(float(log_taus[i]), float(rows[i][best[i]])) for i in peaks]
-
-
-def _climb(data: Differences, starts: list[tuple[float, float]], progress: Progress) -> Top:
-    """The highest place near several starts: that of the highest large patch, refined step by step."""
-    count = len(starts) + len(_SIZES) - 1
-    parts = iter([progress.part(i / count, (i + 1) / count) for i in range(count)])
-    top = max((_move(data, *start, _SIZES[0], next(parts)) for start in starts), key=lambda one: one.loglik)
-    for size in _SIZES[1:]:
-        top = _move(data, top.log_tau, top.log_moves, size, next(parts))
-    return top
-
-
-def _move(data: Differences, log_tau: float, log_moves: float, size: float, progress: Progress) -> Top:
-    """The highest place that patches of one size come to."""
-    top, inside = _patch_top(data, log_tau, log_moves, size)
-    for moves in range(1, _MAX_MOVES):
-        progress.step(moves, "likelihood around the best momentum")
-        moved = abs(top.log_tau - log_tau) + abs(top.log_moves - log_moves)
-        if inside or moved < 1e-9:
-            break
-        log_tau, log_moves = top.log_tau, top.log_moves
-        top, inside = _patch_top(data, log_tau, log_moves, size)
-    return top
-
-
-def _patch_top(data: Differences, log_tau: float, log_moves: float, size: float) -> tuple[Top, bool]:
-    """The highest place of a patch, and whether it lies inside; the border of what is searched counts as inside."""
-    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
-    log_tau = min(max(log_tau, low + size), high - size)
-    log_moves = min(log_moves, HIGHEST - size)
-    t, y = _PATCH
-    height, _ = concentrated(data, log_moves + size * y, np.exp(log_tau + size * t))
-    shape = _FROM_VALUES @ height.reshape(_NODES, _NODES) @ _FROM_VALUES.T
-    last = size == _SIZES[-1]
-    at = _newton(_derivatives(shape, (0.0, 0.0))) if last else None
-    if at is None or not (low < log_tau + size * at[0] < high and log_moves + size * at[1] < HIGHEST):
-        at = _highest(shape)
-    place = log_tau + size * at[0], log_moves + size * at[1]
-    most = _MIDDLE if last else 0.98
-    inside = abs(at[0]) < most or not low + 0.05 * size < place[0] < high - 0.05 * size
-    inside = inside and (abs(at[1]) < most or place[1] > HIGHEST - 0.05 * size)
-    bent = _derivatives(shape, at)
-    curvature = np.array([[bent[2, 0], bent[1, 1]], [bent[1, 1], bent[0, 2]]]) / size**2
-    return Top(place[0], place[1], float(bent[0, 0]), curvature), inside
-
-
-def _newton(here: Array) -> tuple[float, float] | None:
-    """Newton's step from the derivatives of a place; None where they have no maximum within reach."""
-    a, b, c = float(here[2, 0]), float(here[1, 1]), float(here[0, 2])
-    if not (a < 0.0 and a * c > b * b):
-        return None
-    u, v, det = float(here[1, 0]), float(here[0, 1]), a * c - b * b
-    step = (b * v - c * u) / det, (b * u - a * v) / det
-    return step if max(abs(step[0]), abs(step[1])) < _REACH else None
-
-
-def _highest(shape: Array) -> tuple[float, float]:
-    """The top of the polynomial on the patch: the best of a fine grid, and Newton's steps from there."""
-    i, j = divmod(int(np.argmax(_ON_RAYS @ shape @ _ON_RAYS.T)), len(_RAYS))
-    at = float(_RAYS[i]), float(_RAYS[j])
-    here = _derivatives(shape, at)
-    for _ in range(6):
-        step = _newton(here)
-        beside = at if step is None else (at[0] + step[0], at[1] + step[1])
-        there = _derivatives(shape, beside)
-        if step is None or max(map(abs, beside)) > 1.0 or there[0, 0] < here[0, 0]:
-            break
-        at, here = beside, there
-    return at
-
-
-def _derivatives(shape: Array, at: tuple[float, float]) -> Array:
-    """The derivatives of the polynomial at a place, shape (3, 3): how often by ln τ, and by the other."""
-    one, other = (
-        np.array(
-            [
-                [1.0, x, 2.0 * x * x - 1.0, (4.0 * x * x - 3.0) * x],
-                [0.0, 1.0, 4.0 * x, 12.0 * x * x - 3.0],
-                [0.0, 0.0, 4.0, 24.0 * x],
-            ]
-        )
-        for x in at
-    )
-    return one @ shape @ other.T
-
-
-def _without_noise(data: Differences, log_tau: float, first: float, inner: Top, progress: Progress) -> Top:
-    """The best τ near one where r = 0, or `inner` if that is better; `first` is half the length searched first."""
-    low, high = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
-    nodes = chebyshev.chebpts1(_NODES_EDGE)
-    edge = np.full(len(nodes), math.inf)
-    top = Top(log_tau, math.inf, -math.inf, np.zeros((2, 2)))
-    for i, size in enumerate((first, *_SIZES_EDGE)):
-        progress(i / (len(_SIZES_EDGE) + 1), "likelihood without noise")
-        middle = min(max(top.log_tau, low + size), high - size)
-        places = middle + size * nodes
-        height, _ = concentrated(data, edge, np.exp(places))
-        if _at_most(height) < inner.loglik:
-            return inner
-        domain = [middle - size, middle + size]
-        curve = Chebyshev.fit(places, height, len(nodes) - 1, domain=domain)
-        fine = middle + size * _RAYS_FINE
-        at = float(fine[int(np.argmax(curve(fine)))])
-        bent = np.array([[float(curve.deriv(2)(at)), 0.0], [0.0, 0.0]])
-        top = Top(at, math.inf, float(curve(at)), bent)
-    slack = 1e-9 + 1e-12 * abs(inner.loglik)  # an inner maximum must exceed the rounding of the sums
-    return top if top.loglik >= inner.loglik - slack else inner
+    return [np.array([log_taus[i], rows[i][best[i]]]) for i in peaks]
 
 
 # Maximum likelihood of q and r, or of q alone, where the momentum is given: one search, as without momentum.
 
 
-_DERIVATIVE_STEP = 1e-3
-"""Step in ln(step variance / r) for the slope of the scale, which only feeds standard errors."""
+def _peak(data: Differences, tau: float, progress: Progress, r: float | None = None) -> Peak:
+    """The maximum over ln(step variance / r) of one τ > 0, with the best r or the one given, in scale²."""
+
+    def loglik(log_moves: Array) -> Array:
+        taus = np.full(len(log_moves), tau)
+        if r is None:
+            return concentrated(data, log_moves, taus)[0]
+        sums = moving_sums(data, np.exp(log_moves) / step_variance(tau), np.ones(len(taus)), taus)
+        return loglik_of(data.m, data.scale, *sums, r)
+
+    if r is None:
+        return find_peak(loglik, grid_for(data.m), float(loglik(np.array([math.inf]))[0]), progress)
+    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
+    return find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(r))), -math.inf, progress)
 
 
 def fit_at(data: Differences, tau: float, progress: Progress) -> MomentumFit:
     """The best q and r of one τ > 0."""
-
-    def loglik(log_moves: Array) -> Array:
-        return concentrated(data, log_moves, np.full(len(log_moves), tau))[0]
-
-    at_infinity = float(loglik(np.array([math.inf]))[0])
-    peak = find_peak(loglik, grid_for(data.m), at_infinity, progress)
-    near = peak.log_ratio + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
-    q, r = pairs(near, np.full(3, tau))
-    unit = concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
-    q, r = q * unit, r * unit
-    errors = [_relative_error(value, peak, data.m) for value in (q, r)]
-    low, high = (ratio_of(end, tau) for end in peak.interval)
-    return MomentumFit(
-        q=float(q[0]),
-        r=float(r[0]),
-        tau=tau,
-        loglik=peak.loglik,
-        q_se=float(q[0]) * errors[0] if q[0] > 0.0 else math.inf,
-        r_se=float(r[0]) * errors[1] if r[0] > 0.0 else math.inf,
-        tau_interval=(tau, tau),
-        region=((low, tau), (high, tau)),
-    )
+    peak = _peak(data, tau, progress)
+    near = methods.logs_near(np.array([peak.log_ratio]))[0]
+    q, r = pairs(near, np.full(3, tau)) * concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
+    shape = r if r.all() else np.ones(3)  # without noise the errors do not depend on it
+    place, curvature = np.array([peak.log_ratio]), np.array([peak.curvature])
+    (q_error,), (r_error,) = methods.relative_errors(place, curvature, shape[None], data.m)
+    errors = [value[0] * error if value[0] > 0.0 else math.inf for value, error in ((q, q_error), (r, r_error))]
+    return _fit_of(peak, tau, float(q[0]), float(r[0]), *map(float, errors))
 
 
 def fit_movement(data: Differences, tau: float, r: float, progress: Progress) -> MomentumFit:
     """The best q of one τ > 0 where r, unit², is known."""
-    scaled = r / data.scale / data.scale
-    constant = data.m * (math.log(2.0 * math.pi) + 2.0 * math.log(data.scale))
-
-    def loglik(log_moves: Array) -> Array:
-        q, size = np.exp(log_moves) * scaled / step_variance(tau), len(log_moves)
-        chi2, logdet = moving_sums(data, q, np.full(size, scaled), np.full(size, tau))
-        return -0.5 * (constant + logdet + chi2)
-
-    # a step can hardly vary by more than the largest squared difference (at most 1 in this scale)
-    peak = find_peak(loglik, grid_for(data.m, max(24.0, 4.0 - math.log(scaled))), -math.inf, progress)
-    low, high = (ratio_of(end, tau) for end in peak.interval)
+    peak = _peak(data, tau, progress, r / data.scale / data.scale)
     q = ratio_of(peak.log_ratio, tau) * r
-    return MomentumFit(
-        q=q,
-        r=r,
-        tau=tau,
-        loglik=peak.loglik,
-        q_se=q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf,
-        r_se=0.0,
-        tau_interval=(tau, tau),
-        region=((low, tau), (high, tau)),
-    )
+    return _fit_of(peak, tau, q, r, q / math.sqrt(-peak.curvature) if peak.curvature < 0.0 else math.inf, 0.0)
 
 
-def _relative_error(near: Array, peak: Peak, m: int) -> float:
-    """Standard error of ln of a variance, known at the peak and beside it; see `maximum_likelihood.fit`."""
-    if not math.isfinite(peak.log_ratio):
-        return math.sqrt(2.0 / m)
-    if not peak.curvature < 0.0:
-        return math.inf
-    slope = float(np.log(near[2] / near[1])) / (2.0 * _DERIVATIVE_STEP)
-    return math.sqrt(2.0 / m - slope * slope / peak.curvature)
+def _fit_of(peak: Peak, tau: float, q: float, r: float, q_se: float, r_se: float) -> MomentumFit:
+    low, high = ((ratio_of(end, tau), tau) for end in peak.interval)
+    return MomentumFit(q, r, tau, peak.loglik, q_se, r_se, (tau, tau), (low, high))
 
 
 # The momenta that a record allows: where the profile of the likelihood over τ falls below the 95 % mark.
 
 
-_INTERVAL_NODES = 7
-"""Points of the curve over ln(step variance / r); with the point r = 0 they fill the eight lanes of the kernel."""
-_SIZE = 1.0
-"""Half the stretch of that curve."""
-_INTERVAL_MAX_MOVES = 20
-"""Moves of the curve until its top lies inside."""
-_STEPS = 12
-"""Steps towards the end within its bracket."""
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class End:
-    """One end of the interval."""
-
-    tau: float
-    """The momentum, in samples."""
-    log_moves: float
-    """The best ln(step variance / r) there; inf for r = 0."""
-    crossed: bool
-    """Whether the likelihood falls below the mark there; False at the border of what is searched."""
-
-
-def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> End:
-    """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ."""
-    rest, start, bracketed = progress, top.log_moves, False  # of a number of steps that is not known
-
-    def drop(log_tau: float) -> tuple[float, float]:
-        nonlocal rest, start, bracketed
-        part, rest = rest.part(0.0, 0.2), rest.part(0.2, 1.0)
-        height, there = profile(data, log_tau, start, part)
-        bracketed = bracketed or top.loglik - height >= DROP
-        start = start if bracketed else there
-        return top.loglik - height, there
-
-    border, stride = math.log(MIN_MOMENTUM if side < 0.0 else MAX_MOMENTUM), side * _first_stride(top)
-    end = interval_end(drop, top.log_tau, stride, border, widening=1.6, margin=0.02, halving=3)
-    return End(momentum_of(end[0]), *end[1:])
-
-
-def profile(data: Differences, log_tau: float, log_moves: float, progress: Progress) -> tuple[float, float]:
-    """The highest log-likelihood of one τ, and its ln(step variance / r), searched from `log_moves` on."""
-    nodes = chebyshev.chebpts1(_INTERVAL_NODES)
-    fine = np.linspace(-1.0, 1.0, 401)
-    tau = np.full(_INTERVAL_NODES + 1, math.exp(log_tau))
-    best, place, at_edge = -math.inf, log_moves, -math.inf
-    for moves in range(_INTERVAL_MAX_MOVES):
-        progress.step(moves, "interval of the momentum")
-        middle = min(place, HIGHEST - _SIZE)
-        heights = concentrated(data, np.append(middle + _SIZE * nodes, math.inf), tau)[0]
-        at_edge = float(heights[-1])
-        curve = Chebyshev.fit(nodes, heights[:-1], _INTERVAL_NODES - 1, domain=[-1.0, 1.0])(fine)
-        at = int(np.argmax(curve))
-        best, place = float(curve[at]), middle + _SIZE * float(fine[at])
-        if 0 < at < len(fine) - 1 or place >= HIGHEST:
-            break
-    return (at_edge, math.inf) if at_edge >= best - 1e-9 else (best, place)
-
-
-def interval_end(
-    drop: Callable[[float], tuple[float, T]],
-    inside: float,
-    stride: float,
-    border: float,
-    *,
-    widening: float,
-    margin: float,
-    halving: int,
-) -> tuple[float, T, bool]:
-    """Go outwards until the likelihood has fallen by DROP, then towards that place; √drop is almost straight.
-
-    Args:
-        drop: how far it has fallen at a value, and the best other parameters there.
-        inside: the value at the top.
-        stride: the first step, above 0 towards larger values.
-        border: the end of what is searched.
-        widening: factor between two steps outwards.
-        margin: share of the bracket that a step towards the end leaves on either side at least.
-        halving: every so many steps the bracket is halved.
+def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -> tuple[float, float, bool]:
+    """The lower (`side` −1) or the upper (1) end of the 95 % interval of τ.
 
     Returns:
-        The end, the other parameters there, and whether the likelihood falls below the mark.
+        τ, the best ln(step variance / r) there, and whether the likelihood falls below the mark, or τ is the border
+        of what is searched.
     """
-    side, fallen = math.copysign(1.0, stride), 0.0
-    while True:
-        outside = side * min(side * (inside + stride), side * border)
-        beyond, there = drop(outside)
-        if beyond >= DROP:
-            break
-        if outside == border:
-            return border, there, False
-        inside, fallen, stride = outside, max(beyond, 0.0), stride * widening
-    middle = outside
-    for step in range(1, _STEPS + 1):
-        share = (math.sqrt(DROP) - math.sqrt(fallen)) / (math.sqrt(beyond) - math.sqrt(fallen))
-        share = min(max(share, margin), 1.0 - margin) if step % halving else 0.5
-        middle = inside + share * (outside - inside)
-        between, there = drop(middle)
-        if abs(between - DROP) < 1e-3:
-            break
-        if between < DROP:
-            inside, fallen = middle, max(between, 0.0)
-        else:
-            outside, beyond = middle, between
-    return middle, there, True
+    progress = progress.part(0.5, 0.5)
 
+    def profile(log_tau: float, rest: Array) -> tuple[float, Array]:
+        if rest[0] < _PLATEAU:
+            best = climb(_likelihood(data, progress, log_tau), rest, _LOW[1:], _HIGH[1:], FINE, FINE_STEPS)
+            if best.at[0] < _PLATEAU:
+                return best.height, best.at
+        peak = _peak(data, momentum_of(log_tau), progress)
+        return peak.loglik, np.array([peak.log_ratio])
 
-def _first_stride(top: Top) -> float:
-    """Half the interval if the likelihood were a parabola."""
-    (a, b), (_, c) = top.curvature.tolist()
-    bent = a - b * b / c if c < 0.0 else a
-    return min(math.sqrt(-2.0 * DROP / bent), 1.0) if bent < 0.0 else 0.5
+    end, rest, crossed = interval_end(top, profile, 0, side)
+    return momentum_of(end), float(rest[0]), crossed
 
 
 # Maximum likelihood of q, r and τ together, with standard errors and the interval of τ.
-
-
-_NORMAL = math.sqrt(2.0 * DROP)
-"""Standard errors from the middle to the end of a 95 % interval, 1.96."""
 
 
 def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
@@ -580,26 +347,21 @@ def fit_around(data: Differences, top: Top, progress: Progress) -> MomentumFit:
     Of the τ longer than the record only the shortest that the record allows is taken: the record cannot show how
     much longer the signal keeps its direction.
     """
-    low = momentum_end(data, top, -1.0, progress.part(0.0, 0.3))
-    high = momentum_end(data, top, 1.0, progress.part(0.3, 0.6))
-    tau = top.tau
+    ends = [momentum_end(data, top, side, progress.part(0.3 + 0.3 * side, 0.6)) for side in (-1.0, 1.0)]
+    (low, _, below), (high, _, above) = ends
+    tau = momentum_of(float(top.at[0]))
     there = fit_at(data, tau, progress.part(0.6, 0.8))
-    shortest = max(data.span, low.tau)
+    shortest = max(data.span, low)
     if tau > shortest:
         there = fit_at(data, shortest, progress.part(0.8, 1.0))
     else:
-        unit = data.scale * data.scale
-        qs, rs = zip(*(params_at(data, end)[:2] for end in (low, high)), strict=True)
-        there = replace(
-            there,
-            q_se=widened(there.q, there.q_se, [unit * q for q in qs]),
-            r_se=widened(there.r, there.r_se, [unit * r for r in rs]),
-        )
-    border = [(ratio_of(end.log_moves, end.tau), end.tau) for end in (low, high)]
+        qs, rs = zip(*(params_at(data, end, log_moves) for end, log_moves, _ in ends), strict=True)
+        there = replace(there, q_se=widened(there.q, there.q_se, qs), r_se=widened(there.r, there.r_se, rs))
+    border = [(ratio_of(log_moves, end), end) for end, log_moves, _ in ends]
     border += [_farthest(there, end) for end in border]
     return replace(
         there,
-        tau_interval=(low.tau if low.crossed else 0.0, high.tau if high.crossed else math.inf),
+        tau_interval=(low if below else 0.0, high if above else math.inf),
         region=(*there.region, *border),
     )
 
@@ -619,13 +381,11 @@ def _farthest(there: MomentumFit, end: tuple[float, float]) -> tuple[float, floa
     return math.exp(middle + math.copysign(size, shift)), there.tau * (end[1] / there.tau) ** share
 
 
-def params_at(data: Differences, top: Top | End) -> tuple[float, float, float]:
-    """q, r (both in scale²) and τ of a place of the likelihood."""
-    tau = np.array([top.tau])
-    moves = np.array([top.log_moves])
-    q, r = pairs(moves, tau)
-    unit = float(concentrated(data, moves, tau)[1][0])
-    return float(q[0]) * unit, float(r[0]) * unit, float(tau[0])
+def params_at(data: Differences, tau: float, log_moves: float) -> tuple[float, float]:
+    """The pair, unit², of a place of the likelihood."""
+    place = np.array([log_moves]), np.array([tau])
+    (q,), (r,) = pairs(*place) * concentrated(data, *place)[1] * data.scale * data.scale
+    return float(q), float(r)
 
 
 def widened(value: float, error: float, ends: Sequence[float]) -> float:
@@ -643,9 +403,9 @@ def widened(value: float, error: float, ends: Sequence[float]) -> float:
     low, high = min(*ends, value), max(*ends, value)
     if not low > 0.0:
         return math.inf
-    known = _NORMAL * error / value
+    known = NORMAL * error / value
     both = math.hypot(math.log(value / low), known) + math.hypot(math.log(high / value), known)
-    return value * both / (2.0 * _NORMAL)
+    return value * both / (2.0 * NORMAL)
 
 
 # Whether a record needs momentum: by its likelihood, and by how well it predicts samples that it has not seen.
@@ -668,25 +428,8 @@ _BLOCKS = 2
 """Stretches of each part. All count alike: a sensor may lie still in one of them, and be shaken in another."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The evidence for momentum in one channel."""
-
-    gain: float
-    """Twice the log-likelihood that it adds."""
-    needed: float
-    """What it must add; inf for a record that is too short to tell."""
-    less: float | None
-    """By which fraction the one-step error on unseen samples is smaller with momentum; None where not tried."""
-
-    @property
-    def chosen(self) -> bool:
-        """Whether both tests favour it."""
-        return self.less is not None and self.less >= MIN_LESS
-
-
-def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> Choice:
-    """Weigh momentum against the random walk.
+def _better_prediction(data: Differences, plain: Estimate, top: Top, progress: Progress) -> float | None:
+    """By which fraction the one-step error on unseen samples is smaller with momentum; None where none can tell.
 
     Args:
         data: the record.
@@ -694,27 +437,24 @@ def choose(data: Differences, plain: Estimate, top: Top, progress: Progress) -> 
         top: the best place of the likelihood with momentum.
         progress: receives progress reports.
     """
-    gain = 2.0 * (top.loglik - float(plain.loglik))
-    count = data.m + 1
-    needed = math.inf if count < MIN_SAMPLES else MIN_GAIN + SHORT_RECORD / count
-    if not gain > needed:
-        return Choice(gain, needed, None)
     z = np.concatenate([[0.0], np.cumsum(data.d)])
-    ends = np.linspace(0.0, count, FOLDS + 1).astype(int).tolist()
-    ratios: list[Array] = []
+    ends = np.linspace(0.0, len(z), FOLDS + 1).astype(int).tolist()
+    ratios: list[Array] = [np.empty(0)]
     for i, part in enumerate(itertools.pairwise(ends)):
-        others = data.parts([(0, part[0]), (part[1], count)])
+        others = data.parts([(0, part[0]), (part[1], len(z))])
         if others.d.any():
             now = progress.part(i / FOLDS, (i + 1) / FOLDS)
             pair = methods.fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
-            q, r, tau = params_at(others, climb(others, top, now.part(0.2, 0.9)))
+            log_tau, log_moves = search_near(others, top, now.part(0.2, 0.9)).at.tolist()
             now(0.9, "prediction of unseen samples")
+            tau = momentum_of(log_tau)
+            (q,), (r,) = pairs(np.array([log_moves]), np.array([tau])).tolist()  # the scale changes no prediction
             walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part)
             moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part)
             still = (walk == 0.0) | (moving == 0.0)
             ratios.append(np.sqrt(moving[~still] / walk[~still]))
-    logs = np.log(np.concatenate([np.empty(0), *ratios]))
-    return Choice(gain, needed, 1.0 - float(np.exp(logs.mean())) if len(logs) else None)
+    logs = np.log(np.concatenate(ratios))
+    return 1.0 - float(np.exp(logs.mean())) if len(logs) else None
 
 
 def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
@@ -738,14 +478,25 @@ def with_momentum(data: Differences, plain: Estimate, progress: Progress) -> Est
     if plain.verdict == "bad_unit":
         return plain
     top = search(data, progress.part(0.0, 0.4))
-    choice = choose(data, plain, top, progress.part(0.4, 0.8))
-    if choice.less is None or not choice.chosen:
-        kept = replace(plain, message=f"{plain.message} {_kept(choice)}", prediction_gain=choice.less or 0.0)
-        if plain.verdict != "ok" or choice.gain <= 2.0 * DROP:
-            return kept
-        return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
-    fit = fit_around(data, top, progress.part(0.8, 1.0))
-    return replace(conclude(fit, _reason(fit, choice.less)), prediction_gain=choice.less)
+    gain, count, less = 2.0 * (top.height - float(plain.loglik)), data.m + 1, None
+    if count >= MIN_SAMPLES and gain > MIN_GAIN + SHORT_RECORD / count:
+        less = _better_prediction(data, plain, top, progress.part(0.4, 0.8))
+    if less is not None and less >= MIN_LESS:
+        fit = fit_around(data, top, progress.part(0.8, 1.0))
+        return replace(conclude(fit, _reason(fit, less)), prediction_gain=less)
+    if count < MIN_SAMPLES:
+        why = "The record is too short to tell whether the signal has momentum."
+    elif gain <= 2.0 * DROP:
+        why = "No momentum: it would not fit better."
+    elif less is None:
+        why = "No momentum: it raises the likelihood, but not by enough to be sure."
+    else:
+        change = f"only {percent(less)} less" if less > 0.0 else f"{percent(-less)} more"
+        why = f"No momentum: with it the error on unseen samples would be {change}, so it is not used."
+    kept = replace(plain, message=f"{plain.message} {why}", prediction_gain=less or 0.0)
+    if plain.verdict != "ok" or gain <= 2.0 * DROP:
+        return kept
+    return _either(kept, conclude(fit_around(data, top, progress.part(0.8, 1.0)), ""))
 
 
 def with_given_momentum(data: Differences, tau: float, progress: Progress) -> Estimate:
@@ -767,18 +518,6 @@ def _either(plain: Estimate, moving: Estimate) -> Estimate:
     upto = f"up to {number(high)} samples" if high < math.inf else "of any length"
     also = f"The 95 % intervals also hold for a momentum {upto}, which allows lags from {short} to {long} samples."
     return replace(plain, message=f"{plain.message} {also}", **spans)
-
-
-def _kept(choice: Choice) -> str:
-    """Why the simpler model stays; whether it describes the record is for `analysis.judge` to say."""
-    if choice.needed == math.inf:
-        return "The record is too short to tell whether the signal has momentum."
-    if choice.gain <= 2.0 * DROP:
-        return "No momentum: it would not fit better."
-    if choice.less is None:
-        return "No momentum: it raises the likelihood, but not by enough to be sure."
-    less = f"only {percent(choice.less)} less" if choice.less > 0.0 else f"{percent(-choice.less)} more"
-    return f"No momentum: with it the error on unseen samples would be {less}, so it is not used."
 
 
 def _reason(fit: MomentumFit, less: float) -> str:

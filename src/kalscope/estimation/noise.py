@@ -68,7 +68,8 @@ def noise_from_still(z_segment: ArrayLike, quantum: float | None = None) -> Stil
     samples = column[place]
     step = resolution_of(samples) if quantum is None else float(quantum)
     drift, residual = _about_line(place, samples)
-    far = _far(residual, step)
+    distance = np.abs(residual - np.median(residual))  # far by the median distance, which spikes hardly change
+    far = distance > SPIKE * max(_NORMAL * float(np.median(distance)), step)
     if far.any():
         place, samples = place[~far], samples[~far]
         drift, residual = _about_line(place, samples)
@@ -91,12 +92,6 @@ def _about_line(place: NDArray[np.intp], samples: Array) -> tuple[float, Array]:
     level = samples - samples[0]
     drift = float(middle @ level / (middle @ middle))
     return drift, level - level.mean() - drift * middle
-
-
-def _far(residual: Array, step: float) -> NDArray[np.bool_]:
-    """The samples that are not noise: far out by the median distance, which spikes hardly change."""
-    distance = np.abs(residual - np.median(residual))
-    return distance > SPIKE * max(_NORMAL * float(np.median(distance)), step)
 
 
 def noise_from_datasheet(
@@ -152,16 +147,13 @@ def resolution_of(readings: Array) -> float:
     levels, found = np.unique(chosen, return_counts=True)
     distances = np.diff(levels)
     apart = distances > MIN_STEP * np.abs(levels).max()
-    levels, counts, distances = levels[np.append(True, apart)], _joined(found, apart), distances[apart]
+    firsts = np.append(True, apart)  # levels that differ only by rounding are one
+    levels, distances = levels[firsts], distances[apart]
+    counts = np.add.reduceat(found.astype(np.float64), np.flatnonzero(firsts))
     if not len(distances):
         return 0.0
     step = _refined(_usual(distances), levels, counts)
     return math.ldexp(step, exponent) if _share_on_grid(step, levels, counts) >= ON_GRID else 0.0
-
-
-def _joined(found: NDArray[np.intp], apart: NDArray[np.bool_]) -> Array:
-    """Readings at each level, where levels that differ only by rounding are one."""
-    return np.add.reduceat(found.astype(np.float64), np.flatnonzero(np.append(True, apart)))
 
 
 def _usual(distances: Array) -> float:
@@ -221,19 +213,14 @@ def starting_params(z: ArrayLike) -> FilterParams:
     """
     finite = samples_of(z)
     finite = finite[np.isfinite(finite)]
-    size = float(np.abs(finite).max(initial=0.0))
-    half_variance = 0.0
+    size, half_variance = float(np.abs(finite).max(initial=0.0)), 0.0
     if len(finite) > 2 and size > 0.0:
         steps = np.diff(finite / size)
-        if is_even_ramp(finite):
-            step = abs(float(np.mean(steps)))
-            half_variance = step * step / 2.0 if step > ROUNDING else 0.0
-        else:
-            half_variance = float(np.var(steps, ddof=1)) / 2.0
-    if half_variance == 0.0:
-        half_variance = 1e-6 if size > 0.0 else 1.0
-    scale = size if size > 0.0 else 1.0
-    r = min(max(half_variance * scale * scale, 1e-290), MAX_VARIANCE)
+        even = is_even_ramp(finite)
+        half_variance = 0.5 * (float(np.mean(steps)) ** 2 if even else float(np.var(steps, ddof=1)))
+        half_variance = 0.0 if even and half_variance < ROUNDING**2 else half_variance
+    r = (half_variance or (1e-6 if size > 0.0 else 1.0)) * (size or 1.0) ** 2
+    r = min(max(r, 1e-290), MAX_VARIANCE)
     return FilterParams(q=r / 100.0, r=r)
 
 

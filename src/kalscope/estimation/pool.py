@@ -15,10 +15,12 @@ from kalscope.common.numbers import Array, Indices, Mask, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
+from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, Records, find_peak, take_apart
-from kalscope.estimation.many import SEARCHED, Series, fitted_ratios, lags_of, reductions_of, series_of
-from kalscope.estimation.verdict import exp
+from kalscope.estimation.many import SEARCHED, Series, fitted_ratios, series_of
+from kalscope.estimation.result import Estimate
+from kalscope.estimation.verdict import exp, gain_of, lag_of
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
@@ -127,35 +129,17 @@ def _pool_of(data: Records, rows: Indices) -> Pool:
     return Pool(np.stack([m * log_r, log_r, logdet, slopes * slopes]).sum(axis=1), len(rows), int(m.sum()))
 
 
-@dataclass(frozen=True)
-class PooledFit:
-    """One filter for all devices of a fleet: one λ, and the geometric mean of the r that suit the devices best."""
-
-    q: float
-    """Process-noise variance per nominal sample period, unit²; 0 for "no_movement"."""
-    r: float
-    """Measurement-noise variance, unit²; 0 for "no_noise"."""
-    ratio: float
-    """λ = q/r that all share, 0 … inf."""
-    loglik: float
-    """Summed log-likelihood there."""
-    ratio_interval: tuple[float, float]
-    """The λ that another fleet of such devices may have as its best one, 95 %: profile likelihood, wider where the
-    devices differ. It is narrow for a large fleet, and does not show how far its devices differ: see `outliers`."""
-    verdict: str
-    """"ok", "no_noise", "no_movement" or "flat", as in `Estimate`; "given" where a target fixed λ."""
-
-    @property
-    def params(self) -> FilterParams | None:
-        """The filter that all get, diffuse start; None where q or r is 0."""
-        return FilterParams(q=self.q, r=self.r) if self.q > 0.0 and self.r > 0.0 else None
-
-
-def fit_pool(pool: Pool) -> PooledFit:
+def fit_pool(pool: Pool) -> Estimate:
     """The most likely λ for all devices of a fleet, every device with its r, concentrated out.
 
     Args:
         pool: of the fleet, the sum of the pools of its batches.
+
+    Returns:
+        q and r with the geometric mean of the r that suit the devices best; verdict "ok", "no_noise", "no_movement"
+        or "flat". `ratio_interval` has the λ that another fleet of such devices may have as its best one, 95 %:
+        profile likelihood, wider where the devices differ. It is narrow for a large fleet, and does not show how
+        far its devices differ: see `outliers`.
 
     Raises:
         BadSetting: no device counts.
@@ -163,15 +147,18 @@ def fit_pool(pool: Pool) -> PooledFit:
     _refuse_empty(pool)
     at_infinity = float(pool.loglik(np.array([math.inf]))[0])
     peak = find_peak(pool.loglik, DEFAULT_LOG_RATIOS[::2], at_infinity, Progress())
-    low, high = _interval(pool, peak, at_infinity)
-    noise = pool.noise(peak.log_ratio)
-    q, r = exp(peak.log_ratio) * noise, noise
-    verdict = "flat" if (low, high) == (-math.inf, math.inf) else "ok"
-    if peak.log_ratio == math.inf:
-        q, r, verdict = noise, 0.0, "no_noise"
-    elif peak.log_ratio == -math.inf:
-        q, verdict = 0.0, "no_movement"
-    return PooledFit(q, r, exp(peak.log_ratio), peak.loglik, (exp(low), exp(high)), verdict)
+    low, high = (exp(end) for end in _interval(pool, peak, at_infinity))
+    verdicts = {-math.inf: "no_movement", math.inf: "no_noise"}
+    verdict = verdicts.get(peak.log_ratio, "flat" if (low, high) == (0.0, math.inf) else "ok")
+    return _pooled(pool, peak.log_ratio, peak.loglik, (low, high), verdict)
+
+
+def _pooled(pool: Pool, at: float, loglik: float, interval: tuple[float, float], verdict: str) -> Estimate:
+    """The filter of ln λ `at`; without parameters where q or r is 0."""
+    noise = pool.noise(at)
+    q, r = (noise, 0.0) if at == math.inf else (exp(at) * noise, noise)
+    params = FilterParams(q=q, r=r) if q > 0.0 and r > 0.0 else None
+    return Estimate(q=q, r=r, loglik=loglik, verdict=verdict, message="", params=params, ratio_interval=interval)
 
 
 def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]:
@@ -194,20 +181,22 @@ def _interval(pool: Pool, peak: Peak, at_infinity: float) -> tuple[float, float]
     return find_peak(flattened, DEFAULT_LOG_RATIOS[::2], at_infinity / factor, Progress()).interval
 
 
-def pool_at(pool: Pool, ratio: float) -> PooledFit:
+def pool_at(pool: Pool, ratio: float) -> Estimate:
     """The filter of a given λ (of `ratio_for` a lag, say) for all devices of a fleet, with the r that fits it best.
 
     Args:
         pool: of the fleet.
         ratio: λ = q/r, > 0.
 
+    Returns:
+        As `fit_pool`, with the verdict "given".
+
     Raises:
         BadSetting: no device counts; ratio is not above 0.
     """
     _refuse_empty(pool)
-    chosen = above_zero("ratio", ratio, MAX_VARIANCE)
-    r, loglik = pool.noise(math.log(chosen)), float(pool.loglik(np.array([math.log(chosen)]))[0])
-    return PooledFit(chosen * r, r, chosen, loglik, fit_pool(pool).ratio_interval, "given")
+    at = math.log(above_zero("ratio", ratio, MAX_VARIANCE))
+    return _pooled(pool, at, float(pool.loglik(np.array([at]))[0]), fit_pool(pool).ratio_interval, "given")
 
 
 def _refuse_empty(pool: Pool) -> None:
@@ -362,8 +351,8 @@ def losses_of(inputs: Array, params: FilterParams) -> Losses:
 def _settled(inputs: Array) -> tuple[Array, Array]:
     """Lag in samples and noise reduction in dB of each device's own filter."""
     ratio, tau = np.exp(inputs[:, LOG_RATIO]), inputs[:, MOMENTUM]
-    lag, reduction = lags_of(ratio), reductions_of(ratio)
-    lag[np.isnan(ratio)] = math.nan
+    gain, lag = gain_of(ratio), lag_of(ratio)
+    reduction = 10.0 * np.log10((2.0 - gain) / gain)
     for i in np.flatnonzero((tau > 0.0) & np.isfinite(ratio)).tolist():
         own = steady_state(FilterParams(float(ratio[i]), 1.0, momentum=float(tau[i])))
         lag[i], reduction[i] = own.lag_samples, own.noise_reduction_db
@@ -373,63 +362,11 @@ def _settled(inputs: Array) -> tuple[Array, Array]:
 # Devices compared: which lie apart from the others.
 
 
-NORMAL = 1.959963984540054
-"""Standard errors from an estimate to the end of its 95 % interval."""
-
 EDGE = 1.5
 """Least standard deviation, in ln, beyond the end of an interval whose estimate is 0: short recordings without any
 movement are more frequent than a likelihood that is quadratic in the logarithm predicts."""
 
 Interval = tuple[ArrayLike, ArrayLike]
-
-
-def checked(values: ArrayLike, interval: Interval | None) -> tuple[Array, Array, Array]:
-    """Values, shape (k,), and their standard errors downwards and upwards; 0 without an interval.
-
-    Raises:
-        BadSetting: the shapes differ, or a value lies outside its interval.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim != 1:
-        raise BadSetting(f"values must be one array, shape (k,) (got {values.shape})")
-    if interval is None:
-        return values, np.zeros(len(values)), np.zeros(len(values))
-    low, high = (np.asarray(end, dtype=np.float64) for end in interval)
-    if low.shape != values.shape or high.shape != values.shape:
-        raise BadSetting(f"interval must have two arrays of shape {values.shape} (got {low.shape}, {high.shape})")
-    if np.any((low > values) | (high < values)):
-        raise BadSetting("interval must hold its value (got values outside)")
-    with np.errstate(invalid="ignore"):
-        down, up = (values - low) / NORMAL, (high - values) / NORMAL
-    return values, np.where(np.isnan(down), np.inf, down), np.where(np.isnan(up), np.inf, up)
-
-
-def usual_error(down: Array, up: Array) -> float:
-    """Median of the finite standard errors, 0 without any."""
-    both = np.where(np.isinf(down), up, np.where(np.isinf(up), down, 0.5 * (down + up)))
-    known = both[np.isfinite(both)]
-    return float(np.median(known)) if len(known) else 0.0
-
-
-def distances(
-    values: Array, interval: Interval | None, down: Array, up: Array, middle: Array, spread: float
-) -> Array:
-    """Each value's distance from `middle` in its own standard deviations, with `spread` added; NaN stays.
-
-    The side of the interval that faces the middle counts. A value at ∓inf (ln of 0) is 1.96 away where its interval
-    holds the middle, and farther by how far the interval ends before it.
-    """
-    sizes = np.hypot(spread, np.where(values < middle, up, down))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(values == middle, 0.0, (values - middle) / sizes)
-    if interval is not None:
-        size = max(float(np.hypot(spread, usual_error(down, up))), EDGE)
-        low, high = (np.asarray(end, dtype=np.float64) for end in interval)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            below = -NORMAL - np.maximum(middle - high, 0.0) / size
-            above = NORMAL + np.maximum(low - middle, 0.0) / size
-        z = np.where(np.isneginf(values), below, np.where(np.isposinf(values), above, z))
-    return np.where(np.isnan(values), np.nan, z)
 
 
 _MAD = NormalDist().inv_cdf(0.75)
@@ -474,7 +411,14 @@ def outliers(values: ArrayLike, interval: Interval | None = None, expected: floa
 
     Source: Iglewicz & Hoaglin (1993), How to detect and handle outliers, for the robust z.
     """
-    values, down, up = checked(values, interval)
+    values = np.asarray(values, dtype=np.float64)
+    low, high = (np.asarray(end, dtype=np.float64) for end in (interval or (values, values)))
+    if values.ndim != 1 or low.shape != values.shape or high.shape != values.shape:
+        raise BadSetting(
+            f"values and both ends of interval must have shape (k,) (got {values.shape}, {low.shape}, {high.shape})"
+        )
+    if np.any((low > values) | (high < values)):
+        raise BadSetting("interval must hold its value (got values outside)")
     given = ~np.isnan(values)
     count = int(given.sum())
     if count < MIN_DEVICES:
@@ -486,9 +430,26 @@ def outliers(values: ArrayLike, interval: Interval | None = None, expected: floa
     if not math.isfinite(middle):  # most have q = 0: what is unlike them cannot be measured on this scale
         return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), threshold, 0.0, middle, math.nan)
     whole = float(np.median(np.abs(values[given] - middle))) / _MAD
-    usual = usual_error(down[given], up[given])
+    with np.errstate(invalid="ignore"):
+        sides: Array = np.stack([values - low, high - values]) / NORMAL
+    sides[np.isnan(sides)] = 0.0 if interval is None else math.inf
+    down: Array = sides[0]
+    up: Array = sides[1]
+    errors: Array = np.where(np.isinf(sides[::-1]), sides, 0.5 * (down + up)).min(axis=0)[given]
+    errors = errors[np.isfinite(errors)]
+    usual = float(np.median(errors)) if len(errors) else 0.0
     spread = math.sqrt(max(whole * whole - usual * usual, 0.0)) if math.isfinite(whole) else 0.0
-    z = distances(values, interval, down, up, np.full(len(values), middle), spread)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # the side of the interval that faces the middle counts
+        sizes = np.hypot(spread, np.where(values < middle, up, down))
+        z = np.where(values == middle, 0.0, (values - middle) / sizes)
+        # ln of 0 is 1.96 away where its interval holds the middle, and farther by how far it ends before that
+        size = max(math.hypot(spread, usual), EDGE)
+        below = -NORMAL - np.maximum(middle - high, 0.0) / size
+        above = NORMAL + np.maximum(low - middle, 0.0) / size
+    if interval is not None:
+        z = np.where(np.isneginf(values), below, np.where(np.isposinf(values), above, z))
+    z = np.where(np.isnan(values), math.nan, z)
     beyond = np.flatnonzero(np.abs(z) > threshold)
     order = np.argsort(-np.abs(z[beyond]), kind="stable")
     return Outliers(z, beyond[order], threshold, expected, middle, spread)

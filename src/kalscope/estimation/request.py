@@ -33,7 +33,6 @@ from kalscope.filtering.steady import steady_state
 METHOD_NAMES = {
     "ml": "maximum likelihood",
     "moments": "moments of the differences",
-    "als": "correlations of the innovations",
     "allan": "Allan variance",
 }
 """Names of the methods of `estimate` for users."""
@@ -71,15 +70,14 @@ class Noise:
         if self.bandwidth_hz is not None and self.density is None:
             raise BadSetting(f"bandwidth_hz needs density (got {' and '.join(['bandwidth_hz', *given])})")
         if self.still is not None:
-            stretch = find_still_stretch(z, dt) if isinstance(self.still, str) else self.still
+            stretch = find_still_stretch(z, dt) if self.still == "auto" else self.still
             if stretch is None:
                 raise BadSetting(
                     f"the record must show a still stretch, {MIN_SAMPLES} samples or more of noise alone "
                     "(got none): give its limits, or r from the data sheet"
                 )
-            first, last = stretch
-            noise = noise_from_still(z[first:last])
-            where = f", samples {count(first)} to {count(last - 1)}" if self.still == "auto" else ""
+            noise = noise_from_still(z[slice(*stretch)])
+            where = f", samples {count(stretch[0])} to {count(stretch[1] - 1)}" if self.still == "auto" else ""
             return noise.r, f"r is the variance of the still stretch{where}. {noise.message}"
         if self.r is not None:
             return above_zero("r", self.r, MAX_VARIANCE), "r as given."
@@ -130,14 +128,13 @@ class Request:
             BadSetting: targets that contradict each other, are unknown or out of range; momentum above 0 with a
                 ratio or known noise; an overshoot without a target or beside momentum.
         """
+        targets = [*self.target, *([] if self.ratio is None else ["q/r"])]
         if self.method not in METHODS:
             raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {self.method!r})")
-        targets = [*self.target, *([] if self.ratio is None else ["q/r"])]
         if len(targets) > 1:
             raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
-        for name in self.target:
-            if name not in TARGETS:
-                raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {name!r})")
+        if targets and targets[0] not in (*TARGETS, "q/r"):
+            raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {targets[0]!r})")
         if self.ratio is not None:
             above_zero("q/r", self.ratio, MAX_VARIANCE)
         tau = checked_momentum(self.momentum, self.method)
@@ -194,49 +191,44 @@ def find_parameters(
         Cancelled: `cancelled()` was true.
     """
     request = request or Request()
-    tau, known = request.checked_momentum(), request.noise.resolve(z, dt)
-    if not request.goal and known is None:
+    tau, known, ratio = request.checked_momentum(), request.noise.resolve(z, dt), request.ratio
+    if not request.goal:
+        if known is not None:
+            return _fit_q(z, dt, *known, request)
         answer = estimate(z, request.method, dt, progress, cancelled, request.momentum, request.robust)
         return Found(answer.params, METHOD_NAMES[request.method], answer.message, answer, request)
-    if not request.goal and known is not None:
-        return _fit_q(z, dt, *known, request)
     origin = f", r {request.noise.origin}" if known else ""
-    if request.target:
+    if ratio is None:
         r, text = known or _noise_for_target(z, dt, request, Progress(progress, cancelled))
         params = params_for_specification(
             r, **request.target, sample_period=sample_period, momentum=tau or 0.0, overshoot=request.overshoot
         )
-        text = f"{_ratio_text(params)} has {request.goal}. {text}"
+        keeps = f" with a momentum of {plural(params.momentum, 'sample')}" if params.momentum else ""
+        text = f"q/r = {number(params.ratio, 4)}{keeps} has {request.goal}. {text}"
         result = Found(params, f"{request.goal}{origin}", text, request=request)
-    elif known and request.ratio is not None:
-        params = FilterParams(q=request.ratio * known[0], r=known[0])
-        text = f"q = {request.ratio:g} · r. {known[1]}"
-        result = Found(params, f"q/r = {request.ratio:g}{origin}", text, request=request)
+    elif known:
+        params, text = FilterParams(q=ratio * known[0], r=known[0]), f"q = {ratio:g} · r. {known[1]}"
+        result = Found(params, f"q/r = {ratio:g}{origin}", text, request=request)
     else:
-        answer = estimate_fixed_ratio(z, request.ratio or 0.0, dt, request.robust)
-        how = f"q/r = {request.ratio:g}, r by maximum likelihood"
+        answer = estimate_fixed_ratio(z, ratio, dt, request.robust)
+        how = f"q/r = {ratio:g}, r by maximum likelihood"
         result = Found(answer.params, how, answer.message, answer, request)
-    return _with_useful_lag(result, len(z), sample_period)
-
-
-def _with_useful_lag(result: Found, samples: int, sample_period: float | None) -> Found:
-    """The same; BadSetting where the filter is slower than the record, or too fast to change a sample."""
-    if result.params is None:
-        return result
-    if result.params.q == 0.0:
-        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
-    lag, slowest = steady_state(result.params).lag_samples, max(samples, MIN_SLOWEST)
-    if lag > slowest:
-        raise BadSetting(
-            f"the goal must be a filter that is not slower than the record, with a lag up to "
-            f"{lag_in_full(slowest, sample_period)} (got a lag of {lag_text(lag, sample_period)})"
-        )
-    if lag < MIN_LAG:
-        raise BadSetting(
-            f"the goal must be a filter with a lag from {lag_in_full(MIN_LAG, sample_period)} on: a faster one "
-            "changes nothing (got less)"
-        )
+    if result.params is not None:
+        _check_lag(result.params, len(z), sample_period)
     return result
+
+
+def _check_lag(params: FilterParams, samples: int, sample_period: float | None) -> None:
+    """BadSetting where the filter is slower than the record, or too fast to change a sample."""
+    if params.q == 0.0:
+        raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
+    lag, slowest = steady_state(params).lag_samples, max(samples, MIN_SLOWEST)
+    if not MIN_LAG <= lag <= slowest:
+        raise BadSetting(
+            "the goal must be a filter that is not slower than the record and changes it, with a lag from "
+            f"{lag_in_full(MIN_LAG, sample_period)} to {lag_in_full(slowest, sample_period)} (got a lag of "
+            f"{lag_text(lag, sample_period)})"
+        )
 
 
 def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) -> Found:
@@ -258,27 +250,22 @@ def _noise_for_target(z: Array, dt: Array | None, request: Request, progress: Pr
     band = "it sets the width of the band, not the curve."
     answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=request.robust)
     if answer.r > 0.0:  # valid at the edge q = 0 too
-        spikes = 0 if answer.outliers is None else int(np.count_nonzero(answer.outliers))
+        spikes = sum(map(len, answer.spikes))
         gate = (
             f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen "
             "filter it could refuse movement."
         )
         return answer.r, f"r by maximum likelihood; {band}{gate if spikes else ''}"
     r = float(starting_params(z).r)
-    if not shows_no_noise(z):
-        return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
-    return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
+    if shows_no_noise(z):
+        return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
+    return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
 
 
 def shows_no_noise(z: Array) -> bool:
     """Whether the samples z, shape (n,), show no noise: fewer than three, all equal, or an even ramp."""
     finite = z[np.isfinite(z)]
     return len(finite) < 3 or is_even_ramp(finite)
-
-
-def _ratio_text(params: FilterParams) -> str:
-    ratio, tau = f"q/r = {number(params.ratio, 4)}", params.momentum
-    return f"{ratio} with a momentum of {plural(tau, 'sample')}" if tau else ratio
 
 
 def _target_text(name: str, value: float, overshoot: float | None) -> str:

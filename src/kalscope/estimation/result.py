@@ -37,7 +37,7 @@ class Estimate:
     """
 
     method: str = "ml"
-    """How it was found: "ml", "moments", "als", "allan", "fixed_r" or "fixed_ratio"."""
+    """How it was found: "ml", "moments", "allan", "fixed_r" or "fixed_ratio"."""
     names: tuple[str, ...] = ()
     """The sensors of a fusion, in the order of the columns; () for one record."""
     q: float
@@ -73,12 +73,13 @@ class Estimate:
     r_se: float = math.inf
     """Standard error of r, unit²; inf as for q."""
     ratio_interval: tuple[float, float] = (0.0, math.inf)
-    """The λ that one record allows, whatever the method. Where momentum is likelier but not by enough to be chosen,
+    """The λ that one record allows, whatever the method; this and the next two are not found for several sensors,
+    where `q_interval` and `r_interval` are. Where momentum is likelier but not by enough to be chosen,
     the intervals hold with it and without."""
     lag_interval: tuple[float, float] = (0.0, math.inf)
     """The same as lag behind a ramp, samples, short one first."""
-    gain_interval: Any = (0.0, 1.0)
-    """The same as steady gain; of several sensors their gains, shape (sensors, 2)."""
+    gain_interval: tuple[float, float] = (0.0, 1.0)
+    """The same as steady gain."""
     outliers: NDArray[np.bool_] | None = None
     """Samples that the spike-proof fit set aside, shape of z; None where it was not used."""
     outlier_share: float = 0.0
@@ -103,6 +104,8 @@ class Estimate:
     """The r that it allows, unit², shape (sensors, 2); both ends are r itself where it was given."""
     offset_interval: Any = ()
     """The offsets that it allows, unit, shape (sensors, 2)."""
+    sensor_gain_interval: Any = ()
+    """The gains of the sensors that it allows, shape (sensors, 2)."""
     shared: Shared | None = None
     """The sensors whose noises are correlated; None where none shows."""
     notes: tuple[str, ...] = ()

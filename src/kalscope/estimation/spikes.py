@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -259,17 +259,6 @@ MAX_FITS = 20
 _NOTHING_TO_JUDGE = ("too_few", "constant", "bad_unit")
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A fit to the samples that are left."""
-
-    estimate: Estimate
-    away: Mask
-    """The samples set aside."""
-    scores: Array
-    """e²/s of the samples that neither side predicts by this fit."""
-
-
 def checked_robust(robust: Any, known: bool = True) -> bool | None:
     """True = always, False = never, None = where spikes are found.
 
@@ -309,12 +298,12 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
         far, looks_spiky = far_from_median(z)
         if always is None and not (looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
             return plain
-        found = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
-        if always is None and not more_than_chance(np.where(found.away, found.scores, 0.0), z):
+        one, away, scores = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
+        if always is None and not more_than_chance(np.where(away, scores, 0.0), z):
             return plain
-        answer = _conclude(z, steps, plain, found)
+        answer = _conclude(z, steps, plain, one, away)
         if always is None and answer.verdict == "no_noise" and plain.params is not None:
-            return replace(plain, message=f"{plain.message} {verdict.kept(int(found.away.sum()))}")
+            return replace(plain, message=f"{plain.message} {verdict.kept(int(away.sum()))}")
         return answer
 
     return fit
@@ -328,8 +317,12 @@ def _settle(
     with_momentum: Callable[[float], Fit],
     away: Mask,
     progress: Progress,
-) -> _Found:
-    """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes."""
+) -> tuple[Estimate, Mask, Array]:
+    """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes.
+
+    Returns:
+        The fit to the samples that are left, those set aside, and its scores, of `unpredicted`.
+    """
     seen: list[bytes] = []
     tau, start = float(plain.momentum), away
     fit = with_momentum(tau)
@@ -337,12 +330,12 @@ def _settle(
         progress.step(count, "samples that neither side predicts")
         one = fit(np.where(away, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
         if one.verdict in _NOTHING_TO_JUDGE:
-            return _Found(one, away, np.where(away, math.inf, 0.0))
+            return one, away, np.where(away, math.inf, 0.0)
         scores = _scores(z, steps, one)
         next_away = scores > 0.0
         if np.array_equal(next_away, away):
             if fit is full:
-                return _Found(one, away, scores)
+                return one, away, scores
             fit = full
             continue
         if next_away.tobytes() in seen:  # a few doubtful samples come and go: they stay in
@@ -354,7 +347,7 @@ def _settle(
             tau, away, seen = float(one.momentum), start | away, []
         fit = with_momentum(tau)
     one = full(np.where(away, np.nan, z), steps, progress)
-    return _Found(one, away, _scores(z, steps, one))
+    return one, away, _scores(z, steps, one)
 
 
 def _scores(z: Array, steps: Array, one: Estimate) -> Array:
@@ -362,25 +355,25 @@ def _scores(z: Array, steps: Array, one: Estimate) -> Array:
     return unpredicted(z, steps, float(one.q), r, float(one.momentum))
 
 
-def _conclude(z: Array, steps: Array, plain: Estimate, found: _Found) -> Estimate:
+def _conclude(z: Array, steps: Array, plain: Estimate, one: Estimate, away: Mask) -> Estimate:
     """The estimate with all that is known about the samples set aside."""
-    one, count = found.estimate, int(found.away.sum())
-    present = int(np.isfinite(z).sum())
-    known: dict[str, Any] = {
-        "outliers": found.away,
-        "outlier_share": count / present,
-        "plain_q": plain.q,
-        "plain_r": plain.r,
-        "plain_momentum": plain.momentum,
-    }
+    count, present = int(away.sum()), int(np.isfinite(z).sum())
+    one = replace(
+        one,
+        outliers=away,
+        outlier_share=count / present,
+        plain_q=plain.q,
+        plain_r=plain.r,
+        plain_momentum=plain.momentum,
+    )
     if count > MAX_SHARE * present:
         text = verdict.too_many(count, present)
-        return replace(one, verdict="too_many_outliers", message=text, params=None, **known)
+        return replace(one, verdict="too_many_outliers", message=text, params=None)
     gate = None
     if count:
-        one, gate = _with_gate(z, steps, one, found.away)
+        one, gate = _with_gate(z, steps, one, away)
     message = f"{verdict.set_aside(count, present, plain, gate)} {one.message}".strip()
-    return replace(one, message=message, **known)
+    return replace(one, message=message)
 
 
 def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estimate, float | None]:
@@ -399,14 +392,9 @@ def _only_spikes(one: Estimate) -> Estimate:
     least = float(one.ratio_interval[0])
     if least <= 0.0:
         return one
-    params = FilterParams(q=float(one.q), r=float(one.q) / least, momentum=float(one.momentum))
-    return replace(
-        one,
-        r=float(one.q) / least,
-        verdict="only_spikes",
-        message=verdict.only_spikes(params),
-        params=params,
-    )
+    q, r = float(one.q), float(one.q) / least
+    params = FilterParams(q=q, r=r, momentum=float(one.momentum))
+    return replace(one, r=r, verdict="only_spikes", message=verdict.only_spikes(params), params=params)
 
 
 def _untruncated(one: Estimate) -> Estimate:

@@ -192,23 +192,7 @@ def _best(blocks: _Blocks) -> tuple[int, int] | None:
         size = max(size + 1, size * 5 // 4)
     if found is None or best < math.log(looked / FALSE_ALARM):
         return None
-    return _grown(blocks, *found)
-
-
-def _grown(blocks: _Blocks, first: int, last: int) -> tuple[int, int]:
-    """The window made longer at both ends as long as it stays still and gets more likely."""
-    count, more = len(blocks.mean), last - first
-    _, (gain,) = blocks.windows(last - first, first, first, 1)
-    while more:
-        grew = False
-        for before, after in ((more, 0), (0, more)):
-            a, b = max(first - before, 0), min(last + after, count)
-            still, (now,) = blocks.windows(b - a, a, a, 1)
-            if (a, b) != (first, last) and still[0] and now > gain:
-                first, last, gain, grew = a, b, now, True
-        if not grew:
-            more //= 2
-    return _trimmed(first, last, count)
+    return _trimmed(*found, count)
 
 
 def _unit(readings: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import count as whole
 from kalscope.common.text import decibels, number, percent, plural, trimmed
 from kalscope.estimation.kernels import MIN_SAMPLES
-from kalscope.estimation.likelihood import Differences, Peak, differences
+from kalscope.estimation.likelihood import Differences, Peak, differences, loglik_of
 from kalscope.estimation.result import USABLE, Estimate, Pair
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
 from kalscope.filtering.steady import SteadyState, steady_state
@@ -179,8 +180,7 @@ def fit_record(
 
 
 def channel_fit(
-    method: str,
-    fit: Callable[[Differences, Progress], Estimate],
+    method: str, fit: Callable[[Differences, Progress], Estimate]
 ) -> Callable[[Array, Array, Progress], Estimate]:
     """The fit of one channel, for `fit_record`: `fit` it if there is enough to fit."""
 
@@ -191,24 +191,14 @@ def channel_fit(
             data = data if new.all() else Differences(data.d[new], data.gap[new], data.scale)
         n = min(data.m + 1, int(np.isfinite(column).sum()))
         if n < MIN_SAMPLES:
-            return _estimate(
-                method,
-                "too_few",
-                (
-                    f"Too few readings ({n}): at least {MIN_SAMPLES} are needed to separate noise from movement. "
-                    "Record longer."
-                ),
-            )
+            text = f"at least {MIN_SAMPLES} are needed to separate noise from movement. Record longer."
+            return _estimate(method, "too_few", f"Too few readings ({n}): {text}")
         if not data.d.any():
-            return _estimate(
-                method,
-                "constant",
-                (
-                    f"All {n} readings are equal: they show neither noise nor movement. The sensor's resolution "
-                    "may be coarser than its noise, or it is stuck. Record while it moves, or take the noise from "
-                    "the data sheet."
-                ),
+            text = (
+                "they show neither noise nor movement. The sensor's resolution may be coarser than its noise, or "
+                "it is stuck. Record while it moves, or take the noise from the data sheet."
             )
+            return _estimate(method, "constant", f"All {n} readings are equal: {text}")
         return fit(data, progress)
 
     return whole
@@ -226,17 +216,17 @@ def conclude(method: str, data: Differences, pair: Pair, peak: Peak) -> Estimate
     return _estimate(method, verdict, message, peak, _loglik(data, pair), *numbers.tolist())
 
 
-def gain_of(ratio: float) -> float:
-    """Steady gain of λ = 0 … inf: 2/(1 + √(1 + 4/λ)), Durbin & Koopman (2012), section 2.11."""
-    return 0.0 if ratio == 0.0 else 2.0 / (1.0 + math.hypot(1.0, 2.0 / math.sqrt(ratio)))
+def gain_of(ratio: Any) -> Any:
+    """Steady gain of each λ = 0 … inf: 2/(1 + √(1 + 4/λ)), Durbin & Koopman (2012), section 2.11."""
+    with np.errstate(divide="ignore"):
+        return 2.0 / (1.0 + np.hypot(1.0, 2.0 / np.sqrt(ratio)))
 
 
-def lag_of(ratio: float) -> float:
-    """Lag on a ramp in samples for λ = 0 … inf, (1 − K)/K without cancellation."""
-    if ratio == 0.0:
-        return math.inf
-    half = 2.0 / math.sqrt(ratio)
-    return 0.5 * half * (half / (math.hypot(1.0, half) + 1.0))
+def lag_of(ratio: Any) -> Any:
+    """Lag on a ramp in samples of each λ = 0 … inf, (1 − K)/K without cancellation."""
+    with np.errstate(divide="ignore"):
+        half = 2.0 / np.sqrt(ratio)
+    return 0.5 * half * np.tanh(0.5 * np.arcsinh(half))
 
 
 def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
@@ -257,12 +247,10 @@ def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
         verdict = "flat"
     else:
         steady = steady_state(FilterParams(q=pair.q / pair.r, r=1.0))
-        verdict, message = (
-            "ok",
-            (
-                f"Noise and movement can be separated. {settles('The filter', steady)} "
-                f"The record allows lags from {number(lag_of(high))} to {number(lag_of(low))} samples."
-            ),
+        verdict = "ok"
+        message = (
+            f"Noise and movement can be separated. {settles('The filter', steady)} "
+            f"The record allows lags from {number(lag_of(high))} to {number(lag_of(low))} samples."
         )
         if math.isinf(high):
             message += " The record does not exclude r = 0: check r against a still stretch or the data sheet."
@@ -281,44 +269,23 @@ def _loglik(data: Differences, pair: Pair) -> float:
     """Log-likelihood at the pair itself; 0 where there is none."""
     if pair.q == 0.0 and pair.r == 0.0:
         return 0.0
-    if pair.r == 0.0:
-        gap = data.gap if len(data.gap) else np.ones(data.m)
-        if np.any(gap == 0.0):
-            return -math.inf  # two different samples at one instant cannot both be exact
-        chi2, logdet, unit = float(np.sum(data.d**2 / gap)), float(np.log(gap).sum()), pair.q
-    else:
-        (chi2,), (logdet,) = data.sums(np.array([pair.q / pair.r]))
-        unit = pair.r
-    log_unit = math.log(unit) + 2.0 * math.log(data.scale)
-    return float(-0.5 * (data.m * (math.log(2.0 * math.pi) + log_unit) + logdet + chi2 / unit))
+    sums = data.sums(np.array([pair.q / pair.r])) if pair.r > 0.0 else data.records.random_walk[:2]
+    return float(loglik_of(data.m, data.scale, *sums, pair.r or pair.q)[0])
 
 
 def _estimate(
-    method: str,
-    verdict: str,
-    message: str,
-    peak: Peak = NOWHERE,
-    loglik: float = 0.0,
-    q: float = 0.0,
-    r: float = 0.0,
-    q_se: float = math.inf,
-    r_se: float = math.inf,
+    method: str, verdict: str, message: str, peak: Peak = NOWHERE, loglik: float = 0.0, *pair: float
 ) -> Estimate:
+    """An estimate of `pair`: q, r and their standard errors, or nothing."""
     low, high = (exp(end) for end in peak.interval)
+    q, r, q_se, r_se = pair or (0.0, 0.0, math.inf, math.inf)
     return Estimate(
-        method=method,
-        q=q,
-        r=r,
-        loglik=loglik,
+        method=method, q=q, r=r, q_se=q_se, r_se=r_se, loglik=loglik, verdict=verdict, message=message,
         ratio_interval=(low, high),
-        gain_interval=(gain_of(low), gain_of(high)),
-        lag_interval=(lag_of(high), lag_of(low)),
-        q_se=q_se,
-        r_se=r_se,
-        verdict=verdict,
-        message=message,
+        gain_interval=(float(gain_of(low)), float(gain_of(high))),
+        lag_interval=(float(lag_of(high)), float(lag_of(low))),
         params=FilterParams(q=q, r=r) if verdict in USABLE else None,
-    )
+    )  # fmt: skip
 
 
 def exp(log_ratio: float) -> float:

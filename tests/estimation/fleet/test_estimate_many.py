@@ -77,15 +77,6 @@ def test_edge_series_give_the_verdicts_of_estimate():
         assert_same(table, row, estimate(np.asarray(z, float), momentum=0.0, robust=False), name)
 
 
-def steps_for(z, seed):
-    rng = np.random.default_rng(seed)
-    return (
-        rng.choice([0.0, 0.5, 1.0, 1.0, 1.0, 7.25], len(z))
-        if seed % 3
-        else rng.integers(1, 3, len(z)).astype(float)
-    )
-
-
 def test_a_known_r_of_another_unit_is_said():
     assert estimate_many([walk(1, 50, 1.0)], r=1e200).verdict.tolist() == ["bad_unit"]
 
@@ -137,15 +128,6 @@ def test_intervals_are_of_one_kind_alone_or_in_a_table(both_ways):
         assert pair_intervals(one, z, np.empty(0)) == pytest.approx(ends, rel=1e-9), row
         assert ends[0] <= one.q <= ends[1]
         assert ends[2] <= one.r <= ends[3]
-
-
-@pytest.mark.slow
-def test_steps_and_spikes_together_are_those_of_estimate():
-    series = list(with_spikes(24))
-    steps = [steps_for(z, seed) for seed, z in enumerate(series)]
-    table = estimate_many(series, steps)
-    for row, (z, dt) in enumerate(zip(series, steps, strict=True)):
-        assert_same(table, row, estimate(z, dt=dt, momentum=0.0), row)
 
 
 @pytest.mark.slow

@@ -29,14 +29,6 @@ def test_the_errors_are_those_of_the_filter_itself():
         np.testing.assert_allclose(growth[i], wanted, rtol=1e-9)
 
 
-def test_irregular_steps_count():
-    rng = np.random.default_rng(3)
-    z, dt = fleet(1, 200, 0.1)[0], rng.choice([0.5, 1.0, 4.0], 200)
-    own = estimate(z[:100], dt=dt[:100], momentum=0.0, robust=False).ratio
-    wanted = [prediction_error(z, math.exp(at), dt) / prediction_error(z, own, dt) for at in LOG_RATIOS]
-    np.testing.assert_allclose(held_out([z], [dt])[0], wanted, rtol=1e-9)
-
-
 @pytest.mark.parametrize("ratio", [1e-5, 0.002, 0.03, 0.7, 40.0])
 def test_between_its_places_it_is_good_to_a_thousandth(ratio):
     rows = fleet(24, 600, 10.0 ** np.linspace(-5, 2, 24))

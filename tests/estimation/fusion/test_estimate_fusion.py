@@ -106,7 +106,10 @@ def test_gains_are_found_where_they_are_asked_for():
     z = 5.0 + (record(n=1500, q=0.5) - 20.0) * [1.0, 2.0, -0.5]
     named = estimate_fusion(z, gains=True, reference=0, **PLAIN)
     assert named.gain == pytest.approx([1.0, 2.0, -0.5], rel=0.03)
-    assert np.all((named.gain_interval[:, 0] <= [1.0, 2.0, -0.5]) & (named.gain_interval[:, 1] >= [1.0, 2.0, -0.5]))
+    assert np.all(
+        (named.sensor_gain_interval[:, 0] <= [1.0, 2.0, -0.5])
+        & (named.sensor_gain_interval[:, 1] >= [1.0, 2.0, -0.5])
+    )
     assert named.r == pytest.approx([0.25, 4.0, 0.5], rel=0.2)
     free = estimate_fusion(z, gains=True, **PLAIN)
     assert np.prod(np.abs(free.gain)) == pytest.approx(1.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, fuse
 from kalscope.estimation.climb import Coordinates, Readings, place_at
 
 GAINS = np.array([1.0, 1.3, -0.7])
@@ -27,23 +26,6 @@ def place(data: Readings, tau: float):
 
 
 @pytest.mark.parametrize("tau", [0.0, 4.0])
-def test_it_is_that_of_the_fused_filter(tau):
-    z, dt = record()
-    data = Readings.of(z, dt)
-    one = place(data, tau)
-    params = FilterParams(
-        q=one.q * data.scale**2,
-        r=one.r * data.scale**2,
-        offset=one.offset * data.scale + data.centre,
-        gain=one.c,
-        momentum=tau,
-    )
-    result = fuse(z, params, dt)
-    assert one.loglik == pytest.approx(result.loglik, rel=1e-12)
-    assert data.m == result.m
-
-
-@pytest.mark.parametrize("tau", [0.0, 4.0])
 def test_slopes_are_those_of_the_heights(tau):
     z, dt = record(momentum=tau > 0.0)
     data = Readings.of(z, dt)
@@ -51,18 +33,3 @@ def test_slopes_are_those_of_the_heights(tau):
     at = whole.start()
     beside = [whole.place(at + side).loglik - whole.place(at - side).loglik for side in 1e-5 * np.eye(len(at))]
     assert whole.slope(whole.place(at)) == pytest.approx(np.array(beside) / 2e-5, rel=1e-5, abs=1e-4)
-
-
-def test_no_other_offsets_are_more_likely():
-    z, dt = record()
-    data = Readings.of(z, dt)
-    one = place(data, 0.0)
-    scale = data.scale
-    for side in ([0.0, 0.01, 0.0], [0.0, -0.01, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, -0.01]):
-        offset = (one.offset + side) * scale + data.centre
-        other = fuse(z, FilterParams(one.q * scale**2, one.r * scale**2, offset=offset, gain=one.c), dt)
-        assert other.loglik < one.loglik
-        # and by as much as their covariance says: a parabola
-        assert one.loglik - other.loglik == pytest.approx(
-            0.5 * float(np.array(side)[1:] @ np.linalg.solve(one.spread[1:, 1:], np.array(side)[1:])), rel=1e-6
-        )

@@ -10,6 +10,7 @@ import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
+from signals import walk
 
 from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.estimation.likelihood import log_likelihood, loglik_map
@@ -31,13 +32,6 @@ def dense_loglik(z, q, r, dt=None):
     return -0.5 * (len(d) * math.log(2 * math.pi) + logdet + d @ np.linalg.solve(T, d))
 
 
-def walk(n, ratio, seed=0, missing=0.0, r=1.0):
-    g = np.random.default_rng(seed)
-    z = np.cumsum(g.normal(0, math.sqrt(ratio * r), n)) + g.normal(0, math.sqrt(r), n)
-    z[g.random(n) < missing] = np.nan
-    return z
-
-
 # --- published tables -----------------------------------------------------------------------------------
 
 
@@ -56,13 +50,6 @@ def test_nile_profile_is_durbin_and_koopmans_table_2_1(nile, log_ratio, printed)
     dropped = 0.5 * profile.m * (math.log(2 * math.pi) + 1)
     assert round(profile.loglik[0] + dropped, 1) == pytest.approx(round(printed, 1))
     assert profile.loglik[0] + dropped == pytest.approx(printed, abs=6e-3)
-
-
-def test_nile_with_missing_years(nile):
-    """Durbin & Koopman's missing observations, t = 21–40 and 61–80; statsmodels' exact diffuse start agrees."""
-    z = nile.copy()
-    z[20:40] = z[60:80] = np.nan
-    assert log_likelihood(z, FilterParams(NILE_Q, NILE_R)) == pytest.approx(-380.587063, abs=5e-7)
 
 
 def test_nile_with_a_proper_prior_is_the_ten_column_table_of_marss_and_kfas(nile):
@@ -157,15 +144,6 @@ def test_every_lane_of_a_profile_equals_the_filter_run_alone(n, missing):
     for j in range(0, 121, 8):
         params = FilterParams(math.exp(profile.log_ratios[j]) * profile.r[j], profile.r[j])
         assert profile.loglik[j] == pytest.approx(log_likelihood(z, params), rel=1e-10, abs=1e-9)
-
-
-def test_a_gap_of_absurd_length_is_still_exact():
-    z, dt = walk(50, 1.0), np.ones(50)
-    dt[20], dt[33] = 1e30, 1e18
-    profile = likelihood_profile(z, [-5, 24], dt)
-    for j in range(2):
-        q = math.exp(profile.log_ratios[j]) * profile.r[j]
-        assert profile.loglik[j] == pytest.approx(dense_loglik(z, q, profile.r[j], dt), rel=1e-10)
 
 
 # --- the map, the unit, the shapes ----------------------------------------------------------------------

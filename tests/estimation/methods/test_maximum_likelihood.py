@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from each import each
 from effort import FUZZ
+from signals import walk
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.estimation.fit import estimate
@@ -34,13 +35,6 @@ UNEMPLOYMENT = """5.8 5.1 5.3 5.6 5.2 5.2 5.6 6.3 6.8 7 6.8 6.2 5.6 5.5 5.6 5.5 
 
 def numbers(text):
     return np.array(text.split(), dtype=float)
-
-
-def walk(n, ratio, seed=0, missing=0.0):
-    g = np.random.default_rng(seed)
-    z = np.cumsum(g.normal(0, math.sqrt(ratio), n)) + g.normal(0, 1, n)
-    z[g.random(n) < missing] = np.nan
-    return z
 
 
 # --- published tables -----------------------------------------------------------------------------------
@@ -179,13 +173,6 @@ def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
 
 
 # --- edges in words --------------------------------------------------------------------------------------
-
-
-def test_a_clean_ramp_shows_no_noise_and_says_what_to_do():
-    found = estimate(np.arange(50.0))
-    assert (found.verdict, found.r, found.ratio, found.params) == ("no_noise", 0.0, math.inf, None)
-    for word in ("still stretch", "lag", "cut-off", "data sheet"):
-        assert word in found.message
 
 
 @each(

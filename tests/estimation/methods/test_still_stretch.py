@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from each import each
+from signals import walk
 
 from kalscope import BadSetting, noise_from_still
 from kalscope.estimation.request import Noise, Request, find_parameters
@@ -28,11 +29,6 @@ def record(kind, seed=0, n=2000):
         "shaken": lambda: moving * g.normal(0, 5, n),
     }[kind]()
     return truth + g.normal(size=n)
-
-
-def walk(n, ratio, seed):
-    g = np.random.default_rng(seed)
-    return np.cumsum(g.normal(0, math.sqrt(ratio), n)) + g.normal(size=n)
 
 
 # --- found ----------------------------------------------------------------------------------------------

@@ -100,13 +100,6 @@ def test_with_the_noise_of_rounding_q_is_the_most_likely_one_and_its_overshoot_i
         assert log_likelihood(z, replace(params, q=factor * params.q)) < best
 
 
-def test_a_share_of_r_that_is_rounding_is_named():
-    _, z = walk(2000, 0.1, 0.4)
-    found = estimate(z)
-    assert found.verdict == "ok"
-    assert "Rounding to steps of 1 is 3" in found.message
-
-
 def test_a_fast_signal_in_steps_keeps_its_verdict():
     """A counter, a jump: not the noise of the sensor is small, but the movement large."""
     for z in (np.arange(50.0), np.append(np.zeros(20), 1.0), np.round(1e3 * np.sin(np.arange(400.0)))):

@@ -54,7 +54,7 @@ for params in (PLAIN, MOVING):
 classic = Median(5), MovingAverage(5), Exponential(0.1), Butterworth(0.1), OneEuro(0.1, 0.1, 0.1)
 RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
 compare_alternatives(live, PLAIN)
-for method in ("ml", "als"):
+for method in ("ml", "moments"):
     estimate(spiky, method=method)
 estimate_many([z[:400], spiky])
 generalized.generalized_filter(np.abs(z) + 1.0, generalized.GeneralizedParams(1.0))
