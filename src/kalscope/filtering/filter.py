@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
-from kalscope.filtering.kernels import LANE_BLOCK, LANES, filter_lanes
 from kalscope.filtering.params import (
     FilterParams,
     checked_readings,
@@ -519,24 +518,12 @@ def _check_out(out: Any, shape: tuple[int, ...]) -> None:
 # The filter over a whole record, of which only chosen rows are kept: those that a chart draws.
 #
 # A run that keeps everything writes 40 bytes per sample, and for a million samples it spends most of its time on
-# memory that is not in the processor's cache. Here the rows of one piece are overwritten again and again. And where
-# the gain has settled, eight stretches of the record are filtered at once, equal to sample by sample to the last
-# bit: without missing samples p and k repeat to the last bit after a while, every one or two samples, and from then
-# on x forgets its start, so that two runs over the same samples converge to the same bits.
-
-
-PERIODS = (1, 2)
-"""Samples after which p may repeat itself: rounding keeps some 2 % of the filters from a single value."""
-
-FORGOTTEN = 48.0
-"""Time constants after which two runs are the same: 36 bring 2⁵² to 1, the others end the last bit's difference."""
-
-MAX_LANE = 16384
-"""Samples of a lane, or four times its warm-up: after a missing one the rest of the stretch is filtered twice."""
+# memory that is not in the processor's cache. Here the rows of one piece are overwritten again and again; and once
+# the gain has settled, whole chunks are filtered at once, as in `denoise`.
 
 
 def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLike | None = None) -> FilterResult:
-    """What `kalman_filter` gives at some rows, bit for bit.
+    """What `kalman_filter` gives at some rows, x and innovation within 1e-12 · max|z|.
 
     Args:
         z: measurements, shape (n,), or with an r per sensor (n, sensors); NaN is a missing one.
@@ -558,30 +545,26 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     steps, one = steps_of(dt, len(samples)), KalmanFilter(params)
     rows, result = FilterRows.empty(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
-    has_lanes = params.reads_x and not params.momentum and params.gate is None and not len(steps)
-    first = picked = retry = 0
+    is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
+    first = picked = 0
     while first < len(samples):
         piece = _filter_piece(one, samples, steps, first, rows)
-        last = first + len(piece.x)
-        end = int(np.searchsorted(at, last))
+        first += len(piece.x)
+        end = int(np.searchsorted(at, first))
         for name, row in piece.rows.items():
-            kept[name][picked:end] = row[at[picked:end] - first]
-        result = _added(result, piece.loglik, piece.m, piece.rejected)
-        first, picked = last, end
-        cycle = cycle_of(piece.p, piece.k, piece.s) if has_lanes and first >= retry else None
-        while cycle is not None:  # stretches in lanes, up to one with a missing sample
+            kept[name][picked:end] = row[at[picked:end] - first + len(piece.x)]
+        result, picked = _added(result, piece.loglik, piece.m, piece.rejected), end
+        p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
+        if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]
-            stretch = filter_stretch(samples[first:], cycle, one.x, at[picked:], first, out)
-            end = picked + int(np.searchsorted(at[picked:], first + stretch.done))
-            phase = (at[picked:end] - first) % len(cycle.p)
-            for name in ("p", "k", "s"):
-                kept[name][picked:end] = getattr(cycle, name)[phase]
-            one.advance(stretch.x)
-            result = _added(result, stretch.loglik, stretch.done, 0)
-            retry = first + stretch.tried
-            first, picked = first + stretch.done, end
-            if stretch.done < stretch.tried or not stretch.tried:
-                cycle = None
+            done, x, squares = kernels.filter_settled(samples[first:], k, one.x, at[picked:], first, out)
+            first += done
+            end = int(np.searchsorted(at, first))
+            for name, value in (("p", p), ("k", k), ("s", s)):
+                kept[name][picked:end] = value
+            one.advance(x)
+            loglik = -0.5 * (done * math.log(2.0 * math.pi * s) + squares / s)
+            result, picked = _added(result, loglik, done, 0), end
     return replace(result, **kept, params=None, dt=None)
 
 
@@ -599,67 +582,6 @@ def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, r
 def _added(result: FilterResult, loglik: Any, m: Any, rejected: Any) -> FilterResult:
     sums = {"loglik": result.loglik + loglik, "m": result.m + m, "rejected": result.rejected + rejected}
     return replace(result, **sums)
-
-
-class Cycle(NamedTuple):
-    """What repeats itself in a settled filter."""
-
-    p: Array
-    """Posterior variance of the next samples, shape (period,)."""
-    k: Array
-    """Their gain."""
-    s: Array
-    """Their innovation variance."""
-
-
-class Stretch(NamedTuple):
-    """The result of filtering a stretch in lanes."""
-
-    tried: int
-    """Samples tried; 0 = too few are left."""
-    done: int
-    """Samples that are filtered, from the first on: all, or those before a missing one."""
-    x: float
-    """Filtered value of the last of these."""
-    loglik: float
-    """Their log-likelihood."""
-
-
-def cycle_of(p: Array, k: Array, s: Array) -> Cycle | None:
-    """What repeats itself at the end of these rows; None = the filter has not settled, or its gain is 0."""
-    for period in PERIODS:
-        if len(p) > period and p[-1] == p[-1 - period] and (k[-period:] > 0.0).all():
-            return Cycle(p[-period:].copy(), k[-period:].copy(), s[-period:].copy())
-    return None
-
-
-def filter_stretch(
-    z: Array, cycle: Cycle, x: float, indices: Indices, first: int, out: tuple[Array, Array]
-) -> Stretch:
-    """Filter the first samples of z, as many as is worthwhile.
-
-    Args:
-        z: the samples that follow, shape (n,), with any strides.
-        cycle: the settled gain.
-        x: the filtered value before.
-        indices: the samples to keep, ascending, none before z; more may follow.
-        first: what the first sample of z is counted as there.
-        out: where x and innovation of these go, each of the shape of indices.
-    """
-    # the samples after which a lane no longer depends on where it began, most likely
-    warm = LANE_BLOCK * math.ceil(FORGOTTEN / (float(cycle.k.mean()) * LANE_BLOCK))
-    each = min((len(z) - warm) // LANES, max(MAX_LANE, 4 * warm)) // LANE_BLOCK * LANE_BLOCK
-    if each < max(LANE_BLOCK, warm // 4):
-        return Stretch(0, 0, x, 0.0)
-    ends = warm + each * np.arange(1, LANES + 1)
-    end = np.searchsorted(indices, first + ends).astype(np.intp)
-    begin = np.concatenate(([0], end[:-1])).astype(np.intp)
-    tried = np.ascontiguousarray(z[: ends[-1]])
-    k, s = (np.tile(row, LANE_BLOCK // len(cycle.p)) for row in (cycle.k, cycle.s))
-    lanes, x, chi2 = filter_lanes(tried, warm, k, 1.0 / s, x, indices[: end[-1]] - first, begin, end, out)
-    done = int(ends[lanes - 1]) if lanes else 0
-    norm = math.log(2.0 * math.pi) + float(np.log(cycle.s).mean())
-    return Stretch(len(tried), done, float(x), -0.5 * (done * norm + chi2))
 
 
 # What every filter can do: the standard one, of q and r, and others beside it.
