@@ -357,7 +357,7 @@ class WithMomentum:
         """How far the error goes below 0."""
         times, errors = self._grid
         at = int(np.argmin(errors))
-        around = np.linspace(times[max(at - 1, 1)], times[min(at + 1, len(times) - 1)], 200)
+        around = np.linspace(float(times[max(at - 1, 1)]), float(times[min(at + 1, len(times) - 1)]), 200)
         return max(0.0, -float(self._after(np.rint(around) - 1.0).min()))
 
     def first_below(self, share: float) -> float:
