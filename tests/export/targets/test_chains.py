@@ -122,7 +122,7 @@ def test_json_says_the_filter_and_what_it_computes_with():
     document = json.loads(text)
     assert document["format"] == "kalscope-parameters-2"
     for one, channel in zip(document["channels"], CHANNELS, strict=True):
-        chain = chain_in(one["chain"], "") if "chain" in one else None
+        chain = chain_in(one["chain"]) if "chain" in one else None
         assert chain == channel.chain
         if chain is None or chain.then is None:
             assert one["process_noise_q"] == channel.q
