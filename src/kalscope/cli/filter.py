@@ -187,18 +187,17 @@ def filter_command(
     from kalscope.common.text import plain
     from kalscope.export.csv import filtered_csv_chunks
     from kalscope.sources.reading.account import account, sample_period_conflict
-    from kalscope.tuning.choose import filters_for, filters_for_stdin, fuses
+    from kalscope.tuning.choose import filters_for
 
     tell_compiling()
-    fused = fuses(config, given, channel, fuse)  # before anything is read: it refuses contradictions
     if source == "-":
         if report:
             raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
         if output is not None:
             raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
-        chosen, notes = filters_for_stdin(config, given, channel, fuse, sample_period)
+        chosen, notes = filters_for(None, config, given, channel, fuse, sample_period)
         filters = [one.filter for one in chosen]
-        lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) if fused else 1)
+        lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) or 1)
         _filter_stdin(lines, notes, reading)
         return
     if output is not None:
