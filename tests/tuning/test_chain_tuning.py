@@ -9,7 +9,7 @@ import pytest
 from each import each
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
-from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
@@ -20,7 +20,6 @@ CHAINS = (
     Chain(5),
     Chain(1, MovingAverage(9)),
     Chain(3, Exponential(0.1)),
-    Chain(1, PowerOfTwo(4)),
     Chain(3, Median(9)),
     Chain(7, Butterworth(1 / 3)),
     Chain(5, OneEuro(0.02, 1e-7, 0.1)),
@@ -93,7 +92,6 @@ def test_at_another_period_cut_offs_stay_in_hertz_and_windows_in_seconds():
         (2.0, Chain(5, MovingAverage(9)), Chain(3, MovingAverage(4))),
         (0.5, Chain(5, Median(9)), Chain(9, Median(17))),
         (4.0, Chain(3, Exponential(1.0)), Chain(1, Exponential(1.0))),
-        (0.5, Chain(1, PowerOfTwo(4)), Chain(1, PowerOfTwo(5))),
         (2.0, Chain(1, Butterworth(0.1)), Chain(1, Butterworth(0.2))),
         (2.0, Chain(1, OneEuro(0.1, 3.0, 0.2)), Chain(1, OneEuro(0.2, 3.0, 0.4))),
         (8.0, Chain(5), None),

@@ -63,10 +63,8 @@ def number(name: str, value: Any, least: float, most: float, unit: str = "") -> 
 # where no formula gives them, because they depend on the signal.
 
 
-MAX_SHIFT = 30
-"""Largest shift accepted: 2^-30 is a time constant of a billion samples."""
-MIN_ALPHA = 2.0**-MAX_SHIFT
-"""Smallest share of each step accepted."""
+MIN_ALPHA = 2.0**-30
+"""Smallest share of each step accepted: a time constant of a billion samples."""
 MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles per sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
@@ -131,13 +129,19 @@ class MovingAverage(_Windowed):
         return 1.0 / self.window
 
 
-class _Smoothing(_Stage):
-    """What exponential smoothing is, wherever its α comes from."""
+@dataclass(frozen=True)
+class Exponential(_Stage):
+    """Exponential smoothing, x += α (z − x), begun at the first sample."""
 
     alpha: float
-    """Share of each step that is taken."""
+    """Share of each step that is taken, 2^-30 … 1."""
+    name: ClassVar[str] = "Exponential"
+    _setting: ClassVar[str] = "α = {0.alpha:.4g}"
     memory: ClassVar[int] = 2
     """Numbers that it remembers: the output, and what rounding left out of it."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha", number("alpha", self.alpha, MIN_ALPHA, 1.0))
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -158,37 +162,6 @@ class _Smoothing(_Stage):
     def start_samples(self) -> int:
         """Samples until 1 % of the start is left."""
         return 1 if self.alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-self.alpha)))
-
-
-@dataclass(frozen=True)
-class Exponential(_Smoothing):
-    """Exponential smoothing, x += α (z − x), begun at the first sample."""
-
-    alpha: float
-    """Share of each step that is taken, 2^-30 … 1."""
-    name: ClassVar[str] = "Exponential"
-    _setting: ClassVar[str] = "α = {0.alpha:.4g}"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", number("alpha", self.alpha, MIN_ALPHA, 1.0))
-
-
-@dataclass(frozen=True)
-class PowerOfTwo(_Smoothing):
-    """Exponential smoothing with α = 2^-shift: a device shifts bits."""
-
-    shift: int
-    """Bits, 0 … 30."""
-    name: ClassVar[str] = "Power-of-two gain"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "shift", whole("shift", self.shift, 0, MAX_SHIFT))
-        object.__setattr__(self, "alpha", 2.0**-self.shift)
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"α = 1/{2**self.shift}"
 
 
 @dataclass(frozen=True)
@@ -293,7 +266,7 @@ class OneEuro(_Stage):
         return max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * self.cutoff)))
 
 
-Stage = MovingAverage | Exponential | PowerOfTwo | Median | Butterworth | OneEuro
+Stage = MovingAverage | Exponential | Median | Butterworth | OneEuro
 
 
 # A chain of two filters: a median, and what follows it.
@@ -352,7 +325,6 @@ MANY_MOVES = 5e7
 _LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, classic_kernels.Counters, Floats], None]] = {
     MovingAverage: classic_kernels.moving_average,
     Exponential: classic_kernels.exponential,
-    PowerOfTwo: classic_kernels.exponential,
     Median: classic_kernels.median,
     Butterworth: classic_kernels.butterworth,
     OneEuro: classic_kernels.one_euro,
@@ -578,7 +550,7 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
     match then:
         case None:
             return steady_state(params, 1.0)
-        case Exponential() | PowerOfTwo():
+        case Exponential():
             return _smoothing(then.alpha)
         case OneEuro():
             angle = 2.0 * math.pi * then.cutoff
@@ -673,8 +645,8 @@ def _average_cutoff(window: int) -> float:
 def rescaled_chain(chain: Chain, ratio: float) -> Chain | None:
     """The chain at a sample period `ratio` times as long.
 
-    Windows are rounded to whole samples, those of a median to odd ones, and a power of two to the nearest. α keeps
-    its time constant, 1 − (1 − α)^ratio; β is per unit of the signal and stays.
+    Windows are rounded to whole samples, those of a median to odd ones. α keeps its time constant,
+    1 − (1 − α)^ratio; β is per unit of the signal and stays.
 
     Returns:
         The chain; None where nothing is left of it but the Kalman filter.
@@ -696,8 +668,6 @@ def _rescaled(stage: Stage, ratio: float) -> Stage:
             return Median(_odd(stage.window, ratio))
         case Exponential():
             return Exponential(_share(stage.alpha, ratio))
-        case PowerOfTwo():
-            return PowerOfTwo(min(max(0, round(-math.log2(_share(stage.alpha, ratio)))), MAX_SHIFT))
         case Butterworth():
             return Butterworth(stage.cutoff * ratio)
         case OneEuro():

@@ -58,7 +58,6 @@ _COMMENTS = {
     "filter": 'what filters then; "kalman" = q, r, ... above',
     "window": "samples",
     "alpha": "share of each step that is taken",
-    "shift": "alpha = 2^-shift",
     "cutoff": "cycles per sample",
     "beta": "growth of the cut-off for a speed of one unit per sample",
     "speed_cutoff": "of the speed itself, cycles per sample",
@@ -201,7 +200,6 @@ KALMAN = "kalman"
 STAGES: dict[str, type[classic.Stage]] = {
     "moving-average": classic.MovingAverage,
     "exponential": classic.Exponential,
-    "power-of-two": classic.PowerOfTwo,
     "median": classic.Median,
     "butterworth": classic.Butterworth,
     "one-euro": classic.OneEuro,

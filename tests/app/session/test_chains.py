@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.recording import Recording
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
@@ -35,7 +35,7 @@ from kalscope_app.studies.comparisons import VariantTable
 from kalscope_app.views.variants import table_text
 
 EURO = OneEuro(0.02, 0.7, 0.1)
-STAGES = (MovingAverage(9), Exponential(0.2), PowerOfTwo(3), Median(7), Butterworth(0.05), EURO)
+STAGES = (MovingAverage(9), Exponential(0.2), Median(7), Butterworth(0.05), EURO)
 CHAINS = [*(Chain(m, stage) for stage in STAGES for m in (1, 5)), Chain(3)]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams
-from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.filtering.classic import ChainFilter, RunningStages
 from kalscope.filtering.filter import GrowingRun
 
@@ -15,7 +15,6 @@ STAGES = (
     MovingAverage(7),
     Exponential(1.0),
     Exponential(0.03),
-    PowerOfTwo(4),
     Median(1),
     Median(9),
     Butterworth(0.499),
