@@ -67,7 +67,7 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
         ("kalman; median = 100001", "median must be a whole number from 1 to 99999 (got 100001"),
         ("kalman", "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
         ("exponential; alpha = 0", "alpha must be a number from 9.31e-10 to 1 (got 0.0)"),
-        ("butterworth; cutoff = 0.5", "cutoff must be a number from 1e-06 to 0.499 cycles per sample (got 0.5)"),
+        ("butterworth; cutoff = 0.5", "cutoff in cycles per sample must be a number from 1e-06 to 0.499 (got 0.5)"),
         ("one-euro; cutoff = 1; beta = -1; speed_cutoff = 1", "beta must be a number from 0 to 1e+300 (got -1"),
         (
             "one-euro; cutoff = inf; beta = 1",
@@ -123,6 +123,6 @@ def test_the_user_is_told_what_a_chain_became_and_which_cannot():
     with pytest.raises(BadSetting) as refused:
         with_chain(Chain(1, Butterworth(0.3))).rescaled(0.02)
     assert str(refused.value) == (
-        "a cannot be filtered alike every 20 ms: cutoff must be a number from 1e-06 to 0.499 cycles per sample"
+        "a cannot be filtered alike every 20 ms: cutoff in cycles per sample must be a number from 1e-06 to 0.499"
         " (got 0.6). Sample more often, or choose another filter"
     )

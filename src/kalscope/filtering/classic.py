@@ -12,7 +12,7 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, above_zero, bisect
+from kalscope.common.numbers import Array, above_zero, bisect, in_range
 from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
@@ -46,17 +46,6 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return found
 
 
-def number(name: str, value: Any, least: float, most: float, unit: str = "") -> float:
-    """`value` as a float from `least` to `most`."""
-    try:
-        found = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if not least <= found <= most:
-        raise BadSetting(f"{name} must be a number from {least:.3g} to {most:.3g}{unit} (got {value!r})")
-    return found
-
-
 # The classic filters as frozen, checked values: what they are, what they cost, and how a device begins them.
 #
 # Lag is the lag on a ramp, in samples; noise gain is the variance that is left of white noise, Σh². Both are None
@@ -69,7 +58,6 @@ MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles per sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
 """Cut-offs of the one-euro filter, cycles per sample; it may pass everything."""
-PER_SAMPLE = " cycles per sample"
 MAX_BETA = 1e300
 """Largest growth of a cut-off accepted: the unit of the signal may be anything."""
 BEYOND = 1e30
@@ -141,7 +129,7 @@ class Exponential(_Stage):
     """Numbers that it remembers: the output, and what rounding left out of it."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", number("alpha", self.alpha, MIN_ALPHA, 1.0))
+        object.__setattr__(self, "alpha", in_range("alpha", self.alpha, MIN_ALPHA, 1.0))
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -196,7 +184,8 @@ class Butterworth(_Stage):
     """Numbers that it remembers: output, level, what rounding left out of the level, slope."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cutoff", number("cutoff", self.cutoff, MIN_CUTOFF, MAX_CUTOFF, PER_SAMPLE))
+        checked = in_range("cutoff in cycles per sample", self.cutoff, MIN_CUTOFF, MAX_CUTOFF)
+        object.__setattr__(self, "cutoff", checked)
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -250,9 +239,11 @@ class OneEuro(_Stage):
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "speed_cutoff"):
-            checked = number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE)
+            checked = in_range(
+                f"{name} in cycles per sample", getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF
+            )
             object.__setattr__(self, name, checked)
-        object.__setattr__(self, "beta", number("beta", self.beta, 0.0, MAX_BETA))
+        object.__setattr__(self, "beta", in_range("beta", self.beta, 0.0, MAX_BETA))
 
     @property
     def constants(self) -> tuple[float, ...]:

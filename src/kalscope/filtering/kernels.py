@@ -52,6 +52,9 @@ SETTLED_WITHIN = 4e-16
 SERIES_BELOW = 0.1
 """Steps shorter than this many tau take the series of `transition`: the closed form loses digits like (tau/dt)²."""
 
+_SERIES = (-510 / 3628800, 254 / 362880, -126 / 40320, 62 / 5040, -30 / 720, 7 / 60, -0.25, 1 / 3)
+"""Of h - 2(1 - e) + (1 - e²)/2 = Σ (-1)^(n+1) (2^(n-1) - 2) hⁿ/n!, n from 10 down to 3."""
+
 Transition = tuple[float, float, float, float, float]
 """e, f, a, b and c."""
 State = tuple[float, float, float, float, float]
@@ -74,15 +77,10 @@ def transition(dt: float, q: float, tau: float | None) -> Transition:
     h = dt / tau
     u = -math.expm1(-h)  # 1 - e
     if h < SERIES_BELOW:
-        # h - 2(1 - e) + (1 - e²)/2 = Σ (-1)^(n+1) (2^(n-1) - 2) hⁿ/n! from n = 3
-        a = -510.0 / 3628800.0
-        a = 254.0 / 362880.0 + a * h
-        a = -126.0 / 40320.0 + a * h
-        a = 62.0 / 5040.0 + a * h
-        a = -30.0 / 720.0 + a * h
-        a = 7.0 / 60.0 + a * h
-        a = -0.25 + a * h
-        a = h * h * h * (1.0 / 3.0 + a * h)
+        a = 0.0
+        for factor in _SERIES:
+            a = factor + a * h
+        a = h * h * h * a
     else:
         a = h - 2.0 * u - 0.5 * math.expm1(-2.0 * h)
     return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)

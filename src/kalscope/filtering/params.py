@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
@@ -10,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, in_range
 from kalscope.errors import BadSetting
 
 # The model's parameters as one frozen, checked value: one sensor, or several of one quantity.
@@ -35,8 +36,8 @@ _MUST = {
     "q": _VARIANCE,
     "r": _VARIANCE,
     "p0": _VARIANCE,
-    "x0": ("a finite number in the unit of the signal", -math.inf, math.inf),
-    "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), math.inf),
+    "x0": ("a finite number in the unit of the signal", -sys.float_info.max, sys.float_info.max),
+    "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), sys.float_info.max),
     "momentum": ("a number of sample periods from 0 to 1e5", 0.0, MAX_MOMENTUM),
     "offset": ("a number of a size up to 1e200", 0.0, MAX_OFFSET),
     "gain": ("a number of a size from 1e-100 to 1e100", MIN_GAIN, MAX_GAIN),
@@ -208,28 +209,10 @@ def require_params(params: object) -> FilterParams:
     return params
 
 
-def require_one_sensor(params: object) -> FilterParams:
-    """Refuse what is not the parameters of one sensor that reads x itself.
-
-    Raises:
-        BadSetting: They are not, or they are no parameters.
-    """
-    checked = require_params(params)
-    if not checked.reads_x:
-        raise BadSetting(f"params must be those of one sensor without offset and gain (got {checked})")
-    return checked
-
-
 def _number(name: str, value: Any) -> float:
     """`value` as a float in the range that _MUST states."""
     must, least, most = _MUST[name]
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    size = abs(number) if name in ("offset", "gain") else number
-    if not (math.isfinite(number) and least <= size <= most):
-        raise BadSetting(f"{name} must be {must} (got {value!r})")
+    number = in_range(name, value, -most if name == "offset" else least, most, must)
     return 0.0 if name == "momentum" and number < MIN_MOMENTUM else number
 
 
@@ -243,7 +226,7 @@ def _each(name: str, value: Any, sensors: int | None) -> Array:
     if array.ndim != 1 or array.size == 0 or (sensors is not None and array.shape != (sensors,)):
         raise BadSetting(f"{name} must have one value per sensor, as r (got {value})")
     for one in array.tolist():
-        _number(name, one)
+        _number(name, abs(one) if name == "gain" and one < 0.0 else one)
     array.setflags(write=False)
     return array
 
@@ -275,8 +258,8 @@ def samples_of(z: ArrayLike) -> Array:
 
 def one_channel(z: ArrayLike, params: FilterParams | None = None) -> Array:
     """The samples z as float64, shape (n,), for functions of one signal, of one sensor where `params` is given."""
-    if params is not None:
-        require_one_sensor(params)
+    if params is not None and not require_params(params).reads_x:
+        raise BadSetting(f"params must be those of one sensor without offset and gain (got {params})")
     samples = samples_of(z)
     if samples.ndim != 1:
         raise BadSetting(f"z must be one channel, shape (n,) (got shape {samples.shape})")

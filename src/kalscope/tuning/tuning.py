@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kalscope.common.numbers import Array, above_zero
-from kalscope.common.text import duration, number, program, typed_number
+from kalscope.common.text import duration, program, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import params_for_specification
 from kalscope.estimation.request import Request
 from kalscope.filtering.classic import Chain, ChainFilter, Median, Stage, rescaled_chain
 from kalscope.filtering.filter import Filter, StandardFilter
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.toml_text import KALMAN, STAGES, shown
 
@@ -300,20 +300,11 @@ class Tuning:
 
 
 def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
-    """The filter at a period of `ratio` times as long, `period` in s.
-
-    BadSetting where τ would become too long, with one that filters alike: then only q/τ² matters.
-    """
-    if one.momentum > MAX_MOMENTUM * ratio:
-        shorter = float(f"{0.999 * MAX_MOMENTUM * ratio:.4g}")
-        raise BadSetting(
-            f"momentum of {one.name} must be at most {number(MAX_MOMENTUM)} samples of {duration(period)} (got"
-            f" {number(one.momentum / ratio)}): set momentum = {shorter:g} and"
-            f" q = {one.q * (shorter / one.momentum) ** 2:.4g} in the tuning, which filters alike"
-        )
-    moved = replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+    """The filter at a period of `ratio` times as long, `period` in s."""
+    chain = one.chain
     try:
-        return moved if moved.chain is None else replace(moved, chain=rescaled_chain(moved.chain, ratio))
+        moved = replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+        return moved if chain is None else replace(moved, chain=rescaled_chain(chain, ratio))
     except BadSetting as error:
         raise BadSetting(
             f"{one.name} cannot be filtered alike every {duration(period)}: {error}. Sample more often, or choose"
