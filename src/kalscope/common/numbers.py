@@ -1,4 +1,4 @@
-"""The array types of signals, and checks and medians of numbers."""
+"""The array types of signals, and checks of numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from kalscope.errors import BadSetting
@@ -69,29 +68,3 @@ def bisect(is_below: Callable[[float], bool], low: float, high: float, steps: in
         middle = 0.5 * (low + high)
         low, high = (middle, high) if is_below(middle) else (low, middle)
     return low, high
-
-
-# The median of a short window around each value; the median of a chain, which sees only the past, is a filter.
-#
-# scipy.ndimage has one as fast, but takes 0.1 s to import, which `kalscope tune` on a small file would wait for.
-
-
-_ROWS = 1 << 16
-"""Windows that are sorted at once: a few MB."""
-
-
-def centred_median(values: Array, window: int) -> Array:
-    """The median of the `window` values around each, shape (n,); the ends are continued with their last value.
-
-    Args:
-        values: finite, shape (n,).
-        window: an odd number of values.
-    """
-    half, medians = window // 2, np.empty(len(values))
-    if not len(values):
-        return medians
-    windows = sliding_window_view(np.pad(values, half, mode="edge"), window)
-    for first in range(0, len(values), _ROWS):
-        rows = slice(first, first + _ROWS)
-        medians[rows] = np.partition(windows[rows], half, axis=1)[:, half]
-    return medians

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kalscope.common.numbers import Array, Mask, centred_median
+from kalscope.common.numbers import Array, Mask
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels, verdict
@@ -42,8 +42,10 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
 
 def far_from_median(z: Array) -> tuple[Mask, bool]:
     """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
+    from scipy.ndimage import median_filter
+
     present = np.isfinite(z)
-    away = np.abs(z[present] - centred_median(z[present], WINDOW))
+    away = np.abs(z[present] - median_filter(z[present], WINDOW, mode="nearest"))
     scale = NORMAL * float(np.median(away))
     if scale == 0.0 and away.any():
         scale = float(np.median(away[away > 0.0]))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, centred_median
+from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation import methods
 from kalscope.estimation.likelihood import differences
@@ -226,7 +226,9 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the centred median of five: spikes."""
-    distance = centred_median(readings, 5)
+    from scipy.ndimage import median_filter
+
+    distance = median_filter(readings, 5, mode="nearest")
     np.abs(np.subtract(readings, distance, out=distance), out=distance)
     scale = np.empty(len(readings))
     last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer
