@@ -73,7 +73,7 @@ def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, 
         if momentum:
             assert_same_bits(velocity, whole.velocity[:STREAMED])
 
-        growing = GrowingRun(params)
+        growing = GrowingRun(KalmanFilter(params))
         for first, last in (
             (0, 0),
             (0, 1),
@@ -146,7 +146,7 @@ def test_denoise_writes_into_out_and_may_work_in_place():
 
 def test_what_was_given_out_never_changes_and_room_grows_with_what_is_kept():
     params = FilterParams(0.01, 1.0)
-    running, given_out = GrowingRun(params), []
+    running, given_out = GrowingRun(KalmanFilter(params)), []
     for part in np.array_split(record(params), 60):
         running.extend(part)
         running.forget(len(running) - 700)

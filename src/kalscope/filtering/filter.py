@@ -108,27 +108,16 @@ class SmootherResult:
     """Its variance."""
 
 
-@dataclass(frozen=True)
-class FilterRows:
-    """Arrays that the loops fill."""
+Rows = tuple[kernels.States, kernels.Readings]
+"""Arrays that the loops fill: x, v, p, g and w, shape (rows,), of which v, g and w are empty without momentum; k,
+innovation and s on the scale of x, shape (rows, sensors)."""
 
-    states: kernels.States
-    """x, v, p, g and w, shape (rows,); v, g and w are empty without momentum."""
-    readings: kernels.Readings
-    """k, innovation and s on the scale of x, shape (rows, sensors)."""
 
-    @classmethod
-    def empty(cls, params: FilterParams, rows: int) -> FilterRows:
-        """Arrays for this many rows."""
-        moving, shape = rows if params.momentum else 0, (rows, params.sensors)
-        x, v, p, g, w = (np.empty(size) for size in (rows, moving, rows, moving, moving))
-        return cls((x, v, p, g, w), (np.empty(shape), np.empty(shape), np.empty(shape)))
-
-    def part(self, first: int, last: int) -> FilterRows:
-        """Views of the rows first to last."""
-        x, v, p, g, w = (row[first:last] for row in self.states)
-        k, innovation, s = (row[first:last] for row in self.readings)
-        return FilterRows((x, v, p, g, w), (k, innovation, s))
+def empty_rows(params: FilterParams, rows: int) -> Rows:
+    """Arrays for this many rows."""
+    moving, shape = rows if params.momentum else 0, (rows, params.sensors)
+    x, v, p, g, w = (np.empty(size) for size in (rows, moving, rows, moving, moving))
+    return (x, v, p, g, w), (np.empty(shape), np.empty(shape), np.empty(shape))
 
 
 class KalmanFilter:
@@ -210,14 +199,14 @@ class KalmanFilter:
             BadSetting: z holds inf or has another shape; dt does not fit z. The state stays.
         """
         readings = checked_readings(samples_of(z), self.params)
-        rows = FilterRows.empty(self.params, len(readings))
+        rows = empty_rows(self.params, len(readings))
         return self.take(readings, steps_of(dt, len(readings)), rows)
 
-    def take(self, readings: Array, steps: Array, rows: FilterRows) -> FilterResult:
-        """Take checked readings, shape (n, sensors), into rows; `steps` are empty for regular sampling."""
-        refused, scored, loglik = self._run_loop(readings, steps, rows.states, rows.readings, keep=True)
-        x, v, p, _, w = rows.states
-        k, innovation, s = rows.readings
+    def take(self, readings: Array, steps: Array, rows: Rows) -> FilterResult:
+        """Take checked readings, shape (n, sensors), into the first n rows; `steps` empty for regular sampling."""
+        refused, scored, loglik = self._run_loop(readings, steps, rows, keep=True)
+        x, v, p, _, w = (row[: len(readings)] for row in rows[0])
+        k, innovation, s = (row[: len(readings)] for row in rows[1])
         if self._scales is not None and np.any(
             (gain := self._scales[1]) != 1.0
         ):  # back on the scale of each sensor
@@ -233,16 +222,14 @@ class KalmanFilter:
         rejected = refused if fuses else int(refused[0])
         return FilterResult(x, p, k, innovation, s, loglik, int(scored.sum()), rejected, *moving)
 
-    def _run_loop(
-        self, readings: Array, steps: Array, states: kernels.States, out: kernels.Readings, *, keep: bool
-    ) -> tuple[Counts, Counts, float]:
+    def _run_loop(self, readings: Array, steps: Array, rows: Rows, *, keep: bool) -> tuple[Counts, Counts, float]:
         """The readings rejected and scored of each sensor, and the log-likelihood on the scale of x."""
         in_a_row = np.array(self._in_a_row, dtype=np.int64)
         refused, scored, ells = np.zeros_like(in_a_row), np.zeros_like(in_a_row), np.zeros(len(in_a_row))
         model = self.params.q, self._tau, self._scales, self._r, self._gate
         tally = in_a_row, refused, scored
         self._state, loglik = kernels.filter_rows(
-            readings, steps, *model, self._state, tally, states, out, ells, keep or None
+            readings, steps, *model, self._state, tally, *rows, ells, keep or None
         )
         self._in_a_row = in_a_row.tolist()
         return refused, scored, loglik
@@ -263,14 +250,13 @@ class KalmanFilter:
         """Smooth z, from the start."""
         readings = checked_readings(z, self.params)
         steps = steps_of(dt, len(readings))
-        rows = FilterRows.empty(self.params, len(readings))
-        start = self._state[0]
-        self._run_loop(readings, steps, rows.states, rows.readings, keep=self._scales is not None)
-        x, v, p, _, w = rows.states
+        rows, start = empty_rows(self.params, len(readings)), self._state[0]
+        self._run_loop(readings, steps, rows, keep=self._scales is not None)
+        x, v, p, _, w = rows[0]
         if len(x) and math.isnan(start):
             start = float(x[0] if math.isfinite(x[0]) else x[np.isfinite(x).argmax()])
         if len(x) and not math.isnan(start):
-            kernels.smooth_states(steps, self.params.q, self._tau, start, rows.states)
+            kernels.smooth_states(steps, self.params.q, self._tau, start, rows[0])
         return SmootherResult(x, p) if self._tau is None else SmootherResult(x, p, v, w)
 
     def _row(self, z: ArrayLike) -> list[float]:
@@ -420,10 +406,10 @@ def filter_pieces(
     one = KalmanFilter(params)
     readings = checked_readings(samples_of(z), params)
     steps = steps_of(dt, len(readings))
-    rows = FilterRows.empty(params, min(PIECE, len(readings)))
+    rows = empty_rows(params, min(PIECE, len(readings)))
     for first in range(0, len(readings), PIECE):
         piece = readings[first : first + PIECE]
-        yield first, one.take(piece, steps[first : first + PIECE], rows.part(0, len(piece)))
+        yield first, one.take(piece, steps[first : first + PIECE], rows)
 
 
 class Continued(Protocol):
@@ -438,13 +424,11 @@ class GrowingRun:
     Earlier results do not change: they are views of rows that are written only once.
     """
 
-    def __init__(self, made_of: FilterParams | Continued) -> None:
-        """Args: the parameters; or another filter at its start."""
-        self._filter = KalmanFilter(made_of) if isinstance(made_of, FilterParams) else made_of
+    def __init__(self, one: Continued) -> None:
+        """Args: the filter at its start."""
+        self._filter, self._first, self._last = one, 0, 0
         self._rows: dict[str, Array] = {}
-        self._first = self._last = 0
-        nothing = (0, made_of.sensors) if isinstance(made_of, FilterParams) and made_of.fuses else (0,)
-        self._sums = self._filter.run(np.empty(nothing))
+        self._sums: FilterResult | None = None
 
     def __len__(self) -> int:
         return self._last - self._first
@@ -452,14 +436,16 @@ class GrowingRun:
     def extend(self, z: ArrayLike, dt: ArrayLike | None = None) -> None:
         """Filter the rows that follow; arguments and errors as `KalmanFilter.run`."""
         new = self._filter.run(z, dt)
+        if self._sums is None:
+            self._sums, self._rows = new, {name: row[:0] for name, row in new.rows.items()}
+        else:
+            self._sums = _added(self._sums, new.loglik, new.m, new.rejected)
+        if self._last + len(new.x) > len(self._rows["x"]):
+            self._make_room(len(new.x))
         end = self._last + len(new.x)
-        if not self._rows or end > len(self._rows["x"]):
-            self._make_room(new)
-            end = self._last + len(new.x)
         for name, row in self._rows.items():
             row[self._last : end] = getattr(new, name)
         self._last = end
-        self._sums = _added(self._sums, new.loglik, new.m, new.rejected)
 
     def forget(self, count: int) -> None:
         """Drop the oldest `count` rows, at most all of them; later results do not change."""
@@ -467,7 +453,8 @@ class GrowingRun:
 
     @property
     def result(self) -> FilterResult:
-        """The rows kept, len(self) of them; loglik, m and rejected cover all rows."""
+        """The rows kept, len(self) of them, once there are any; loglik, m and rejected cover all rows."""
+        assert self._sums is not None, "nothing was filtered"
         return replace(self._sums, **{name: self._view(row) for name, row in self._rows.items()})
 
     def _view(self, row: Array) -> Array:
@@ -475,15 +462,13 @@ class GrowingRun:
         view.flags.writeable = False
         return view
 
-    def _make_room(self, new: FilterResult) -> None:
+    def _make_room(self, count: int) -> None:
         """Copy the kept rows into larger arrays: old views must not change."""
         kept = len(self)
-        size = max(FIRST_CAPACITY, 2 * (kept + len(new.x)))
-        old, self._rows = self._rows, {}
-        for name, row in new.rows.items():
-            self._rows[name] = np.empty((size, *row.shape[1:]))
-            if old:
-                self._rows[name][:kept] = old[name][self._first : self._last]
+        more = max(FIRST_CAPACITY, 2 * (kept + count)) - kept
+        for name, row in self._rows.items():
+            room = np.empty((more, *row.shape[1:]))
+            self._rows[name] = np.concatenate([row[self._first : self._last], room])
         self._first, self._last = 0, kept
 
 
@@ -543,7 +528,7 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     if len(at) and not 0 <= at[0] <= at[-1] < len(samples):
         raise BadSetting(f"indices must be of z, 0 to {len(samples) - 1} (got {at[0]} to {at[-1]})")
     steps, one = steps_of(dt, len(samples)), KalmanFilter(params)
-    rows, result = FilterRows.empty(params, min(PIECE, len(samples))), one.run(samples[:0])
+    rows, result = empty_rows(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
     is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
     first = picked = 0
@@ -568,12 +553,12 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     return replace(result, **kept, params=None, dt=None)
 
 
-def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, rows: FilterRows) -> FilterResult:
+def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, rows: Rows) -> FilterResult:
     """The next piece, sample by sample."""
     z, params = samples[first : first + PIECE], one.params
     quick = params.reads_x and params.gate is None  # without a gate an infinite sample spoils what follows it
     readings = np.ascontiguousarray(z)[:, None] if quick else checked_readings(z, params, first)
-    piece = one.take(readings, steps[first : first + PIECE], rows.part(0, len(z)))
+    piece = one.take(readings, steps[first : first + PIECE], rows)
     if quick and not (math.isfinite(piece.loglik) and abs(piece.x[-1]) < math.inf):
         checked_readings(z, params, first)
     return piece
