@@ -215,12 +215,6 @@ def test_channels_that_the_tuning_lacks_are_left_out(
     assert header is None or list(columns(out)) == header
 
 
-@pytest.mark.parametrize("source", ["demo", "sample:nile", "synthetic:sine?n=50&seed=1"])
-def test_every_kind_of_source_is_filtered(source: str, capsys: Captured) -> None:
-    assert run(["filter", source, "--q", "1", "--r", "1"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 1 + len(open_source(source))
-
-
 # ---- errors
 
 
@@ -458,22 +452,6 @@ def test_the_report_accounts_for_every_line_on_stderr(awkward: str, capsys: Capt
     assert "line 22: must have 3 fields (got 2) (got '20;400')" in err
     assert "line 23, \"a\": must be a number (got 'ERR')" in err
     assert "is -200 a missing value?" in err
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "column", "second"),
-    [
-        ("--time-column", "n", "time", 1.0),
-        ("--time-column", "column 2", "time", 0.02),
-        ("--time-column", "none", "sample", 1.0),
-        ("--time-unit", "s", "time", 20.0),
-    ],
-)
-def test_time_is_what_was_chosen_by_name_number_or_unit(
-    awkward: str, capsys: Captured, option: str, value: str, column: str, second: float
-) -> None:
-    assert run(["filter", awkward, "--channel", "a", option, value]) == 0
-    assert columns(capsys.readouterr().out)[column][1] == second
 
 
 def test_gaps_in_time_become_what_was_chosen(awkward: str, capsys: Captured) -> None:

@@ -14,7 +14,6 @@ import pytest
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
-from kalscope.cli.filter import LineFilter
 from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
@@ -83,17 +82,6 @@ def test_a_sensor_that_the_recording_lacks_is_left_out_and_named(config: Path, c
     out, err = capsys.readouterr()
     assert out.startswith("time,a,b,level,level_variance\n")
     assert "no channel c: fused without" in err
-
-
-def test_lines_are_fused_as_the_whole_recording_is_bit_for_bit(config: Path) -> None:
-    z = readings()
-    lines = LineFilter([FUSION.filter], len(FUSION.sensors))
-    answers = [lines.answer(",".join("" if math.isnan(one) else repr(one) for one in row))[0] for row in z.tolist()]
-    expected = fuse(z, FUSION.params).x
-    silent = np.isnan(z).all(axis=1)
-    assert silent.any()
-    assert [answer == "" for answer in answers] == silent.tolist()
-    assert [float(answer) for answer in answers if answer] == expected[~silent].tolist()
 
 
 def test_a_pipe_is_fused_line_by_line(

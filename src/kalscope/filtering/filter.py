@@ -87,12 +87,6 @@ class FilterResult:
         kept: dict[str, Any] = {name: row[indices] for name, row in self.rows.items()}
         return replace(self, **kept, params=None, dt=None)
 
-    def shares(self, params: FilterParams) -> Array:
-        """Shares of the sensors in each row, by the information of the readings used; they sum to 1, or are 0."""
-        used = np.where(self.k != 0.0, params.information, 0.0)
-        total = used.sum(axis=1, keepdims=True)
-        return used / np.where(total > 0.0, total, 1.0)
-
 
 @dataclass(frozen=True)
 class SmootherResult:

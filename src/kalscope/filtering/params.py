@@ -27,7 +27,7 @@ MIN_MOMENTUM = 1e-12
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 MAX_OFFSET = 1e200
-"""Largest offset accepted, and readings of this size need no check."""
+"""Largest offset accepted, and the largest reading of a sensor with offset and gain: x then stays finite."""
 MIN_GAIN, MAX_GAIN = 1e-100, 1e100
 """Smallest and largest size of a gain."""
 
@@ -283,7 +283,7 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
         first: the number of the first row, for the message.
 
     Raises:
-        BadSetting: z has another shape, or a reading that is infinite as a value of x, (z − offset)/gain.
+        BadSetting: z has another shape, or a reading that is infinite, or beyond 1e200 with an offset or gain.
     """
     if z.ndim != 1 + params.fuses or (params.fuses and z.shape[1] != params.sensors):
         must = f"have a column for each of the {params.sensors} sensors" if params.fuses else "have shape (n,)"
@@ -292,16 +292,9 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
     if params.reads_x:
         refuse_infinite(rows[:, 0], first)
     elif max(np.fmax.reduce(rows.ravel(), initial=0.0), -np.fmin.reduce(rows.ravel(), initial=0.0)) > MAX_OFFSET:
-        # the usual case is smaller: no gain or offset can make these infinite
-        with np.errstate(over="ignore"):
-            values = (rows - params.offset) / params.gain
-        where = np.argwhere(np.isinf(values))
-        if len(where):
-            row, sensor = where[0]
-            raise BadSetting(
-                "z must be finite, or NaN where missing "
-                f"(got {rows[row, sensor]} at row {first + row}, sensor {sensor})"
-            )
+        row, sensor = np.argwhere(np.abs(rows) > MAX_OFFSET)[0]
+        got = f"{rows[row, sensor]} at row {first + row}, sensor {sensor}"
+        raise BadSetting(f"z must be of a size up to {MAX_OFFSET:g}, or NaN where missing (got {got})")
     return rows
 
 
@@ -329,13 +322,7 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
 
 def step_of(dt: float | None) -> float:
     """One step dt as the kernels need it: 1 where it is None."""
-    try:
-        step = 1.0 if dt is None else float(dt)
-    except (TypeError, ValueError):
-        step = math.nan
-    if not (0.0 <= step < math.inf):
-        raise BadSetting(f"dt must be finite and not negative (got {dt!r})")
-    return step
+    return 1.0 if dt is None else in_range("dt", dt, 0.0, sys.float_info.max, "finite and not negative")
 
 
 def refuse_infinite(column: Array, first: int = 0) -> None:
