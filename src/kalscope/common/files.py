@@ -164,9 +164,7 @@ def temporary_folder(prefix: str = "kalscope-") -> Generator[Path]:
 
 def sync_folder(folder: Path) -> None:
     """Put the new name on the disk too; some file systems refuse, but the data is safe anyway."""
-    if os.name == "nt":
-        return
-    with suppress(OSError):
+    with suppress(OSError):  # Windows opens no folder
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)

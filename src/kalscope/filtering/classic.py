@@ -16,7 +16,7 @@ from kalscope.common.numbers import Array, above_zero, bisect, in_range
 from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
-from kalscope.filtering.params import FilterParams, one_record, one_sample, scalar, step_of
+from kalscope.filtering.params import FilterParams, one_record, one_sample, step_of
 from kalscope.filtering.steady import SETTLED, SteadyState, at_period, params_of_gain, steady_state
 
 # Checks of the settings of the classic filters.
@@ -452,7 +452,7 @@ class Bench:
         """
         size = self.settle + min(self.settle + 2000, MAX_RAMP // 2)
         ramp = self.speed * np.arange(size)
-        noise = self.drawn(size)
+        noise = self._shuffled[:size]
         apart = 0.5 * (run(noise + ramp) - run(noise - ramp))
         return float(np.mean(ramp[self.settle :] - apart[self.settle :])) / self.speed
 
@@ -470,7 +470,7 @@ class Bench:
 
     @cached_property
     def _rest(self) -> Array:
-        return self.drawn(self.settle + MAX_RAMP)
+        return self._shuffled[: self.settle + MAX_RAMP]
 
     @cached_property
     def _known(self) -> float:
@@ -483,12 +483,9 @@ class Bench:
         """Samples after which a filter as slow as the current one has settled."""
         return min(int(15.0 * (self.present_lag + 1.0)) + 100, MAX_RAMP // 2)
 
-    def drawn(self, size: int) -> Array:
-        """`size` draws of the noise, always the same."""
-        return np.resize(self._shuffled, size)
-
     @cached_property
     def _shuffled(self) -> Array:
+        """Draws of the noise, always the same."""
         return np.random.default_rng(1).choice(self.noise, 2 * MAX_RAMP)
 
 
@@ -527,8 +524,8 @@ MIN_SLOW, WINDOWS_OF_SLOW = 100.0, 10.0
 """A lag above this many samples, and above this many windows of the median before it, is slow: a median changes the
 noise that any slow filter passes by the same factor."""
 
-BUTTERWORTH_SETTLED, BUTTERWORTH_TURN = 4.6573, 1.2396
-"""When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and when it passes 63 %, in lags."""
+BUTTERWORTH_SETTLED = 4.6573
+"""When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 %, in lags."""
 
 
 def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
@@ -549,14 +546,13 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return replace(still, lag_samples=math.nan, noise_reduction_db=math.nan, cutoff_hz=math.nan)
         case MovingAverage():
             n = then.window
-            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n, -math.expm1(-1.0) * n)
+            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n)
         case Butterworth():
             gain = 0.5 * then.constants[2]
-            settle, turn = BUTTERWORTH_SETTLED * then.lag, BUTTERWORTH_TURN * then.lag
-            return replace(_state(gain, then, then.cutoff, settle, turn), overshoot=math.exp(-math.pi))
+            found = _state(gain, then, then.cutoff, BUTTERWORTH_SETTLED * then.lag)
+            return replace(found, overshoot=math.exp(-math.pi))
         case Median():
-            half = 0.5 * (then.window + 1)
-            return _state(math.nan, then, math.nan, half, half)
+            return _state(math.nan, then, math.nan, 0.5 * (then.window + 1))
 
 
 def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Array]) -> SteadyState:
@@ -575,27 +571,20 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
     last = last_response(then, params)
     if chain.median == 1 and not isinstance(then, Median | OneEuro):
         return last
-    settle, turn = last.settle_samples + late, scalar(last.time_constant_s) + late
-    lag, noise = _measured(chain, params, record, last, turn)
-    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
-    return replace(found, settle_samples=settle, time_constant_s=turn)
-
-
-def _measured(
-    chain: Chain, params: FilterParams, record: tuple[Array, Array], last: SteadyState, turn: float
-) -> tuple[float, float]:
-    """Lag in samples and noise reduction in dB of a chain that no formula describes."""
     z, x = (values[-MAX_SAMPLES:] for values in record)
-    lag, slow = last.lag_samples, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
-    if lag > slow:  # no ramp would be long enough
+    lag, slow = last.lag_samples + late, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
+    if last.lag_samples > slow:  # no ramp would be long enough
         probe = Exponential(1.0 / (1.0 + slow))
         gain = bench_of(z, x, slow).noise_gain(_run(Chain(chain.median, probe), params))
         noise = last.noise_reduction_db - 10.0 * math.log10(gain / probe.noise_gain)
-        return lag + 0.5 * (chain.median - 1), noise
-    guess = turn + 0.5 * chain.then.window if isinstance(chain.then, Median) else turn
-    bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
-    gain = bench.noise_gain(run)
-    return bench.lag(run), math.inf if gain == 0.0 else -10.0 * math.log10(gain)
+    else:
+        guess = last.settle_samples / -math.log(SETTLED) + late
+        guess += 0.5 * then.window if isinstance(then, Median) else 0.0
+        bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
+        lag, gain = bench.lag(run), bench.noise_gain(run)
+        noise = math.inf if gain == 0.0 else -10.0 * math.log10(gain)
+    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
+    return replace(found, settle_samples=last.settle_samples + late)
 
 
 def _run(chain: Chain, params: FilterParams) -> Run:
@@ -614,12 +603,10 @@ def _smoothing(alpha: float) -> SteadyState:
     return replace(steady_state(params_of_gain(alpha), 1.0), p=math.nan)
 
 
-def _state(
-    gain: float, stage: MovingAverage | Butterworth | Median, cutoff: float, settle: float, turn: float
-) -> SteadyState:
+def _state(gain: float, stage: MovingAverage | Butterworth | Median, cutoff: float, settle: float) -> SteadyState:
     lag = math.nan if stage.lag is None else stage.lag
     noise = math.nan if stage.noise_gain is None else 0.0 - 10.0 * math.log10(stage.noise_gain)  # 0 rather than -0
-    return SteadyState(gain, math.nan, lag, lag, noise, cutoff, settle, turn)
+    return SteadyState(gain, math.nan, lag, lag, noise, cutoff, settle)
 
 
 def _average_cutoff(window: int) -> float:

@@ -45,8 +45,6 @@ class SteadyState:
     """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
     settle_samples: float
     """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
-    time_constant_s: float | None
-    """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
     overshoot: float = 0.0
     """Overshoot of the step response, as a share of the step; 0 without momentum."""
     velocity_gain: float = 0.0
@@ -76,13 +74,9 @@ def _one(q: float, r: float, momentum: float, period: float | None) -> SteadySta
 def at_period(in_samples: SteadyState, sample_period: float | None) -> SteadyState:
     """A state whose s and Hz are those of a period of 1, at this sample period; None where it is not known."""
     if sample_period is None:
-        return replace(in_samples, lag_s=None, cutoff_hz=None, time_constant_s=None)
-    return replace(
-        in_samples,
-        lag_s=in_samples.lag_samples * sample_period,
-        cutoff_hz=scalar(in_samples.cutoff_hz) / sample_period,
-        time_constant_s=scalar(in_samples.time_constant_s) * sample_period,
-    )
+        return replace(in_samples, lag_s=None, cutoff_hz=None)
+    lag, cutoff = in_samples.lag_samples * sample_period, scalar(in_samples.cutoff_hz) / sample_period
+    return replace(in_samples, lag_s=lag, cutoff_hz=cutoff)
 
 
 def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
@@ -182,10 +176,10 @@ def _plain(q: float, r: float) -> SteadyState:
     lag = math.inf if q == 0.0 else 2.0 * (root_r / root_q) * (root_r / widest)
     kept = 2.0 * (root_r / widest) * (2.0 * root_r / widest)  # 1 − K = K²/λ without cancellation
     decay = -math.log1p(-gain) if gain < 0.5 else (-math.log(kept) if kept > 0.0 else math.inf)
-    constant = math.inf if decay == 0.0 else 1.0 / decay
+    settle = math.inf if decay == 0.0 else -math.log(SETTLED) / decay
     reduction = math.inf if gain == 0.0 else 10.0 * math.log10((2.0 - gain) / gain)
     cutoff = math.asin(0.5 * root_q / root_r) / math.pi if 0.5 * root_q <= root_r else math.nan
-    return SteadyState(gain, gain * r, lag, lag, reduction, cutoff, -math.log(SETTLED) * constant, constant)
+    return SteadyState(gain, gain * r, lag, lag, reduction, cutoff, settle)
 
 
 # What a device must know about a momentum: the constants of one sample period, which never change.
@@ -360,24 +354,12 @@ class WithMomentum:
         around = np.linspace(float(times[max(at - 1, 1)]), float(times[min(at + 1, len(times) - 1)]), 200)
         return max(0.0, -float(self._after(np.rint(around) - 1.0).min()))
 
-    def first_below(self, share: float) -> float:
-        """Time until no more than `share` is missing, between samples as on an exponential."""
-        at = self._first_whole(int(np.argmax(self._grid[1] <= share)), lambda error: error <= share)
-        before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
-        if before <= after:  # one sample is negligible in times of 1e16
-            return at
-        return at - 1.0 + math.log(before / share) / math.log(before / after)
-
     def last_above(self, share: float) -> float:
         """Time after which the error stays within ± `share`, in whole samples."""
-        last = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
-        return self._first_whole(last + 1, lambda error: abs(error) <= share)
-
-    def _first_whole(self, at: int, holds: Callable[[float], bool]) -> float:
-        """The first whole time at which `holds`, after the one of the grid before `at`, where it does not yet."""
-        low, high = self._grid[0][at - 1], self._grid[0][at]
+        at = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
+        low, high = self._grid[0][at : at + 2]
         steps = 1 + math.ceil(math.log2(high - low))
-        return math.floor(bisect(lambda time: not holds(self._at(math.floor(time))), low, high, steps)[1])
+        return math.floor(bisect(lambda time: abs(self._at(math.floor(time))) > share, low, high, steps)[1])
 
     def _at(self, time: float) -> float:
         """The error after `time` samples."""
@@ -408,7 +390,7 @@ def _with_momentum(q: float, r: float, tau: float) -> SteadyState:
     """The settled filter of q > 0, r ≥ 0 and τ > 0, for a period of 1."""
     if r == 0.0:
         velocity_gain = WithMomentum(MAX_RATIO, tau).velocity_gain
-        return SteadyState(1.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0, 0.0, velocity_gain)
+        return SteadyState(1.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0, velocity_gain)
     one = WithMomentum(q / r, tau)
     return SteadyState(
         gain=one.gain,
@@ -418,7 +400,6 @@ def _with_momentum(q: float, r: float, tau: float) -> SteadyState:
         noise_reduction_db=0.0 - 10.0 * math.log10(one.noise),  # 0 rather than -0
         cutoff_hz=math.asin(0.5 * math.sqrt(one.cutoff)) / math.pi if one.cutoff <= 4.0 else math.nan,
         settle_samples=one.last_above(SETTLED),
-        time_constant_s=one.first_below(math.exp(-1.0)),
         overshoot=one.overshoot(),
         velocity_gain=one.velocity_gain,
     )

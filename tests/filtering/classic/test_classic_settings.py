@@ -71,7 +71,6 @@ def test_a_linear_filter_settles_by_formula_as_its_answer_to_a_step_and_to_a_wav
         at_cutoff = freqz(h, worN=[2 * np.pi * 0.01 * found.cutoff_hz])[1][0]
         assert abs(at_cutoff) == pytest.approx(math.sqrt(0.5), rel=1e-9)
         assert found.settle_samples == pytest.approx(np.flatnonzero(np.abs(s - 1) > 0.01)[-1] + 2, abs=2)
-        assert found.time_constant_s / 0.01 == pytest.approx(np.argmax(s > 1 - math.exp(-1)) + 1, abs=1)
         assert found.overshoot == pytest.approx(s.max() - 1, abs=1e-3)
         assert math.isnan(found.p)
 
