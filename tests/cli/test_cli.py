@@ -176,14 +176,6 @@ def test_a_recording_without_time_takes_the_tuning_as_it_is_and_says_so(
         np.testing.assert_allclose(columns(out)["time"], np.arange(30) * 0.005, rtol=1e-15)
 
 
-def test_another_recording_than_the_tuned_one_is_said(log: Path, config: Path, capsys: Captured) -> None:
-    log.write_text(log.read_text().replace("1.5", "1.6"))
-    assert run(["filter", str(log), "--config", str(config)]) == 0
-    err = capsys.readouterr().err
-    assert "not the one of the tuning (SHA-256 " in err
-    assert len(err.splitlines()) == 1
-
-
 def test_a_tuning_of_one_channel_fits_a_recording_of_one_channel(tmp_path: Path, capsys: Captured) -> None:
     config = tmp_path / "t.toml"
     save_tuning(Tuning((ChannelTuning("volts", "", 1.0, 1.0),)), config)

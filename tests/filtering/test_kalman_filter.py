@@ -247,7 +247,7 @@ def test_a_masked_sample_is_missing():
             "a column for each of the 2 sensors (got shape (1,))",
         ),
         (lambda: fuse([1.0], FilterParams(1, 1)), "r must be one variance per sensor"),
-        (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a float64 array"),
+        (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a writeable float64 array"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf), "or NaN where missing (got inf at sample 0)"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt=-1), "dt must be finite and not negative"),
     ],

@@ -166,9 +166,6 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xlim=(min(ends), max(ends)), ylim=panel.y_range)
     axes.grid(clip_on=False, color=COLOURS["edge"])
-    for axis in (axes.xaxis, axes.yaxis):
-        if not 1e-5 <= np.abs(axis.get_view_interval()).max() < 1e12:  # all digits would be too long
-            axis.set_major_formatter("{x:g}")
 
 
 def _svg_text(figure: Figure, name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,14 +35,11 @@ def odd_window(name: str, value: Any) -> int:
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
     """`value` as an int from `least` to `most`; 9.0 is one too."""
-    given: Any = int(value) if isinstance(value, float) and value.is_integer() else value
-    try:
-        found = None if isinstance(given, bool) else operator.index(given)
-    except TypeError:
-        found = None
-    if found is None or not least <= found <= most:
-        raise BadSetting(f"{name} must be a whole number from {least} to {most} (got {value!r})")
-    return found
+    must = f"a whole number from {least} to {most}"
+    number = in_range(name, value, least, most, must)
+    if not number.is_integer():
+        raise BadSetting(f"{name} must be {must} (got {value!r})")
+    return int(number)
 
 
 # The classic filters as frozen, checked values: what they are, what they cost, and how a device begins them.

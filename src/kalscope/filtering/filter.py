@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -487,11 +487,8 @@ def _side_by_side(each: list[Result], names: tuple[str, ...], **sums: Any) -> Re
 
 def _check_out(out: Any, shape: tuple[int, ...]) -> None:
     kind, size = getattr(out, "dtype", None), getattr(out, "shape", None)
-    if not isinstance(out, np.ndarray) or kind != np.float64 or size != shape:
-        what = f"{kind} {size}" if kind else type(cast("object", out)).__name__
-        raise BadSetting(f"out must be a float64 array of z's shape {shape} (got {what})")
-    if not out.flags.writeable:
-        raise BadSetting("out must be writeable (got a read-only array)")
+    if kind != np.float64 or size != shape or not isinstance(out, np.ndarray) or not out.flags.writeable:
+        raise BadSetting(f"out must be a writeable float64 array of z's shape {shape} (got {kind} {size})")
 
 
 # The filter over a whole record, of which only chosen rows are kept: those that a chart draws.
@@ -527,7 +524,8 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
     first = picked = 0
     while first < len(samples):
-        piece = _filter_piece(one, samples, steps, first, rows)
+        readings = checked_readings(samples[first : first + PIECE], params, first)
+        piece = one.take(readings, steps[first : first + PIECE], rows)
         first += len(piece.x)
         end = int(np.searchsorted(at, first))
         for name, row in piece.rows.items():
@@ -545,17 +543,6 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
             loglik = -0.5 * (done * math.log(2.0 * math.pi * s) + squares / s)
             result, picked = _added(result, loglik, done, 0), end
     return replace(result, **kept, params=None, dt=None)
-
-
-def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, rows: Rows) -> FilterResult:
-    """The next piece, sample by sample."""
-    z, params = samples[first : first + PIECE], one.params
-    quick = params.reads_x and params.gate is None  # without a gate an infinite sample spoils what follows it
-    readings = np.ascontiguousarray(z)[:, None] if quick else checked_readings(z, params, first)
-    piece = one.take(readings, steps[first : first + PIECE], rows)
-    if quick and not (math.isfinite(piece.loglik) and abs(piece.x[-1]) < math.inf):
-        checked_readings(z, params, first)
-    return piece
 
 
 def _added(result: FilterResult, loglik: Any, m: Any, rejected: Any) -> FilterResult:

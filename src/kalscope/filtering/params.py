@@ -243,14 +243,14 @@ def scalar(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def samples_of(z: ArrayLike) -> Array:
-    """The samples z as float64, a view where possible; masked samples become NaN, missing."""
+def samples_of(z: ArrayLike, name: str = "z") -> Array:
+    """The samples z, which messages call `name`, as float64, a view where possible; masked ones become NaN."""
     if isinstance(z, np.ndarray) and np.iscomplexobj(cast("Array", z)):  # asarray would drop the imaginary part
-        raise BadSetting("z must be an array of real numbers (got complex ones)")
+        raise BadSetting(f"{name} must be an array of real numbers (got complex ones)")
     try:
         array = np.asarray(z, dtype=np.float64)
     except (TypeError, ValueError):
-        raise BadSetting("z must be an array of numbers (got something else)") from None
+        raise BadSetting(f"{name} must be an array of numbers (got something else)") from None
     if isinstance(z, np.ma.MaskedArray):
         return np.where(np.ma.getmaskarray(cast("Array", z)), np.nan, array)
     return array
@@ -309,10 +309,7 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
     """The steps dt as the kernels need it: empty for regular sampling."""
     if dt is None:
         return np.empty(0)
-    try:
-        steps = np.ascontiguousarray(dt, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise BadSetting("dt must be an array of numbers (got something else)") from None
+    steps = np.ascontiguousarray(samples_of(dt, "dt"))
     if steps.shape != (n,):
         raise BadSetting(f"dt must have one value per sample, shape ({n},) (got {steps.shape})")
     if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):

@@ -261,11 +261,6 @@ def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tu
             f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
             f" {used.sample_period:.6g} s: the recording gives none (see --sample-period)"
         )
-    if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
-        notes.append(
-            f"the recording is not the one of the tuning (SHA-256 {recording.sha256[:12]}…,"
-            f" tuned on {tuning.sha256[:12]}…)"
-        )
     return used, notes
 
 

@@ -125,6 +125,8 @@ class ChannelTuning:
     """What each sensor reads where the fused value is 0; () = 0 for all."""
     gain: tuple[float, ...] = ()
     """By how much each sensor's reading grows with the fused value, not 0; () = 1 for all."""
+    paper: GeneralizedParams | None = None
+    """The filter of Khan et al. that runs in place of the Kalman one: shown, and in no tuning file."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -154,7 +156,9 @@ class ChannelTuning:
 
     @property
     def filter(self) -> Filter:
-        """The filter that runs: the Kalman filter of `params`, or the chain."""
+        """The filter that runs: that of a paper, the chain, or the Kalman filter of `params`."""
+        if self.paper is not None:
+            return self.paper
         return StandardFilter(self.params) if self.chain is None else ChainFilter(self.chain, self.params)
 
     @property
@@ -315,37 +319,6 @@ def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
 def same_period(a: float, b: float) -> bool:
     """Whether two sample periods in s are equal within the resolution of time stamps."""
     return math.isclose(a, b, rel_tol=SAME_PERIOD)
-
-
-# A channel that runs the filter of Khan et al. in place of the Kalman filter: shown, and in no tuning file.
-
-
-@dataclass(frozen=True)
-class PaperTuning(ChannelTuning):
-    """The setting of such a channel; its q and r are kept for a return to the Kalman filter."""
-
-    paper: GeneralizedParams = field(kw_only=True)
-    """The filter that it runs."""
-
-    @property
-    def filter(self) -> Filter:
-        """The same."""
-        return self.paper
-
-
-def with_paper_filter(tuning: ChannelTuning, paper: GeneralizedParams) -> PaperTuning:
-    """The setting with this filter in place of its own."""
-    return PaperTuning(**_values(tuning), paper=paper)
-
-
-def with_kalman_filter(tuning: ChannelTuning) -> ChannelTuning:
-    """The setting with the Kalman filter alone, at the q and r that it has."""
-    return ChannelTuning(**_values(tuning))
-
-
-def _values(tuning: ChannelTuning) -> dict[str, Any]:
-    values: dict[str, Any] = {one.name: getattr(tuning, one.name) for one in fields(ChannelTuning)}
-    return {**values, "chain": None}
 
 
 # The tuning for a device that samples at another rate than the recording.

@@ -140,7 +140,7 @@ HOSTILE = {
     "median 4, kalman": "window must be an odd number of samples",
     "median 5": None,
     "median 1e300, kalman": "window must be a whole number from 1 to",
-    "butterworth 0.7": "cutoff must be a number from 1e-06 to 0.499",
+    "butterworth 0.7": "cutoff in cycles per sample must be a number from 1e-06 to 0.499",
     "exponential nan": "alpha of exponential must be",
     "moving-average 2.5": "window must be a whole number",
     "moving-average 100000000": "window must be a whole number",
