@@ -195,10 +195,9 @@ class Unpacking:
             BadFile: together they are too many.
         """
         self._total += size
-        if self._total <= MAX_UNPACKED and self._gigabytes is None:
-            return
-        most = max(MAX_UNPACKED, MAX_RATIO * os.path.getsize(self._path))
-        if self._gigabytes is not None:
+        if self._gigabytes is None:
+            most = max(MAX_UNPACKED, MAX_RATIO * os.path.getsize(self._path))
+        else:
             most = int(1e9 * self._gigabytes)
         if self._total > most:
             raise BadFile(

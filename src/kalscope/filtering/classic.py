@@ -278,10 +278,8 @@ class Chain:
         if self.then is not None and type(self.then) not in get_args(Stage):
             raise BadSetting(f"then must be a classic filter, or None for the Kalman filter (got {self.then!r})")
         if self.median == 1 and self.then is None:
-            raise BadSetting(
-                "a chain must have a median of at least 3 samples, or a filter in place of Kalman's (got neither); "
-                "for the Kalman filter alone leave the chain out"
-            )
+            must = "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"
+            raise BadSetting(f"{must} (got neither)")
 
     @property
     def stages(self) -> tuple[Stage, ...]:

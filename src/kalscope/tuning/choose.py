@@ -165,7 +165,8 @@ def _filters_for_stream(
     tuning: Tuning | None, given: Given, channel: str | None, period: float | None
 ) -> tuple[list[ChannelTuning], list[str]]:
     if tuning is not None:
-        used, notes = rescaled(replace(tuning.only(channel), fusion=None), period, given)
+        used = replace(tuning.only(channel), fusion=None)
+        used, notes = rescaled(used, period or used.sample_period, given)
         return [_overridden(entry, given) for entry in used.channels], notes
     if channel is not None:
         raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
@@ -176,7 +177,7 @@ def _fusion_for(
     recording: Recording | None, tuning: Tuning | None, given: Given, fuse: str | None, period: float | None
 ) -> tuple[list[ChannelTuning], list[str]]:
     one = _fusion_in(tuning, fuse)
-    used, notes = rescaled(one, period, given) if recording is None else at_recording(recording, one, given)
+    used, notes = rescaled(one, recording.sample_period if recording else period or one.sample_period, given)
     (fusion,) = used.channels
     here = [name for name in fusion.sensors if recording is None or name in recording.names]
     if absent := [name for name in fusion.sensors if name not in here]:
@@ -249,26 +250,21 @@ def adapt_tuning(
     if absent := [name for name in wanted if name not in pairs]:
         choices.append(f"the tuning has no such channel: {', '.join(absent)}")
     used = replace(tuning, channels=tuple(pairs.values()), selected="", fusion=None)
-    used, notes = at_recording(recording, used, given or {})
+    used, notes = rescaled(used, recording.sample_period, given or {})
     return dict(zip(pairs, used.channels, strict=True)), notes + choices
 
 
-def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning, perhaps of another recording, at the sample period of this one; and notes for the user."""
-    used, notes = rescaled(tuning, recording.sample_period, given)
-    if recording.sample_period is None and used.sample_period is not None and "q" not in given:
-        notes.append(
-            f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
-            f" {used.sample_period:.6g} s: the recording gives none (see --sample-period)"
-        )
-    return used, notes
-
-
 def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning at the recording's sample period in s, and a note where q, momentum or a chain had to change."""
+    """The tuning, perhaps of another recording, at the sample period of this one in s; and a note for the user."""
     before = tuning.sample_period
-    if period is None or before is None or same_period(period, before):
+    if before is None or (period is not None and same_period(period, before)):
         return tuning, []
+    if period is None:
+        used = "q and momentum are used" if tuning.has_momentum else "q is used"
+        note = (
+            f"{used} as tuned at a sample period of {before:.6g} s: the recording gives none (see --sample-period)"
+        )
+        return tuning, [] if "q" in given else [note]
     if "momentum" in given:
         tuning = replace(tuning, channels=tuple(replace(one, momentum=0.0) for one in tuning.channels))
     factor = f"{period / before:.6g}"
