@@ -18,6 +18,8 @@ from dataclasses import fields
 from typing import Any
 from urllib.parse import parse_qsl
 
+import msgspec
+
 from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
@@ -94,23 +96,17 @@ def _open_synthetic(text: str, sample_period: float | None) -> Recording:
     texts = dict(pairs)
     if len(texts) != len(pairs):
         raise BadSetting(f"each synthetic setting must be given once (got {query!r})")
-    kinds = {item.name: item.type for item in fields(SignalSettings) if item.name != "shape"}
-    settings: dict[str, Any] = {}
-    for key, value in texts.items():
-        if key not in kinds:
-            raise BadSetting(f"synthetic setting must be one of {', '.join(kinds)} (got {key!r})")
-        settings[key] = _setting(key, value, str(kinds[key]))
+    kinds = {item.name: str(item.type) for item in fields(SignalSettings) if item.name != "shape"}
+    if unknown := [key for key in texts if key not in kinds]:
+        raise BadSetting(f"synthetic setting must be one of {', '.join(kinds)} (got {unknown[0]!r})")
+    values = {key: value.split(",") if "tuple" in kinds[key] and value else value for key, value in texts.items()}
+    try:
+        checked = msgspec.convert(
+            {key: value for key, value in values.items() if value}, SignalSettings, strict=False
+        )
+    except msgspec.ValidationError as error:
+        raise BadSetting(f"synthetic settings must be numbers in their ranges (got {query!r}: {error})") from None
+    settings: dict[str, Any] = {key: getattr(checked, key) for key in texts}
     if sample_period is not None:
         settings["sample_period"] = sample_period
     return synthesize(shape, **settings)
-
-
-def _setting(key: str, text: str, kind: str) -> Any:
-    """Value of one setting from its text, by the type that SignalSettings gives it."""
-    simple: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str}
-    try:
-        if kind in simple:
-            return simple[kind](text)
-        return tuple(float(part) for part in text.split(",")) if text else None
-    except ValueError:
-        raise BadSetting(f"{key} must be a number (got {text!r})") from None

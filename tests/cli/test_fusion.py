@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ import pytest
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
-from kalscope.cli.filter import LineFilter
 from kalscope.estimation.fusion import estimate_fusion
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
@@ -62,7 +60,6 @@ SLOW = f"{SOURCE}&sample_period=0.02"
         (SOURCE, "--config CONFIG --fuse c,a", "ca", FUSION.params.only([2, 0]), ""),
         (SOURCE, "--config CONFIG --fuse 3,1", "ca", FUSION.params.only([2, 0]), ""),
         (SOURCE, "--config CONFIG --q 0.01 --r a=1,c=9 --gate 16 --momentum 5", "abc", MOVING, ""),
-        (SOURCE, "--fuse a,b --q 0.01 --r 2", "ab", FilterParams(0.01, np.array([2.0, 2.0])), ""),
         (SLOW, "--config CONFIG", "abc", replace(FUSION, q=0.004).params, "q was multiplied by 2"),
     ],
 )
@@ -72,11 +69,8 @@ def test_the_columns_are_the_sensors_the_fused_value_and_its_variance_bit_for_bi
     assert run(["filter", source, *options.replace("CONFIG", str(config)).split()]) == 0
     out, err = capsys.readouterr()
     header, numbers = table(out)
-    name, z = (
-        "level" if "CONFIG" in options else "fused",
-        readings(source)[:, ["abc".index(one) for one in columns]],
-    )
-    assert header[: -1 if params.momentum else None] == ["time", *columns, name, f"{name}_variance"]
+    z = readings(source)[:, ["abc".index(one) for one in columns]]
+    assert header[: -1 if params.momentum else None] == ["time", *columns, "level", "level_variance"]
     result = fuse(z, params)
     velocity = [] if result.velocity is None else [result.velocity / 0.01]
     np.testing.assert_array_equal(numbers[:, 1:], np.column_stack([z, result.x, result.p, *velocity]))
@@ -88,17 +82,6 @@ def test_a_sensor_that_the_recording_lacks_is_left_out_and_named(config: Path, c
     out, err = capsys.readouterr()
     assert out.startswith("time,a,b,level,level_variance\n")
     assert "no channel c: fused without" in err
-
-
-def test_lines_are_fused_as_the_whole_recording_is_bit_for_bit(config: Path) -> None:
-    z = readings()
-    lines = LineFilter([FUSION.filter], len(FUSION.sensors))
-    answers = [lines.answer(",".join("" if math.isnan(one) else repr(one) for one in row))[0] for row in z.tolist()]
-    expected = fuse(z, FUSION.params).x
-    silent = np.isnan(z).all(axis=1)
-    assert silent.any()
-    assert [answer == "" for answer in answers] == silent.tolist()
-    assert [float(answer) for answer in answers if answer] == expected[~silent].tolist()
 
 
 def test_a_pipe_is_fused_line_by_line(
@@ -116,21 +99,19 @@ def test_a_pipe_is_fused_line_by_line(
 @pytest.mark.parametrize(
     ("argv", "must"),
     [
-        (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
-        (
-            ["--fuse", "a,x"],
-            "--fuse must be two or more channels of one unit, such as a, b, c (got 'x', which is not a channel)",
-        ),
+        (["--fuse", "a"], "--fuse must be two or more channels of one unit, of a, b, c (got 'a')"),
+        (["--fuse", "a,x"], "of one unit, of a, b, c (got 'x', which is not a channel)"),
         (["--fuse", "a,b", "--channel", "a"], "--fuse must be used without --channel"),
-        (["--r", "a=1,b=2", "--q", "1"], "--r must be one number without --fuse (got one for a, b)"),
-        (["--fuse", "a,b", "--q", "1", "--r", "a=1,z=2"], "--r must be a sensor of --fuse: a, b (got 'z')"),
-        (["--fuse", "a,b", "--q", "1", "--r", "a=x"], "--r must be a number (got 'x')"),
-        (["--fuse", "a,b", "--q", "0", "--r", "0"], "must not both be 0"),
-        (["--fuse", "a,b", "--q", "1", "--r", "a=1"], "without --config needs --q and an --r of each sensor"),
+        (["--r", "a=1,b=2", "--channel", "a"], "--r must be one number without --fuse (got one for a, b)"),
+        (["--r", "a=1,z=2"], "--r must be a sensor of --fuse: a, b, c (got 'z')"),
+        (["--r", "a=x"], "--r must be a number (got 'x')"),
+        (["--q", "0", "--r", "0"], "must not both be 0"),
     ],
 )
-def test_what_cannot_be_fused_is_refused_with_words(argv: list[str], must: str, capsys: Captured) -> None:
-    assert run(["filter", SOURCE, *argv]) == 2
+def test_what_cannot_be_fused_is_refused_with_words(
+    argv: list[str], must: str, config: Path, capsys: Captured
+) -> None:
+    assert run(["filter", SOURCE, "--config", str(config), *argv]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert must in err
@@ -140,11 +121,9 @@ def test_what_cannot_be_fused_is_refused_with_words(argv: list[str], must: str, 
 def test_a_tuning_without_a_fusion_says_how_to_make_one(tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "single.toml"
     save_tuning(Tuning((ChannelTuning("a", "", 0.1, 1.0),)), path)
-    for source in (SOURCE, "-"):
-        assert run(["filter", source, "--config", str(path), "--fuse", "a,b"]) == 2
-        assert re.search(r"must hold a fusion \(got channels a alone\): kalscope tune", capsys.readouterr().err)
-    assert run(["filter", "-", "--fuse", "a,b"]) == 2
-    assert "needs --config with a fusion" in capsys.readouterr().err
+    for argv in ([SOURCE, "--config", str(path)], ["-", "--config", str(path)], [SOURCE], ["-"]):
+        assert run(["filter", *argv, "--fuse", "a,b"]) == 2
+        assert "--fuse needs --config with a fusion: kalscope tune" in capsys.readouterr().err
 
 
 # ---- tune
@@ -297,7 +276,7 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
 @pytest.mark.parametrize(
     ("argv", "must"),
     [
-        (["--fuse", "a"], "--fuse must be two or more channels of one unit, such as a, b, c (got 'a')"),
+        (["--fuse", "a"], "--fuse must be two or more channels of one unit, of a, b, c (got 'a')"),
         (["--fuse", "a,b", "--all"], "--fuse must be used without --channel and --all"),
         (["--reference", "a"], "--reference needs --fuse"),
         (["--sensor-gains"], "--sensor-gains needs --fuse"),

@@ -14,7 +14,7 @@ from kalscope.export.job import ExportJob
 from kalscope.export.limits import update_us
 from kalscope.export.targets.arduino import files
 from kalscope.export.targets.stages import channel_bytes
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
@@ -121,7 +121,7 @@ TIMED = {
     "spiky": Chain(5),
     "mean": Chain(then=MovingAverage(25)),
     "smooth": Chain(then=Exponential(0.1)),
-    "power": Chain(3, PowerOfTwo(3)),
+    "power": Chain(3, Exponential(0.125)),
     "middle": Chain(then=Median(21)),
     "steep": Chain(then=Butterworth(0.02)),
     "euro": Chain(then=OneEuro(0.01, 0.02, 0.05)),

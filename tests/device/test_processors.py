@@ -15,7 +15,7 @@ from kalscope import ChannelTuning
 from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 
 pytestmark = pytest.mark.device
 CHANNELS = (
@@ -31,7 +31,6 @@ CHAINS = (
     ChannelTuning("hum", "V", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
     ChannelTuning("mean", "V", 1.0, 1.0, chain=Chain(then=MovingAverage(25))),
     ChannelTuning("middle", "V", 1.0, 1.0, chain=Chain(3, Median(9))),
-    ChannelTuning("power", "V", 1.0, 1.0, chain=Chain(then=PowerOfTwo(4))),
     ChannelTuning("smooth", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.1))),
     CHANNELS[1],
 )

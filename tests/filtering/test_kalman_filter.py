@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -97,25 +96,10 @@ def test_the_transition_is_that_of_the_stochastic_equation(dt, tau, q):
     np.testing.assert_allclose([[a, b], [b, c]], oracle_q, rtol=1e-9)
 
 
-@given(st.floats(0.05, 0.2), st.floats(0.1, 1e4))
-def test_the_series_meets_the_closed_form(h, tau):
-    def exact(h):
-        terms, power, factorial = Fraction(0), Fraction(h) ** 2, 2
-        for n in range(3, 40):
-            power *= Fraction(h)
-            factorial *= n
-            terms += (-1) ** (n + 1) * Fraction(2 ** (n - 1) - 2, factorial) * power
-        return float(terms)
-
-    assert kernels.transition(h * tau, 1.0, tau)[2] == pytest.approx(tau * exact((h * tau) / tau), rel=1e-12)
-
-
 MOVING = (
     FilterParams(0.05, 1.0, momentum=20.0),
     FilterParams(0.05, 1.0, p0=4.0, momentum=3.0),
     FilterParams(0.0, 1.0, p0=0.5, x0=2.0, momentum=50.0),
-    FilterParams(0.05, 0.0, momentum=1e5),
-    FilterParams(0.05, 1.0, gate=9.0, momentum=0.2),
 )
 
 
@@ -127,7 +111,7 @@ def spiky_record(n=600, seed=1):
     return z, rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], n)
 
 
-@each("params", MOVING[:3], ids=repr)
+@each("params", MOVING, ids=repr)
 @each(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
 @each("function", [kalman_filter, smooth])
 def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, pace, function):
@@ -169,14 +153,7 @@ def test_while_all_answer_it_is_the_filter_of_the_weighted_mean(momentum):
     found, single = fuse(z, params), kalman_filter(mean, params.as_single)
     np.testing.assert_allclose(found.x, single.x, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(found.p, single.p, rtol=1e-12)
-    np.testing.assert_allclose(found.shares(params), np.tile(params.shares, (len(z), 1)), rtol=1e-12)
     assert FilterParams(0.09, [0.7]).as_single == FilterParams(0.09, 0.7)
-
-
-def test_shares_are_of_the_readings_that_were_used():
-    z = np.array([[np.nan, np.nan], [1.0, np.nan], [1.0, 1.0], [1.0, 500.0]])
-    params = FilterParams(1.0, [1.0, 3.0], gate=9.0)
-    np.testing.assert_allclose(fuse(z, params).shares(params), [[0, 0], [1, 0], [0.75, 0.25], [1, 0]], rtol=1e-15)
 
 
 def test_the_gate_of_one_sensor_does_not_touch_the_others_and_lets_go():
@@ -270,7 +247,7 @@ def test_a_masked_sample_is_missing():
             "a column for each of the 2 sensors (got shape (1,))",
         ),
         (lambda: fuse([1.0], FilterParams(1, 1)), "r must be one variance per sensor"),
-        (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a float64 array"),
+        (lambda: denoise([1.0], FilterParams(1, 1), out=np.empty(2)), "out must be a writeable float64 array"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(math.inf), "or NaN where missing (got inf at sample 0)"),
         (lambda: KalmanFilter(FilterParams(1, 1)).update(1.0, dt=-1), "dt must be finite and not negative"),
     ],

@@ -101,4 +101,3 @@ def test_the_step_of_a_slow_filter_is_exact(ratio, tau):
     error = np.array(errors)
     assert settled.overshoot == pytest.approx(max(0.0, -error.min()), rel=1e-7, abs=1e-12)
     assert settled.settle_samples == pytest.approx(np.flatnonzero(np.abs(error) > 0.01)[-1] + 1, abs=1)
-    assert settled.time_constant_s == pytest.approx(np.argmax(error <= math.exp(-1.0)) - 0.5, abs=1.0)

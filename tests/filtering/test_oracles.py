@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth
 from kalscope.filtering import kernels, steady
-from kalscope.filtering.filter import FilterResult, FilterRows, SmootherResult
+from kalscope.filtering.filter import FilterResult, SmootherResult, empty_rows
 
 ROUNDING = 1e-14
 """Of the variance before any reading: the digits that the dense solution itself loses."""
@@ -96,17 +96,17 @@ def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
     rng, tau = np.random.default_rng(seed), 1e14
     dt, params = rng.choice([0.5, 1.0, 1.0, 3.0], 60), FilterParams(1.0, 0.8, 2.0, 0.7, momentum=1e5)
     z = record(rng, 60, params)
-    rows, tally = FilterRows.empty(params, 60), tuple(np.zeros(1, dtype=np.int64) for _ in range(3))
+    (states, readings), tally = empty_rows(params, 60), tuple(np.zeros(1, dtype=np.int64) for _ in range(3))
     model = acceleration * tau**2, tau, None, params.sensor_r, math.inf, (0.7, -0.1, 2.0, 0.1, 0.05)
-    _, loglik = kernels.filter_rows(z[:, None], dt, *model, tally, rows.states, rows.readings, np.empty(1), True)
-    x, v, p, _, w = (row.copy() for row in rows.states)
-    filtered = FilterResult(x, p, *rows.readings, loglik, int(tally[2][0]), 0, v, w)
-    kernels.smooth_states(dt, *model[:2], 0.7, rows.states)
-    x, v, p, _, w = rows.states
+    _, loglik = kernels.filter_rows(z[:, None], dt, *model, tally, states, readings, np.empty(1), True)
+    x, v, p, _, w = (row.copy() for row in states)
+    filtered = FilterResult(x, p, *readings, loglik, int(tally[2][0]), 0, v, w)
+    kernels.smooth_states(dt, *model[:2], 0.7, states)
+    x, v, p, _, w = states
     smoothed = SmootherResult(x, p, v, w)
     before = np.array([0.7, -0.1]), np.array([[2.0, 0.1], [0.1, 0.05]])
-    states = all_states([constant_velocity(step, acceleration) for step in dt], before)
-    must_be_posterior(z, params, states, filtered, smoothed, 1e-9)
+    moments = all_states([constant_velocity(step, acceleration) for step in dt], before)
+    must_be_posterior(z, params, moments, filtered, smoothed, 1e-9)
 
 
 @each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])

@@ -1,53 +1,13 @@
-"""Laws, oracles and published tables of the smoother."""
+"""Published tables of the smoother, and its edges; the oracle is in test_oracles."""
 
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth
-
-
-def whittaker(z, q, r, dt=None, p0=None, x0=None):
-    """The first-difference Whittaker smoother in exact fractions: no filter, no prior but a given p0.
-
-    Minimises Σ (z − x)²/r + Σ (Δx)²/(q dt): a tridiagonal system A x = b; the variances are diag(A⁻¹).
-    """
-    n = len(z)
-    seen = np.flatnonzero(np.isfinite(z))
-    dt = np.ones(n) if dt is None else dt
-    r = np.broadcast_to(r, n)
-    weight = [Fraction(0)] + [1 / (Fraction(q) * Fraction(d)) for d in dt[1:]]  # of x[i] − x[i−1]
-    a = [weight[i] + (weight[i + 1] if i + 1 < n else 0) for i in range(n)]
-    b = [Fraction(0)] * n
-    for i in seen:
-        a[i] += 1 / Fraction(r[i])
-        b[i] = Fraction(z[i]) / Fraction(r[i])
-    if p0 is not None:
-        prior = 1 / (Fraction(p0) + Fraction(q) * Fraction(dt[0]))
-        a[0] += prior
-        b[0] += prior * Fraction(z[seen[0]] if x0 is None else x0)
-    columns = [b] + [[Fraction(int(i == j)) for i in range(n)] for j in range(n)]
-    solved = [solve_tridiagonal(a, [-w for w in weight], column) for column in columns]
-    return np.array([float(v) for v in solved[0]]), np.array([float(solved[1 + i][i]) for i in range(n)])
-
-
-def solve_tridiagonal(diagonal, below, b):
-    """Gaussian elimination of a symmetric tridiagonal system; below[i] stands beside diagonal[i], i ≥ 1."""
-    pivots, x = [diagonal[0]], [b[0]]
-    for i in range(1, len(b)):
-        factor = below[i] / pivots[-1]
-        pivots.append(diagonal[i] - factor * below[i])
-        x.append(b[i] - factor * x[-1])
-    x[-1] /= pivots[-1]
-    for i in range(len(b) - 2, -1, -1):
-        x[i] = (x[i] - below[i + 1] * x[i + 1]) / pivots[i]
-    return x
 
 
 def noisy_walk(n=300, q=0.05, r=1.0, seed=0, missing=0.0):
@@ -55,38 +15,6 @@ def noisy_walk(n=300, q=0.05, r=1.0, seed=0, missing=0.0):
     z = np.cumsum(g.normal(0, math.sqrt(q), n)) + g.normal(0, math.sqrt(r), n)
     z[g.random(n) < missing] = np.nan
     return z
-
-
-def assert_close(a, b, scale, tolerance=1e-10):
-    assert np.max(np.abs(np.asarray(a) - b)) <= tolerance * scale
-
-
-# --- against the Whittaker smoother ---------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@given(
-    samples=st.lists(st.one_of(st.none(), st.floats(-100, 100)), min_size=1, max_size=24),
-    log_ratio=st.floats(-8, 4),
-    log_r=st.floats(-6, 6),
-    steps=st.none() | st.lists(st.floats(0.01, 50), min_size=24, max_size=24),
-    log_p0=st.none() | st.floats(-3, 4),  # p0/r; (1 − k) p of the filter's step loses the digits of p/r
-    x0=st.none() | st.floats(-100, 100),
-)
-def test_smoother_is_the_whittaker_smoother_over_gaps_and_irregular_steps(
-    samples, log_ratio, log_r, steps, log_p0, x0
-):
-    z = np.array([math.nan if s is None else s for s in samples])
-    if not np.isfinite(z).any():
-        return
-    r = 10.0**log_r
-    q = r * 10.0**log_ratio
-    dt = None if steps is None else np.array(steps[: len(z)])
-    p0, x0 = (None, None) if log_p0 is None else (r * 10.0**log_p0, x0)
-    got = smooth(z, FilterParams(q, r, p0, x0), dt)
-    x, p = whittaker(z, q, r, dt, p0, x0)
-    assert_close(got.x, x, max(np.nanmax(np.abs(z)), abs(x0 or 0.0), 1e-300))
-    assert np.max(np.abs(got.p / p - 1.0)) <= 1e-10
 
 
 # --- published tables -----------------------------------------------------------------------------------
@@ -134,16 +62,6 @@ KFAS_ALPHAHAT = [8.69269189482201, 2.28778372019385, 1.21557953089427, 1.0360887
 KFAS_ALPHAHAT += [1.00101134968464, 1.0001693041059, 1.00002834572536, 1.00000476680865, 1.00000092721546]
 KFAS_SUMV = [1.65936477978876, 1.42808320855318, 1.4216017878374, 1.42142015300846, 1.42141506687939]
 KFAS_SUMV += KFAS_SUMV[::-1]
-
-
-# --- laws -----------------------------------------------------------------------------------------------
-
-
-def test_two_samples_at_one_instant_are_one_sample_of_half_the_variance():
-    twice = smooth([1.0, 3.0, 4.0], FilterParams(q=0.5, r=1.0), [1.0, 1.0, 0.0])
-    x, p = whittaker(np.array([1.0, 3.5]), 0.5, [1.0, 0.5])
-    assert twice.x == pytest.approx(x[[0, 1, 1]], rel=1e-14)
-    assert twice.p == pytest.approx(p[[0, 1, 1]], rel=1e-14)
 
 
 # --- edges ----------------------------------------------------------------------------------------------

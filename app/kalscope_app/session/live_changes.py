@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.live.samples import Snapshot
-from kalscope.tuning.tuning import PaperTuning, Tuning
+from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes import channel_named, select_channel
 from kalscope_app.session.opening import adapted, opened, starting_tuning
 from kalscope_app.session.state import BoardCalibration, BoardId, Change, Deferred, Live, Sent, Setting, State
@@ -79,7 +79,7 @@ def with_setting(state: State, channel: str | None, values: Setting) -> State:
         state = select_channel(channel_named(state.recording, channel))(state)
     if not values:
         return state
-    state = state.with_standard_filter() if isinstance(state.tuning, PaperTuning) else state
+    state = state.with_standard_filter() if state.tuning.paper is not None else state
     return state.with_tuning(**values, how="command line")
 
 

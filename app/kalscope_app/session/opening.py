@@ -19,7 +19,7 @@ from kalscope.papers.generalized import GeneralizedParams
 from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
-from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period, with_paper_filter
+from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, State
 
 MAX_NAMED = 3
@@ -166,7 +166,7 @@ def opened_experiment(name: str, before: State | None = None) -> State:
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
     """The setting of a figure: its q and r, or its Khan et al. filter; the starting values for any other filter."""
     if isinstance(chosen, GeneralizedParams):
-        return with_paper_filter(start, chosen)
+        return replace(start, chain=None, paper=chosen)
     if not isinstance(chosen, StandardFilter):
         return start
     params = chosen.params

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from kalscope.common.text import typed_number
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
-from kalscope.tuning.tuning import PaperTuning, chain_text, typed_chain
+from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.session.live_changes import defer_until_settled
 from kalscope_app.session.state import Setting, State
 
@@ -40,7 +40,7 @@ def share_line(state: State) -> ShareLine:
     words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
     if state.fusion is not None:
         remarks.append("Fused sensors reopen with the tuning file above.")
-    elif isinstance(state.tuning, PaperTuning):
+    elif state.tuning.paper is not None:
         remarks.append("The Khan et al. filter reopens as its experiment has it.")
     else:
         words += setting_words(state)

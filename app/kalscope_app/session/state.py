@@ -27,7 +27,7 @@ from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.status import LiveStatus
-from kalscope.tuning.tuning import ChannelTuning, PaperTuning, Tuning, with_kalman_filter
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
@@ -307,7 +307,7 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
     p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
     x0 = leader.x0 if factor == 1.0 else own.x0
     return replace(
-        with_kalman_filter(own),
+        replace(own, chain=None, paper=None),
         q=_scaled(leader.q, factor),
         r=_scaled(leader.r, factor),
         p0=p0,
@@ -689,7 +689,7 @@ class State:
     @property
     def uses_parameters(self) -> bool:
         """Whether q and r act on what is on screen."""
-        return self.has_gain and not isinstance(self.tuning, PaperTuning)
+        return self.has_gain and self.tuning.paper is None
 
     @property
     def dt(self) -> NDArray[np.float64] | None:
@@ -729,7 +729,8 @@ class State:
         """The state with the Kalman filter alone for the channel on screen, at the q and r that it has."""
         if self.filter.is_standard:
             return self
-        return self.with_tuning_of(self.index, with_kalman_filter(self.tuning)).with_answers(outcome=None, note="")
+        plain = replace(self.tuning, chain=None, paper=None)
+        return self.with_tuning_of(self.index, plain).with_answers(outcome=None, note="")
 
     def with_tuning(self, **values: Any) -> State:
         """The state with other parameters for what is on screen; raises what FilterParams raises."""
@@ -759,7 +760,7 @@ class State:
     def require_exportable(self, names: Iterable[str]) -> None:
         """BadSetting where one of these channels runs the Khan et al. filter, which cannot be exported."""
         tunings = [self.settings.tunings[self.recording.index(name)] for name in names]
-        other = [one.name for one in tunings if isinstance(one, PaperTuning)]
+        other = [one.name for one in tunings if one.paper is not None]
         if other:
             raise BadSetting(
                 f"the Khan et al. filter on {', '.join(other)[:100]} cannot be exported:"

@@ -14,7 +14,7 @@ from kalscope.common.numbers import Array
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
-from kalscope.tuning.tuning import ChannelTuning, PaperTuning
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices, choose_samples
 from kalscope_app.session.state import State, Variant
 
@@ -63,7 +63,7 @@ class AlternativesStudy:
 
     def compute(self, state: State) -> Compared | None:
         """Compare the Kalman filter of the q and r on screen; None where there is none of one channel."""
-        if state.fusion is not None or isinstance(state.tuning, PaperTuning):
+        if state.fusion is not None or state.tuning.paper is not None:
             return None
         drawn = choose_samples(state.recording, state.channel, state.view.window)
         window = (drawn.first, drawn.last)
@@ -240,7 +240,7 @@ class VariantTable:
     def compute(self, state: State) -> VariantComparison:
         """The table of a state."""
         self._measures.begin(state.recording, state.channel)
-        other = state.fusion is not None or isinstance(state.tuning, PaperTuning)
+        other = state.fusion is not None or state.tuning.paper is not None
         present = [] if other else [(None, state.tuning)]
         settings = [*present, *((variant, variant.tuning) for variant in state.variants)]
         rows = [

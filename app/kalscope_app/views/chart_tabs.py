@@ -55,7 +55,6 @@ from kalscope_app.views.window import EXPORT_BUTTON
 NAMES: tuple[str, ...] = (
     "Moving average",
     "Exponential",
-    "Power-of-two gain",
     "Median",
     "2nd-order Butterworth",
     "Delayed Savitzky-Golay",
@@ -71,8 +70,8 @@ MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "n
 """Labels, and the values of the state."""
 
 COLOURS = {
-    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
-    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
+    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 

@@ -34,7 +34,7 @@ from kalscope.export.registry import (
 from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps, load_tuning, save_tuning
-from kalscope.tuning.tuning import PaperTuning, Tuning, meeting_goal, rescaled_to_period, same_period
+from kalscope.tuning.tuning import Tuning, meeting_goal, rescaled_to_period, same_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
@@ -223,7 +223,7 @@ def goal_of(state: State) -> Request | None:
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
     """What will differ from the screen, as markdown; "" where nothing does."""
-    if isinstance(state.tuning, PaperTuning):
+    if state.tuning.paper is not None:
         return "There is no code for the Khan et al. filter: choose *Kalman filter* in the Tune tab."
 
     def level(name: str) -> float:

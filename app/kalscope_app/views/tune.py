@@ -10,7 +10,6 @@ import viser
 from kalscope.common.text import decibels, frequency, gate_digits, lag_in_full, lag_text, number, percent, plural
 from kalscope.filtering.classic import OneEuro
 from kalscope.filtering.steady import SteadyState, steady_state
-from kalscope.tuning.tuning import PaperTuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     MAX_POSITION,
@@ -306,7 +305,7 @@ class StartView:
         for box in (self._x0, self._gate):
             box.set_visible(used)
         window = 1 if tuning.chain is None else tuning.chain.median
-        put(self._median, visible=frame.state.fusion is None and not isinstance(tuning, PaperTuning))
+        put(self._median, visible=frame.state.fusion is None and tuning.paper is None)
         offer(self._median, dict.fromkeys((*MEDIANS, median_words(window))), median_words(window))
         self._add.visible = used and tuning.momentum == 0.0
         put(self._gain, value=frame.state.view.gain_shown, visible=frame.state.has_gain)

@@ -15,7 +15,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.filtering import classic
-from kalscope.filtering.classic import Bench, Chain, OneEuro, PowerOfTwo, Run, Stage
+from kalscope.filtering.classic import Bench, Chain, OneEuro, Run, Stage
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import settled_transfer
 
@@ -26,7 +26,6 @@ BRIDGES = "needs a whole window: missing samples are interpolated linearly"
 SENTENCES: dict[type[Stage], str] = {
     classic.MovingAverage: "Simple to explain, but it must store its window, and a spike moves it twice.",
     classic.Exponential: "The settled Kalman filter without momentum; it starts more slowly and ignores gaps.",
-    PowerOfTwo: "One subtraction, one shift, one addition on integers; but the only gains are 1/2, 1/4, 1/8 …",
     classic.Median: "Removes spikes shorter than half its window completely, but reduces plain noise less.",
     classic.Butterworth: "Falls off twice as steeply above its cut-off, and overshoots a step by 4 % for it.",
     OneEuro: "Smooth when still, quick when moving; its cut-off doubles at this recording's usual speed.",
@@ -83,7 +82,6 @@ def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
         window,
         classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
         classic.Exponential(1.0 / (1.0 + lag)),
-        min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: abs(one.lag - lag)),
         classic.Median(_nearest_window(window, bench, lambda size: abs(lag_of(classic.Median(size)) - lag))),
         classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF)),
         one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
@@ -110,7 +108,6 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
         _nearest_window(2.25 / gain, bench, lambda size: missed(_parabola_noise(size))),
         classic.MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
         classic.Exponential(2.0 * gain / (1.0 + gain)),
-        min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: missed(one.noise_gain)),
         classic.Median(_nearest_window(better, bench, lambda size: missed(gain_of(classic.Median(size))))),
         classic.Butterworth(cutoff),
         one_euro(_bisect(lambda share: gain_of(one_euro(share, bench)) - gain, *EURO_SHARES), bench),

@@ -73,16 +73,14 @@ class LineFilter:
     """
 
     def __init__(self, filters: Filter | Sequence[Filter], sensors: int = 1) -> None:
-        """Start the filters.
+        """Start the filters, with the first readable line.
 
         Args:
-            filters: One for as many channels as the first readable line has, or one for each group of channels.
+            filters: One for as many channels as that line has, or one for each group of channels.
             sensors: How many channels in a row each of them fuses.
         """
-        self._filter = None if isinstance(filters, Sequence) else filters
+        self._filters, self._sensors = filters, sensors
         self._streams = [one.stream() for one in filters] if isinstance(filters, Sequence) else []
-        self._sensors = sensors
-        self._before = 0  # lines received while the number of channels was unknown
         self.received = 0
         """Lines received so far."""
 
@@ -103,10 +101,8 @@ class LineFilter:
         samples = [value for value in values if value is not None]
         if len(samples) < len(values):
             return self._miss(), self._note("numbers with commas between them", text)
-        if self._filter is not None and not self._streams:
-            self._streams = [self._filter.stream() for _ in samples]
-            for _ in range(self._before):
-                self._miss()
+        if not isinstance(self._filters, Sequence) and not self._streams:
+            self._streams = [self._filters.stream() for _ in samples]
         if len(samples) != self._channels:
             return self._miss(), self._note(plural(self._channels, "number"), text)
         return self._update(samples), ""
@@ -116,7 +112,6 @@ class LineFilter:
         return self._sensors * len(self._streams)
 
     def _miss(self) -> str:
-        self._before += not self._streams
         self._update([math.nan] * self._channels)
         return ""
 
@@ -187,18 +182,17 @@ def filter_command(
     from kalscope.common.text import plain
     from kalscope.export.csv import filtered_csv_chunks
     from kalscope.sources.reading.account import account, sample_period_conflict
-    from kalscope.tuning.choose import filters_for, filters_for_stdin, fuses
+    from kalscope.tuning.choose import filters_for
 
     tell_compiling()
-    fused = fuses(config, given, channel, fuse)  # before anything is read: it refuses contradictions
     if source == "-":
         if report:
             raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
         if output is not None:
             raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
-        chosen, notes = filters_for_stdin(config, given, channel, fuse, sample_period)
+        chosen, notes = filters_for(None, config, given, channel, fuse, sample_period)
         filters = [one.filter for one in chosen]
-        lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) if fused else 1)
+        lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) or 1)
         _filter_stdin(lines, notes, reading)
         return
     if output is not None:

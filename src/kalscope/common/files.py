@@ -8,7 +8,6 @@ import re
 import secrets
 import stat
 import tempfile
-import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,16 +22,8 @@ from kalscope.errors import BadFile, BadSetting, NoMemory
 # temporary file in the same folder that is renamed over the old one does neither.
 
 
-_LEFTOVER_AGE_S = 60.0
-"""Temporary files untouched for this long belong to a run that was killed, s."""
-_REPLACE_ATTEMPTS = 20 if os.name == "nt" else 1
-"""On Windows a virus scanner or an editor may hold the old file open for a moment."""
-_REPLACE_PAUSE_S = 0.05
-"""Pause between two attempts, s."""
 _DEVICE = re.compile(r" *(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³]) *(?:[.:].*)?", re.IGNORECASE)
 """Names that Windows takes for a device in every folder, whatever their ending."""
-_NAME_BYTES = 180
-"""Bytes of the file name kept in the temporary one: file systems stop at 255."""
 
 
 def check_new(*paths: Path, force: bool) -> None:
@@ -75,45 +66,61 @@ def write_atomic(path: str | os.PathLike[str], data: bytes) -> None:
 def write_private(path: str | os.PathLike[str], data: bytes) -> None:
     """Write `data` to `path` as `write_atomic` does, but so that no other user can read it at any moment.
 
-    Args:
-        path: The file to create or to replace. A symbolic link is replaced, not followed.
-        data: The whole content.
-
-    Raises:
-        OSError: As in `write_atomic`.
+    A symbolic link is replaced, not followed.
     """
-    with _replacement(Path(path), 0o600) as file:
+    with atomic_file(path, 0o600) as file:
         file.write(data)
 
 
 @contextmanager
-def atomic_file(path: str | os.PathLike[str]) -> Generator[BinaryIO]:
+def atomic_file(path: str | os.PathLike[str], mode: int | None = None) -> Generator[BinaryIO]:
     """Open a binary file for writing that becomes `path` when the block ends, and vanishes if it raises.
 
-    The content is on the disk before the name changes. The mode of an existing file is kept.
+    The content is on the disk before the name changes.
 
     Args:
         path: As in `write_atomic`. A device or a pipe such as /dev/null has nothing to replace: it is written
             directly.
+        mode: The permissions, see `write_private`; None = those of the file that is replaced, or the usual ones.
 
     Raises:
         OSError: As in `write_atomic`.
     """
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(path) if mode is None else path)
+    if mode is None and target.exists():
+        if not target.is_file():
+            with _named(path, target), open(target, "wb") as device:  # a folder raises IsADirectoryError here
+                yield device
+            return
+        if not os.access(target, os.W_OK):  # the rename would succeed all the same, and override the read-only mode
+            raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected", os.fspath(path))
+        mode = stat.S_IMODE(target.stat().st_mode)
+    temporary = target.with_name(f".{target.name[:50]}.kalscope-{secrets.token_hex(8)}.tmp")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     try:
-        mode = _mode(target)
-        if mode is None or stat.S_ISREG(mode):
-            if mode is not None and not os.access(target, os.W_OK):
-                # The rename would succeed all the same, and override the read-only mode.
-                raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected")
-            with _replacement(target, mode) as file:
+        with removed_at_stop(temporary), _named(path, temporary):
+            descriptor = os.open(temporary, flags, 0o666 if mode is None else mode)  # less the umask
+            with os.fdopen(descriptor, "wb") as file:
                 yield file
-        else:
-            with open(target, "wb") as file:  # a folder raises IsADirectoryError here
-                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            if mode is not None:
+                os.chmod(temporary, mode)
+            os.replace(temporary, target)
+    except BaseException:  # Ctrl+C as well must leave no temporary file
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    sync_folder(target.parent)
+
+
+@contextmanager
+def _named(path: str | os.PathLike[str], opened: Path) -> Generator[None]:
+    """Errors of the file that is `opened`, or of none, name the one that the caller knows."""
+    try:
+        yield
     except OSError as error:
-        # The caller knows this name only. A filename2 of None would be shown as "-> None".
-        if error.errno is None or not _is_about(error, target):
+        if error.errno is None or error.filename not in (None, opened, str(opened)):
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
@@ -155,82 +162,9 @@ def temporary_folder(prefix: str = "kalscope-") -> Generator[Path]:
         yield Path(folder)
 
 
-@contextmanager
-def _replacement(target: Path, mode: int | None) -> Generator[BinaryIO]:
-    """A temporary file beside `target` that replaces it at the end and has this mode; None: as open() gives it."""
-    _sweep(target)
-    temporary = target.parent / f"{_prefix(target)}{secrets.token_hex(8)}.tmp"
-    try:
-        with removed_at_stop(temporary):
-            with _create(temporary, 0o666 if mode is None else stat.S_IMODE(mode)) as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            if mode is not None:
-                os.chmod(temporary, stat.S_IMODE(mode))
-            _replace(temporary, target)
-    except BaseException:  # Ctrl+C as well must leave no temporary file
-        with suppress(OSError):
-            temporary.unlink()
-        raise
-    sync_folder(target.parent)
-
-
-def _is_about(error: OSError, target: Path) -> bool:
-    """Whether the error names this file, its temporary one or none; a block may fail at another file."""
-    name = error.filename
-    return not isinstance(name, str) or Path(name) == target or Path(name).name.startswith(_prefix(target))
-
-
-def _mode(target: Path) -> int | None:
-    """Type and permission bits of `target`; None where there is no such file."""
-    try:
-        return target.stat().st_mode
-    except FileNotFoundError:
-        return None
-
-
-def _prefix(target: Path) -> str:
-    """What the names of our temporary files for `target` start with; no editor's swap file does."""
-    kept = target.name.encode("utf-8", "surrogateescape")[:_NAME_BYTES].decode("utf-8", "ignore")
-    return f".{kept}.kalscope-"
-
-
-def _create(temporary: Path, permissions: int) -> BinaryIO:
-    """Create a new file; the umask narrows its permissions as it does in open()."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    return os.fdopen(os.open(temporary, flags, permissions), "wb")
-
-
-def _sweep(target: Path) -> None:
-    """Remove what killed runs left beside `target`. Errors are ignored: the write does not depend on it."""
-    leftover = re.compile(re.escape(_prefix(target)) + r"[0-9a-f]{16}\.tmp")
-    oldest = time.time() - _LEFTOVER_AGE_S
-    with suppress(OSError), os.scandir(target.parent) as entries:
-        for entry in entries:
-            if leftover.fullmatch(entry.name):
-                with suppress(OSError):
-                    if entry.stat(follow_symlinks=False).st_mtime < oldest:
-                        os.unlink(entry.path)
-
-
-def _replace(temporary: Path, target: Path) -> None:
-    """Rename over the old file, with retries where another program may hold it open."""
-    for attempt in range(1, _REPLACE_ATTEMPTS + 1):
-        try:
-            os.replace(temporary, target)
-            return
-        except PermissionError:
-            if attempt == _REPLACE_ATTEMPTS:
-                raise
-            time.sleep(_REPLACE_PAUSE_S)
-
-
 def sync_folder(folder: Path) -> None:
     """Put the new name on the disk too; some file systems refuse, but the data is safe anyway."""
-    if os.name == "nt":
-        return
-    with suppress(OSError):
+    with suppress(OSError):  # Windows opens no folder
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -261,10 +195,9 @@ class Unpacking:
             BadFile: together they are too many.
         """
         self._total += size
-        if self._total <= MAX_UNPACKED and self._gigabytes is None:
-            return
-        most = max(MAX_UNPACKED, MAX_RATIO * os.path.getsize(self._path))
-        if self._gigabytes is not None:
+        if self._gigabytes is None:
+            most = max(MAX_UNPACKED, MAX_RATIO * os.path.getsize(self._path))
+        else:
             most = int(1e9 * self._gigabytes)
         if self._total > most:
             raise BadFile(

@@ -1,10 +1,11 @@
-"""The array types of signals, and checks and medians of numbers."""
+"""The array types of signals, and checks of numbers."""
 
 from __future__ import annotations
 
 import math
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,32 +31,35 @@ PERIODS = (1e-50, 1e50)
 """Sample periods in s within which rates and their squares are finite."""
 
 
+def in_range(name: str, value: Any, least: float, most: float, must: str = "") -> float:
+    """`value` as a float; BadSetting unless it is a number from `least` to `most`.
+
+    Args:
+        name: What the message calls it.
+        value: Anything; a string or a truth value is no number.
+        least: The smallest allowed.
+        most: The largest allowed.
+        must: What it must be, for the message.
+    """
+    try:
+        number = math.nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not least <= number <= most:
+        raise BadSetting(f"{name} must be {must or f'a number from {least:.3g} to {most:.3g}'} (got {value!r})")
+    return number
+
+
 def check_sample_period(period: float) -> None:
     """BadSetting unless this is a sample period, in s, that can be computed with."""
-    if not PERIODS[0] <= _number(period) <= PERIODS[1]:
-        raise BadSetting(
-            f"sample period must be a finite number of seconds above 0, from {PERIODS[0]:g} to {PERIODS[1]:g}"
-            f" (got {period})"
-        )
+    must = f"a finite number of seconds above 0, from {PERIODS[0]:g} to {PERIODS[1]:g}"
+    in_range("sample period", period, *PERIODS, must)
 
 
 def above_zero(name: str, value: float, largest: float = sys.float_info.max) -> float:
     """`value` as a float; BadSetting unless it is a number above 0 and at most `largest`."""
-    number = _number(value)
-    if not 0.0 < number <= largest:
-        most = f", at most {largest:g}" if largest < number < math.inf else ""
-        raise BadSetting(f"{name} must be a finite number above 0{most} (got {value})")
-    return number
-
-
-def _number(value: object) -> float:
-    """`value` as a float; NaN where it is not a number; a string counts as none."""
-    if isinstance(value, str):
-        return math.nan
-    try:
-        return float(value)  # pyright: ignore[reportArgumentType] (the error is caught)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
+    most = f", at most {largest:g}" if largest < sys.float_info.max else ""
+    return in_range(name, value, math.ulp(0.0), largest, f"a finite number above 0{most}")
 
 
 def bisect(is_below: Callable[[float], bool], low: float, high: float, steps: int = 64) -> tuple[float, float]:

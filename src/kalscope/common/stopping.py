@@ -234,11 +234,9 @@ def _clean_up() -> None:
 def _remove(path: str) -> None:
     import shutil
 
-    if os.path.isdir(path):
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            os.unlink(path)
+    with suppress(OSError):  # a folder
+        os.unlink(path)
+    shutil.rmtree(path, ignore_errors=True)
 
 
 def _open_missing_streams() -> None:

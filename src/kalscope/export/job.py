@@ -11,7 +11,7 @@ from string import Template
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import runs_kalman
 from kalscope.export.names import comment_text, identifiers, number_text
-from kalscope.filtering.classic import Chain, PowerOfTwo
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.steady import SteadyState, steady_state, step_constants
 from kalscope.tuning.tuning import ChannelTuning, Tuning
@@ -265,8 +265,6 @@ def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     if chain is None or chain.then is None:
         return tuple(lines)
     lines.append(f"  {chain_words(chain)}; a missing sample holds the value")
-    if isinstance(chain.then, PowerOfTwo):
-        lines.append("  computed in floats, where a product with a power of two is exact: no bits are shifted")
     lag = chain.then.lag
     if lag is not None and chain.median == 1:
         seconds = "" if job.sample_period is None else f" = {lag * job.sample_period:.4g} s"

@@ -11,7 +11,7 @@ import numpy as np
 from kalscope.common.numbers import above_zero
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import STALLING_GAIN, float32_tuning, runs_kalman
-from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo, Stage
+from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, Stage
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.tuning import ChannelTuning
@@ -27,7 +27,6 @@ GAIN_US = 29
 CLASSIC_US: dict[type[Stage], int] = {
     MovingAverage: 88,
     Exponential: 80,
-    PowerOfTwo: 80,
     Median: 2,
     Butterworth: 163,
     OneEuro: 240,

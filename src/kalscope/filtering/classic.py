@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,11 +11,11 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, above_zero, bisect
+from kalscope.common.numbers import Array, above_zero, bisect, in_range
 from kalscope.errors import BadSetting
 from kalscope.filtering import classic_kernels
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, denoise
-from kalscope.filtering.params import FilterParams, one_record, one_sample, scalar, step_of
+from kalscope.filtering.params import FilterParams, one_record, one_sample, step_of
 from kalscope.filtering.steady import SETTLED, SteadyState, at_period, params_of_gain, steady_state
 
 # Checks of the settings of the classic filters.
@@ -36,25 +35,11 @@ def odd_window(name: str, value: Any) -> int:
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
     """`value` as an int from `least` to `most`; 9.0 is one too."""
-    given: Any = int(value) if isinstance(value, float) and value.is_integer() else value
-    try:
-        found = None if isinstance(given, bool) else operator.index(given)
-    except TypeError:
-        found = None
-    if found is None or not least <= found <= most:
-        raise BadSetting(f"{name} must be a whole number from {least} to {most} (got {value!r})")
-    return found
-
-
-def number(name: str, value: Any, least: float, most: float, unit: str = "") -> float:
-    """`value` as a float from `least` to `most`."""
-    try:
-        found = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if not least <= found <= most:
-        raise BadSetting(f"{name} must be a number from {least:.3g} to {most:.3g}{unit} (got {value!r})")
-    return found
+    must = f"a whole number from {least} to {most}"
+    number = in_range(name, value, least, most, must)
+    if not number.is_integer():
+        raise BadSetting(f"{name} must be {must} (got {value!r})")
+    return int(number)
 
 
 # The classic filters as frozen, checked values: what they are, what they cost, and how a device begins them.
@@ -63,15 +48,12 @@ def number(name: str, value: Any, least: float, most: float, unit: str = "") -> 
 # where no formula gives them, because they depend on the signal.
 
 
-MAX_SHIFT = 30
-"""Largest shift accepted: 2^-30 is a time constant of a billion samples."""
-MIN_ALPHA = 2.0**-MAX_SHIFT
-"""Smallest share of each step accepted."""
+MIN_ALPHA = 2.0**-30
+"""Smallest share of each step accepted: a time constant of a billion samples."""
 MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles per sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
 """Cut-offs of the one-euro filter, cycles per sample; it may pass everything."""
-PER_SAMPLE = " cycles per sample"
 MAX_BETA = 1e300
 """Largest growth of a cut-off accepted: the unit of the signal may be anything."""
 BEYOND = 1e30
@@ -131,13 +113,19 @@ class MovingAverage(_Windowed):
         return 1.0 / self.window
 
 
-class _Smoothing(_Stage):
-    """What exponential smoothing is, wherever its α comes from."""
+@dataclass(frozen=True)
+class Exponential(_Stage):
+    """Exponential smoothing, x += α (z − x), begun at the first sample."""
 
     alpha: float
-    """Share of each step that is taken."""
+    """Share of each step that is taken, 2^-30 … 1."""
+    name: ClassVar[str] = "Exponential"
+    _setting: ClassVar[str] = "α = {0.alpha:.4g}"
     memory: ClassVar[int] = 2
     """Numbers that it remembers: the output, and what rounding left out of it."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha", in_range("alpha", self.alpha, MIN_ALPHA, 1.0))
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -158,37 +146,6 @@ class _Smoothing(_Stage):
     def start_samples(self) -> int:
         """Samples until 1 % of the start is left."""
         return 1 if self.alpha >= 1.0 else max(1, math.ceil(math.log(SETTLED) / math.log1p(-self.alpha)))
-
-
-@dataclass(frozen=True)
-class Exponential(_Smoothing):
-    """Exponential smoothing, x += α (z − x), begun at the first sample."""
-
-    alpha: float
-    """Share of each step that is taken, 2^-30 … 1."""
-    name: ClassVar[str] = "Exponential"
-    _setting: ClassVar[str] = "α = {0.alpha:.4g}"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", number("alpha", self.alpha, MIN_ALPHA, 1.0))
-
-
-@dataclass(frozen=True)
-class PowerOfTwo(_Smoothing):
-    """Exponential smoothing with α = 2^-shift: a device shifts bits."""
-
-    shift: int
-    """Bits, 0 … 30."""
-    name: ClassVar[str] = "Power-of-two gain"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "shift", whole("shift", self.shift, 0, MAX_SHIFT))
-        object.__setattr__(self, "alpha", 2.0**-self.shift)
-
-    @property
-    def words(self) -> str:
-        """Its setting, for the user."""
-        return f"α = 1/{2**self.shift}"
 
 
 @dataclass(frozen=True)
@@ -223,7 +180,8 @@ class Butterworth(_Stage):
     """Numbers that it remembers: output, level, what rounding left out of the level, slope."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cutoff", number("cutoff", self.cutoff, MIN_CUTOFF, MAX_CUTOFF, PER_SAMPLE))
+        checked = in_range("cutoff in cycles per sample", self.cutoff, MIN_CUTOFF, MAX_CUTOFF)
+        object.__setattr__(self, "cutoff", checked)
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -277,9 +235,11 @@ class OneEuro(_Stage):
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "speed_cutoff"):
-            checked = number(name, getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF, PER_SAMPLE)
+            checked = in_range(
+                f"{name} in cycles per sample", getattr(self, name), MIN_EURO_CUTOFF, MAX_EURO_CUTOFF
+            )
             object.__setattr__(self, name, checked)
-        object.__setattr__(self, "beta", number("beta", self.beta, 0.0, MAX_BETA))
+        object.__setattr__(self, "beta", in_range("beta", self.beta, 0.0, MAX_BETA))
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -293,7 +253,7 @@ class OneEuro(_Stage):
         return max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * self.cutoff)))
 
 
-Stage = MovingAverage | Exponential | PowerOfTwo | Median | Butterworth | OneEuro
+Stage = MovingAverage | Exponential | Median | Butterworth | OneEuro
 
 
 # A chain of two filters: a median, and what follows it.
@@ -318,10 +278,8 @@ class Chain:
         if self.then is not None and type(self.then) not in get_args(Stage):
             raise BadSetting(f"then must be a classic filter, or None for the Kalman filter (got {self.then!r})")
         if self.median == 1 and self.then is None:
-            raise BadSetting(
-                "a chain must have a median of at least 3 samples, or a filter in place of Kalman's (got neither); "
-                "for the Kalman filter alone leave the chain out"
-            )
+            must = "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"
+            raise BadSetting(f"{must} (got neither)")
 
     @property
     def stages(self) -> tuple[Stage, ...]:
@@ -352,7 +310,6 @@ MANY_MOVES = 5e7
 _LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, classic_kernels.Counters, Floats], None]] = {
     MovingAverage: classic_kernels.moving_average,
     Exponential: classic_kernels.exponential,
-    PowerOfTwo: classic_kernels.exponential,
     Median: classic_kernels.median,
     Butterworth: classic_kernels.butterworth,
     OneEuro: classic_kernels.one_euro,
@@ -489,7 +446,7 @@ class Bench:
         """
         size = self.settle + min(self.settle + 2000, MAX_RAMP // 2)
         ramp = self.speed * np.arange(size)
-        noise = self.drawn(size)
+        noise = self._shuffled[:size]
         apart = 0.5 * (run(noise + ramp) - run(noise - ramp))
         return float(np.mean(ramp[self.settle :] - apart[self.settle :])) / self.speed
 
@@ -507,7 +464,7 @@ class Bench:
 
     @cached_property
     def _rest(self) -> Array:
-        return self.drawn(self.settle + MAX_RAMP)
+        return self._shuffled[: self.settle + MAX_RAMP]
 
     @cached_property
     def _known(self) -> float:
@@ -520,12 +477,9 @@ class Bench:
         """Samples after which a filter as slow as the current one has settled."""
         return min(int(15.0 * (self.present_lag + 1.0)) + 100, MAX_RAMP // 2)
 
-    def drawn(self, size: int) -> Array:
-        """`size` draws of the noise, always the same."""
-        return np.resize(self._shuffled, size)
-
     @cached_property
     def _shuffled(self) -> Array:
+        """Draws of the noise, always the same."""
         return np.random.default_rng(1).choice(self.noise, 2 * MAX_RAMP)
 
 
@@ -564,8 +518,8 @@ MIN_SLOW, WINDOWS_OF_SLOW = 100.0, 10.0
 """A lag above this many samples, and above this many windows of the median before it, is slow: a median changes the
 noise that any slow filter passes by the same factor."""
 
-BUTTERWORTH_SETTLED, BUTTERWORTH_TURN = 4.6573, 1.2396
-"""When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 % and when it passes 63 %, in lags."""
+BUTTERWORTH_SETTLED = 4.6573
+"""When its step response, 1 − e^(−τ) (cos τ + sin τ), stays within 1 %, in lags."""
 
 
 def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
@@ -578,7 +532,7 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
     match then:
         case None:
             return steady_state(params, 1.0)
-        case Exponential() | PowerOfTwo():
+        case Exponential():
             return _smoothing(then.alpha)
         case OneEuro():
             angle = 2.0 * math.pi * then.cutoff
@@ -586,14 +540,13 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return replace(still, lag_samples=math.nan, noise_reduction_db=math.nan, cutoff_hz=math.nan)
         case MovingAverage():
             n = then.window
-            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n, -math.expm1(-1.0) * n)
+            return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n)
         case Butterworth():
             gain = 0.5 * then.constants[2]
-            settle, turn = BUTTERWORTH_SETTLED * then.lag, BUTTERWORTH_TURN * then.lag
-            return replace(_state(gain, then, then.cutoff, settle, turn), overshoot=math.exp(-math.pi))
+            found = _state(gain, then, then.cutoff, BUTTERWORTH_SETTLED * then.lag)
+            return replace(found, overshoot=math.exp(-math.pi))
         case Median():
-            half = 0.5 * (then.window + 1)
-            return _state(math.nan, then, math.nan, half, half)
+            return _state(math.nan, then, math.nan, 0.5 * (then.window + 1))
 
 
 def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Array]) -> SteadyState:
@@ -612,27 +565,20 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
     last = last_response(then, params)
     if chain.median == 1 and not isinstance(then, Median | OneEuro):
         return last
-    settle, turn = last.settle_samples + late, scalar(last.time_constant_s) + late
-    lag, noise = _measured(chain, params, record, last, turn)
-    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
-    return replace(found, settle_samples=settle, time_constant_s=turn)
-
-
-def _measured(
-    chain: Chain, params: FilterParams, record: tuple[Array, Array], last: SteadyState, turn: float
-) -> tuple[float, float]:
-    """Lag in samples and noise reduction in dB of a chain that no formula describes."""
     z, x = (values[-MAX_SAMPLES:] for values in record)
-    lag, slow = last.lag_samples, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
-    if lag > slow:  # no ramp would be long enough
+    lag, slow = last.lag_samples + late, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
+    if last.lag_samples > slow:  # no ramp would be long enough
         probe = Exponential(1.0 / (1.0 + slow))
         gain = bench_of(z, x, slow).noise_gain(_run(Chain(chain.median, probe), params))
         noise = last.noise_reduction_db - 10.0 * math.log10(gain / probe.noise_gain)
-        return lag + 0.5 * (chain.median - 1), noise
-    guess = turn + 0.5 * chain.then.window if isinstance(chain.then, Median) else turn
-    bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
-    gain = bench.noise_gain(run)
-    return bench.lag(run), math.inf if gain == 0.0 else -10.0 * math.log10(gain)
+    else:
+        guess = last.settle_samples / -math.log(SETTLED) + late
+        guess += 0.5 * then.window if isinstance(then, Median) else 0.0
+        bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
+        lag, gain = bench.lag(run), bench.noise_gain(run)
+        noise = math.inf if gain == 0.0 else -10.0 * math.log10(gain)
+    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
+    return replace(found, settle_samples=last.settle_samples + late)
 
 
 def _run(chain: Chain, params: FilterParams) -> Run:
@@ -651,12 +597,10 @@ def _smoothing(alpha: float) -> SteadyState:
     return replace(steady_state(params_of_gain(alpha), 1.0), p=math.nan)
 
 
-def _state(
-    gain: float, stage: MovingAverage | Butterworth | Median, cutoff: float, settle: float, turn: float
-) -> SteadyState:
+def _state(gain: float, stage: MovingAverage | Butterworth | Median, cutoff: float, settle: float) -> SteadyState:
     lag = math.nan if stage.lag is None else stage.lag
     noise = math.nan if stage.noise_gain is None else 0.0 - 10.0 * math.log10(stage.noise_gain)  # 0 rather than -0
-    return SteadyState(gain, math.nan, lag, lag, noise, cutoff, settle, turn)
+    return SteadyState(gain, math.nan, lag, lag, noise, cutoff, settle)
 
 
 def _average_cutoff(window: int) -> float:
@@ -673,8 +617,8 @@ def _average_cutoff(window: int) -> float:
 def rescaled_chain(chain: Chain, ratio: float) -> Chain | None:
     """The chain at a sample period `ratio` times as long.
 
-    Windows are rounded to whole samples, those of a median to odd ones, and a power of two to the nearest. α keeps
-    its time constant, 1 − (1 − α)^ratio; β is per unit of the signal and stays.
+    Windows are rounded to whole samples, those of a median to odd ones. α keeps its time constant,
+    1 − (1 − α)^ratio; β is per unit of the signal and stays.
 
     Returns:
         The chain; None where nothing is left of it but the Kalman filter.
@@ -696,8 +640,6 @@ def _rescaled(stage: Stage, ratio: float) -> Stage:
             return Median(_odd(stage.window, ratio))
         case Exponential():
             return Exponential(_share(stage.alpha, ratio))
-        case PowerOfTwo():
-            return PowerOfTwo(min(max(0, round(-math.log2(_share(stage.alpha, ratio)))), MAX_SHIFT))
         case Butterworth():
             return Butterworth(stage.cutoff * ratio)
         case OneEuro():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
-from kalscope.filtering.kernels import LANE_BLOCK, LANES, filter_lanes
 from kalscope.filtering.params import (
     FilterParams,
     checked_readings,
@@ -88,12 +87,6 @@ class FilterResult:
         kept: dict[str, Any] = {name: row[indices] for name, row in self.rows.items()}
         return replace(self, **kept, params=None, dt=None)
 
-    def shares(self, params: FilterParams) -> Array:
-        """Shares of the sensors in each row, by the information of the readings used; they sum to 1, or are 0."""
-        used = np.where(self.k != 0.0, params.information, 0.0)
-        total = used.sum(axis=1, keepdims=True)
-        return used / np.where(total > 0.0, total, 1.0)
-
 
 @dataclass(frozen=True)
 class SmootherResult:
@@ -109,27 +102,16 @@ class SmootherResult:
     """Its variance."""
 
 
-@dataclass(frozen=True)
-class FilterRows:
-    """Arrays that the loops fill."""
+Rows = tuple[kernels.States, kernels.Readings]
+"""Arrays that the loops fill: x, v, p, g and w, shape (rows,), of which v, g and w are empty without momentum; k,
+innovation and s on the scale of x, shape (rows, sensors)."""
 
-    states: kernels.States
-    """x, v, p, g and w, shape (rows,); v, g and w are empty without momentum."""
-    readings: kernels.Readings
-    """k, innovation and s on the scale of x, shape (rows, sensors)."""
 
-    @classmethod
-    def empty(cls, params: FilterParams, rows: int) -> FilterRows:
-        """Arrays for this many rows."""
-        moving, shape = rows if params.momentum else 0, (rows, params.sensors)
-        x, v, p, g, w = (np.empty(size) for size in (rows, moving, rows, moving, moving))
-        return cls((x, v, p, g, w), (np.empty(shape), np.empty(shape), np.empty(shape)))
-
-    def part(self, first: int, last: int) -> FilterRows:
-        """Views of the rows first to last."""
-        x, v, p, g, w = (row[first:last] for row in self.states)
-        k, innovation, s = (row[first:last] for row in self.readings)
-        return FilterRows((x, v, p, g, w), (k, innovation, s))
+def empty_rows(params: FilterParams, rows: int) -> Rows:
+    """Arrays for this many rows."""
+    moving, shape = rows if params.momentum else 0, (rows, params.sensors)
+    x, v, p, g, w = (np.empty(size) for size in (rows, moving, rows, moving, moving))
+    return (x, v, p, g, w), (np.empty(shape), np.empty(shape), np.empty(shape))
 
 
 class KalmanFilter:
@@ -211,14 +193,14 @@ class KalmanFilter:
             BadSetting: z holds inf or has another shape; dt does not fit z. The state stays.
         """
         readings = checked_readings(samples_of(z), self.params)
-        rows = FilterRows.empty(self.params, len(readings))
+        rows = empty_rows(self.params, len(readings))
         return self.take(readings, steps_of(dt, len(readings)), rows)
 
-    def take(self, readings: Array, steps: Array, rows: FilterRows) -> FilterResult:
-        """Take checked readings, shape (n, sensors), into rows; `steps` are empty for regular sampling."""
-        refused, scored, loglik = self._run_loop(readings, steps, rows.states, rows.readings, keep=True)
-        x, v, p, _, w = rows.states
-        k, innovation, s = rows.readings
+    def take(self, readings: Array, steps: Array, rows: Rows) -> FilterResult:
+        """Take checked readings, shape (n, sensors), into the first n rows; `steps` empty for regular sampling."""
+        refused, scored, loglik = self._run_loop(readings, steps, rows, keep=True)
+        x, v, p, _, w = (row[: len(readings)] for row in rows[0])
+        k, innovation, s = (row[: len(readings)] for row in rows[1])
         if self._scales is not None and np.any(
             (gain := self._scales[1]) != 1.0
         ):  # back on the scale of each sensor
@@ -234,16 +216,14 @@ class KalmanFilter:
         rejected = refused if fuses else int(refused[0])
         return FilterResult(x, p, k, innovation, s, loglik, int(scored.sum()), rejected, *moving)
 
-    def _run_loop(
-        self, readings: Array, steps: Array, states: kernels.States, out: kernels.Readings, *, keep: bool
-    ) -> tuple[Counts, Counts, float]:
+    def _run_loop(self, readings: Array, steps: Array, rows: Rows, *, keep: bool) -> tuple[Counts, Counts, float]:
         """The readings rejected and scored of each sensor, and the log-likelihood on the scale of x."""
         in_a_row = np.array(self._in_a_row, dtype=np.int64)
         refused, scored, ells = np.zeros_like(in_a_row), np.zeros_like(in_a_row), np.zeros(len(in_a_row))
         model = self.params.q, self._tau, self._scales, self._r, self._gate
         tally = in_a_row, refused, scored
         self._state, loglik = kernels.filter_rows(
-            readings, steps, *model, self._state, tally, states, out, ells, keep or None
+            readings, steps, *model, self._state, tally, *rows, ells, keep or None
         )
         self._in_a_row = in_a_row.tolist()
         return refused, scored, loglik
@@ -264,14 +244,13 @@ class KalmanFilter:
         """Smooth z, from the start."""
         readings = checked_readings(z, self.params)
         steps = steps_of(dt, len(readings))
-        rows = FilterRows.empty(self.params, len(readings))
-        start = self._state[0]
-        self._run_loop(readings, steps, rows.states, rows.readings, keep=self._scales is not None)
-        x, v, p, _, w = rows.states
+        rows, start = empty_rows(self.params, len(readings)), self._state[0]
+        self._run_loop(readings, steps, rows, keep=self._scales is not None)
+        x, v, p, _, w = rows[0]
         if len(x) and math.isnan(start):
             start = float(x[0] if math.isfinite(x[0]) else x[np.isfinite(x).argmax()])
         if len(x) and not math.isnan(start):
-            kernels.smooth_states(steps, self.params.q, self._tau, start, rows.states)
+            kernels.smooth_states(steps, self.params.q, self._tau, start, rows[0])
         return SmootherResult(x, p) if self._tau is None else SmootherResult(x, p, v, w)
 
     def _row(self, z: ArrayLike) -> list[float]:
@@ -421,10 +400,10 @@ def filter_pieces(
     one = KalmanFilter(params)
     readings = checked_readings(samples_of(z), params)
     steps = steps_of(dt, len(readings))
-    rows = FilterRows.empty(params, min(PIECE, len(readings)))
+    rows = empty_rows(params, min(PIECE, len(readings)))
     for first in range(0, len(readings), PIECE):
         piece = readings[first : first + PIECE]
-        yield first, one.take(piece, steps[first : first + PIECE], rows.part(0, len(piece)))
+        yield first, one.take(piece, steps[first : first + PIECE], rows)
 
 
 class Continued(Protocol):
@@ -439,13 +418,11 @@ class GrowingRun:
     Earlier results do not change: they are views of rows that are written only once.
     """
 
-    def __init__(self, made_of: FilterParams | Continued) -> None:
-        """Args: the parameters; or another filter at its start."""
-        self._filter = KalmanFilter(made_of) if isinstance(made_of, FilterParams) else made_of
+    def __init__(self, one: Continued) -> None:
+        """Args: the filter at its start."""
+        self._filter, self._first, self._last = one, 0, 0
         self._rows: dict[str, Array] = {}
-        self._first = self._last = 0
-        nothing = (0, made_of.sensors) if isinstance(made_of, FilterParams) and made_of.fuses else (0,)
-        self._sums = self._filter.run(np.empty(nothing))
+        self._sums: FilterResult | None = None
 
     def __len__(self) -> int:
         return self._last - self._first
@@ -453,14 +430,16 @@ class GrowingRun:
     def extend(self, z: ArrayLike, dt: ArrayLike | None = None) -> None:
         """Filter the rows that follow; arguments and errors as `KalmanFilter.run`."""
         new = self._filter.run(z, dt)
+        if self._sums is None:
+            self._sums, self._rows = new, {name: row[:0] for name, row in new.rows.items()}
+        else:
+            self._sums = _added(self._sums, new.loglik, new.m, new.rejected)
+        if self._last + len(new.x) > len(self._rows["x"]):
+            self._make_room(len(new.x))
         end = self._last + len(new.x)
-        if not self._rows or end > len(self._rows["x"]):
-            self._make_room(new)
-            end = self._last + len(new.x)
         for name, row in self._rows.items():
             row[self._last : end] = getattr(new, name)
         self._last = end
-        self._sums = _added(self._sums, new.loglik, new.m, new.rejected)
 
     def forget(self, count: int) -> None:
         """Drop the oldest `count` rows, at most all of them; later results do not change."""
@@ -468,7 +447,8 @@ class GrowingRun:
 
     @property
     def result(self) -> FilterResult:
-        """The rows kept, len(self) of them; loglik, m and rejected cover all rows."""
+        """The rows kept, len(self) of them, once there are any; loglik, m and rejected cover all rows."""
+        assert self._sums is not None, "nothing was filtered"
         return replace(self._sums, **{name: self._view(row) for name, row in self._rows.items()})
 
     def _view(self, row: Array) -> Array:
@@ -476,15 +456,13 @@ class GrowingRun:
         view.flags.writeable = False
         return view
 
-    def _make_room(self, new: FilterResult) -> None:
+    def _make_room(self, count: int) -> None:
         """Copy the kept rows into larger arrays: old views must not change."""
         kept = len(self)
-        size = max(FIRST_CAPACITY, 2 * (kept + len(new.x)))
-        old, self._rows = self._rows, {}
-        for name, row in new.rows.items():
-            self._rows[name] = np.empty((size, *row.shape[1:]))
-            if old:
-                self._rows[name][:kept] = old[name][self._first : self._last]
+        more = max(FIRST_CAPACITY, 2 * (kept + count)) - kept
+        for name, row in self._rows.items():
+            room = np.empty((more, *row.shape[1:]))
+            self._rows[name] = np.concatenate([row[self._first : self._last], room])
         self._first, self._last = 0, kept
 
 
@@ -509,34 +487,19 @@ def _side_by_side(each: list[Result], names: tuple[str, ...], **sums: Any) -> Re
 
 def _check_out(out: Any, shape: tuple[int, ...]) -> None:
     kind, size = getattr(out, "dtype", None), getattr(out, "shape", None)
-    if not isinstance(out, np.ndarray) or kind != np.float64 or size != shape:
-        what = f"{kind} {size}" if kind else type(cast("object", out)).__name__
-        raise BadSetting(f"out must be a float64 array of z's shape {shape} (got {what})")
-    if not out.flags.writeable:
-        raise BadSetting("out must be writeable (got a read-only array)")
+    if kind != np.float64 or size != shape or not isinstance(out, np.ndarray) or not out.flags.writeable:
+        raise BadSetting(f"out must be a writeable float64 array of z's shape {shape} (got {kind} {size})")
 
 
 # The filter over a whole record, of which only chosen rows are kept: those that a chart draws.
 #
 # A run that keeps everything writes 40 bytes per sample, and for a million samples it spends most of its time on
-# memory that is not in the processor's cache. Here the rows of one piece are overwritten again and again. And where
-# the gain has settled, eight stretches of the record are filtered at once, equal to sample by sample to the last
-# bit: without missing samples p and k repeat to the last bit after a while, every one or two samples, and from then
-# on x forgets its start, so that two runs over the same samples converge to the same bits.
-
-
-PERIODS = (1, 2)
-"""Samples after which p may repeat itself: rounding keeps some 2 % of the filters from a single value."""
-
-FORGOTTEN = 48.0
-"""Time constants after which two runs are the same: 36 bring 2⁵² to 1, the others end the last bit's difference."""
-
-MAX_LANE = 16384
-"""Samples of a lane, or four times its warm-up: after a missing one the rest of the stretch is filtered twice."""
+# memory that is not in the processor's cache. Here the rows of one piece are overwritten again and again; and once
+# the gain has settled, whole chunks are filtered at once, as in `denoise`.
 
 
 def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLike | None = None) -> FilterResult:
-    """What `kalman_filter` gives at some rows, bit for bit.
+    """What `kalman_filter` gives at some rows, x and innovation within 1e-12 · max|z|.
 
     Args:
         z: measurements, shape (n,), or with an r per sensor (n, sensors); NaN is a missing one.
@@ -556,110 +519,35 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     if len(at) and not 0 <= at[0] <= at[-1] < len(samples):
         raise BadSetting(f"indices must be of z, 0 to {len(samples) - 1} (got {at[0]} to {at[-1]})")
     steps, one = steps_of(dt, len(samples)), KalmanFilter(params)
-    rows, result = FilterRows.empty(params, min(PIECE, len(samples))), one.run(samples[:0])
+    rows, result = empty_rows(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
-    has_lanes = params.reads_x and not params.momentum and params.gate is None and not len(steps)
-    first = picked = retry = 0
+    is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
+    first = picked = 0
     while first < len(samples):
-        piece = _filter_piece(one, samples, steps, first, rows)
-        last = first + len(piece.x)
-        end = int(np.searchsorted(at, last))
+        readings = checked_readings(samples[first : first + PIECE], params, first)
+        piece = one.take(readings, steps[first : first + PIECE], rows)
+        first += len(piece.x)
+        end = int(np.searchsorted(at, first))
         for name, row in piece.rows.items():
-            kept[name][picked:end] = row[at[picked:end] - first]
-        result = _added(result, piece.loglik, piece.m, piece.rejected)
-        first, picked = last, end
-        cycle = cycle_of(piece.p, piece.k, piece.s) if has_lanes and first >= retry else None
-        while cycle is not None:  # stretches in lanes, up to one with a missing sample
+            kept[name][picked:end] = row[at[picked:end] - first + len(piece.x)]
+        result, picked = _added(result, piece.loglik, piece.m, piece.rejected), end
+        p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
+        if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]
-            stretch = filter_stretch(samples[first:], cycle, one.x, at[picked:], first, out)
-            end = picked + int(np.searchsorted(at[picked:], first + stretch.done))
-            phase = (at[picked:end] - first) % len(cycle.p)
-            for name in ("p", "k", "s"):
-                kept[name][picked:end] = getattr(cycle, name)[phase]
-            one.advance(stretch.x)
-            result = _added(result, stretch.loglik, stretch.done, 0)
-            retry = first + stretch.tried
-            first, picked = first + stretch.done, end
-            if stretch.done < stretch.tried or not stretch.tried:
-                cycle = None
+            done, x, squares = kernels.filter_settled(samples[first:], k, one.x, at[picked:], first, out)
+            first += done
+            end = int(np.searchsorted(at, first))
+            for name, value in (("p", p), ("k", k), ("s", s)):
+                kept[name][picked:end] = value
+            one.advance(x)
+            loglik = -0.5 * (done * math.log(2.0 * math.pi * s) + squares / s)
+            result, picked = _added(result, loglik, done, 0), end
     return replace(result, **kept, params=None, dt=None)
-
-
-def _filter_piece(one: KalmanFilter, samples: Array, steps: Array, first: int, rows: FilterRows) -> FilterResult:
-    """The next piece, sample by sample."""
-    z, params = samples[first : first + PIECE], one.params
-    quick = params.reads_x and params.gate is None  # without a gate an infinite sample spoils what follows it
-    readings = np.ascontiguousarray(z)[:, None] if quick else checked_readings(z, params, first)
-    piece = one.take(readings, steps[first : first + PIECE], rows.part(0, len(z)))
-    if quick and not (math.isfinite(piece.loglik) and abs(piece.x[-1]) < math.inf):
-        checked_readings(z, params, first)
-    return piece
 
 
 def _added(result: FilterResult, loglik: Any, m: Any, rejected: Any) -> FilterResult:
     sums = {"loglik": result.loglik + loglik, "m": result.m + m, "rejected": result.rejected + rejected}
     return replace(result, **sums)
-
-
-class Cycle(NamedTuple):
-    """What repeats itself in a settled filter."""
-
-    p: Array
-    """Posterior variance of the next samples, shape (period,)."""
-    k: Array
-    """Their gain."""
-    s: Array
-    """Their innovation variance."""
-
-
-class Stretch(NamedTuple):
-    """The result of filtering a stretch in lanes."""
-
-    tried: int
-    """Samples tried; 0 = too few are left."""
-    done: int
-    """Samples that are filtered, from the first on: all, or those before a missing one."""
-    x: float
-    """Filtered value of the last of these."""
-    loglik: float
-    """Their log-likelihood."""
-
-
-def cycle_of(p: Array, k: Array, s: Array) -> Cycle | None:
-    """What repeats itself at the end of these rows; None = the filter has not settled, or its gain is 0."""
-    for period in PERIODS:
-        if len(p) > period and p[-1] == p[-1 - period] and (k[-period:] > 0.0).all():
-            return Cycle(p[-period:].copy(), k[-period:].copy(), s[-period:].copy())
-    return None
-
-
-def filter_stretch(
-    z: Array, cycle: Cycle, x: float, indices: Indices, first: int, out: tuple[Array, Array]
-) -> Stretch:
-    """Filter the first samples of z, as many as is worthwhile.
-
-    Args:
-        z: the samples that follow, shape (n,), with any strides.
-        cycle: the settled gain.
-        x: the filtered value before.
-        indices: the samples to keep, ascending, none before z; more may follow.
-        first: what the first sample of z is counted as there.
-        out: where x and innovation of these go, each of the shape of indices.
-    """
-    # the samples after which a lane no longer depends on where it began, most likely
-    warm = LANE_BLOCK * math.ceil(FORGOTTEN / (float(cycle.k.mean()) * LANE_BLOCK))
-    each = min((len(z) - warm) // LANES, max(MAX_LANE, 4 * warm)) // LANE_BLOCK * LANE_BLOCK
-    if each < max(LANE_BLOCK, warm // 4):
-        return Stretch(0, 0, x, 0.0)
-    ends = warm + each * np.arange(1, LANES + 1)
-    end = np.searchsorted(indices, first + ends).astype(np.intp)
-    begin = np.concatenate(([0], end[:-1])).astype(np.intp)
-    tried = np.ascontiguousarray(z[: ends[-1]])
-    k, s = (np.tile(row, LANE_BLOCK // len(cycle.p)) for row in (cycle.k, cycle.s))
-    lanes, x, chi2 = filter_lanes(tried, warm, k, 1.0 / s, x, indices[: end[-1]] - first, begin, end, out)
-    done = int(ends[lanes - 1]) if lanes else 0
-    norm = math.log(2.0 * math.pi) + float(np.log(cycle.s).mean())
-    return Stretch(len(tried), done, float(x), -0.5 * (done * norm + chi2))
 
 
 # What every filter can do: the standard one, of q and r, and others beside it.

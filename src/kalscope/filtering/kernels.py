@@ -52,6 +52,9 @@ SETTLED_WITHIN = 4e-16
 SERIES_BELOW = 0.1
 """Steps shorter than this many tau take the series of `transition`: the closed form loses digits like (tau/dt)²."""
 
+_SERIES = (-510 / 3628800, 254 / 362880, -126 / 40320, 62 / 5040, -30 / 720, 7 / 60, -0.25, 1 / 3)
+"""Of h - 2(1 - e) + (1 - e²)/2 = Σ (-1)^(n+1) (2^(n-1) - 2) hⁿ/n!, n from 10 down to 3."""
+
 Transition = tuple[float, float, float, float, float]
 """e, f, a, b and c."""
 State = tuple[float, float, float, float, float]
@@ -74,15 +77,10 @@ def transition(dt: float, q: float, tau: float | None) -> Transition:
     h = dt / tau
     u = -math.expm1(-h)  # 1 - e
     if h < SERIES_BELOW:
-        # h - 2(1 - e) + (1 - e²)/2 = Σ (-1)^(n+1) (2^(n-1) - 2) hⁿ/n! from n = 3
-        a = -510.0 / 3628800.0
-        a = 254.0 / 362880.0 + a * h
-        a = -126.0 / 40320.0 + a * h
-        a = 62.0 / 5040.0 + a * h
-        a = -30.0 / 720.0 + a * h
-        a = 7.0 / 60.0 + a * h
-        a = -0.25 + a * h
-        a = h * h * h * (1.0 / 3.0 + a * h)
+        a = 0.0
+        for factor in _SERIES:
+            a = factor + a * h
+        a = h * h * h * a
     else:
         a = h - 2.0 * u - 0.5 * math.expm1(-2.0 * h)
     return math.exp(-h), tau * u, q * tau * a, 0.5 * q * u * u, -0.5 * q / tau * math.expm1(-2.0 * h)
@@ -461,87 +459,41 @@ def quadratic(a1: float, a2: float, b1: float, b2: float, p: float, g: float, w:
     return a1 * (p * b1 + g * b2) + a2 * (g * b1 + w * b2)
 
 
-# The settled random walk on eight stretches of a record at once: one recursion waits 12 processor cycles for each
-# sample, and eight independent ones take no longer.
-
-LANES = 8
-"""Stretches that are filtered at once."""
-
-LANE_BLOCK = 384
-"""Samples that every lane takes before what is drawn of them is picked; a multiple of all periods of the gain."""
-
-
 @compiled()
-def filter_lanes(
-    z: Array,
-    warm: int,
-    k: Array,
-    weight: Array,
-    x: float,
-    at: NDArray[np.intp],
-    begin: NDArray[np.intp],
-    end: NDArray[np.intp],
-    out: tuple[Array, Array],
+def filter_settled(
+    z: Array, k: float, x: float, at: NDArray[np.intp], first: int, out: tuple[Array, Array]
 ) -> tuple[int, float, float]:
-    """Filter z, of warm + 8 n samples; lane l runs from sample l n to warm + (l + 1) n.
+    """The settled random walk over the chunks of z, up to one with a sample that is missing or infinite.
 
-    Lane 0 begins with `x`. Every other one begins with a guess, and what it does with its first `warm` samples is
-    done by the lane before too: it counts only if both then hold the same x to the last bit, which decides all that
-    follows. `k` and `weight` = 1/s are those of one block. `at` are the samples kept, begin[l] to end[l] those of
-    lane l, whose x and innovation go into `out`. warm and n are multiples of LANE_BLOCK.
+    `at` are the samples kept, ascending, counted from `first` for z[0]: their x and innovation go into `out`. Each
+    chunk is filtered relative to the x before it, which keeps the rounding small at any gain and level.
 
-    Returns how many lanes count (the first ones; none where a sample is missing or infinite in lane 0), the last x
-    of these, and their Σ v²/s.
+    Returns how many samples were filtered, the last x, and the sum of the squared innovations.
     """
-    n, out_x, out_v = (z.shape[0] - warm) // LANES, out[0], out[1]
-    rows = np.empty((LANES, LANE_BLOCK + 1))
-    warmed, chi2 = np.empty(LANES), np.zeros(LANES)
-    for lane in range(LANES):
-        rows[lane, LANE_BLOCK] = z[lane * n] if lane else x
-    for t in range(0, warm + n, LANE_BLOCK):
-        if t == warm:
-            warmed[:] = rows[:, LANE_BLOCK]
-        rows[:, 0] = rows[:, LANE_BLOCK]
-        filter_blocks(z[t:], n, k, rows)
-        for lane in range(LANES):
-            if lane and t < warm:
-                continue
-            first, i = lane * n + t, begin[lane]
-            chi2[lane] += weighted_squares(z[first : first + LANE_BLOCK], rows[lane], weight)
-            while i < end[lane] and at[i] < first + LANE_BLOCK:
-                j = at[i] - first
-                out_x[i], out_v[i] = rows[lane, j + 1], z[at[i]] - rows[lane, j]
-                i += 1
-            begin[lane] = i
-    lanes, last, total = 0, x, 0.0
-    while lanes < LANES and np.isfinite(rows[lanes, LANE_BLOCK]) and (lanes == 0 or last == warmed[lanes]):
-        last, total = rows[lanes, LANE_BLOCK], total + chi2[lanes]
-        lanes += 1
-    return lanes, last, total
-
-
-@compiled(inner=True)
-def filter_blocks(z: Array, n: int, k: Array, rows: Array) -> None:
-    """One block in all lanes: rows[l, 0] is the x before, rows[l, 1:] becomes that after each sample of z[l n:]."""
-    a, b, c, d, e, f, g, h = rows
-    a0, b0, c0, d0, e0, f0, g0, h0 = a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0]
-    for j in range(LANE_BLOCK):
-        a0 = a0 + k[j] * (z[j] - a0)
-        b0 = b0 + k[j] * (z[j + n] - b0)
-        c0 = c0 + k[j] * (z[j + 2 * n] - c0)
-        d0 = d0 + k[j] * (z[j + 3 * n] - d0)
-        e0 = e0 + k[j] * (z[j + 4 * n] - e0)
-        f0 = f0 + k[j] * (z[j + 5 * n] - f0)
-        g0 = g0 + k[j] * (z[j + 6 * n] - g0)
-        h0 = h0 + k[j] * (z[j + 7 * n] - h0)
-        a[j + 1], b[j + 1], c[j + 1], d[j + 1] = a0, b0, c0, d0
-        e[j + 1], f[j + 1], g[j + 1], h[j + 1] = e0, f0, g0, h0
+    n, i, j, total = z.shape[0], 0, 0, 0.0
+    response, rows, apart = np.empty((BLOCK, 5)), np.empty(CHUNK + 1), np.empty(CHUNK)
+    respond_to_block(k, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0), response)
+    rows[0] = 0.0
+    while i + CHUNK <= n:
+        for m in range(CHUNK):
+            apart[m] = z[i + m] - x
+        moved, _ = advance_chunk(apart, k, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0), response, 0.0, 0.0, rows[1:], None)
+        if not math.isfinite(moved):
+            break
+        total += squared_distance(apart, rows)
+        while j < at.shape[0] and at[j] < first + i + CHUNK:
+            m = at[j] - first - i
+            out[0][j], out[1][j] = x + rows[m + 1], apart[m] - rows[m]
+            j += 1
+        x += moved
+        i += CHUNK
+    return i, x, total
 
 
 @compiled(fastmath={"contract", "reassoc", "nsz"})
-def weighted_squares(z: Array, x: Array, weight: Array) -> float:
-    """Σ weight (z − x)² of one block, added in any order."""
+def squared_distance(z: Array, x: Array) -> float:
+    """Σ (z − x)² of one chunk, added in any order."""
     total = 0.0
-    for j in range(LANE_BLOCK):
-        total += weight[j] * (z[j] - x[j]) * (z[j] - x[j])
+    for j in range(CHUNK):
+        total += (z[j] - x[j]) * (z[j] - x[j])
     return total

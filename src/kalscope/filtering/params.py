@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
@@ -10,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, in_range
 from kalscope.errors import BadSetting
 
 # The model's parameters as one frozen, checked value: one sensor, or several of one quantity.
@@ -26,7 +27,7 @@ MIN_MOMENTUM = 1e-12
 MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 MAX_OFFSET = 1e200
-"""Largest offset accepted, and readings of this size need no check."""
+"""Largest offset accepted, and the largest reading of a sensor with offset and gain: x then stays finite."""
 MIN_GAIN, MAX_GAIN = 1e-100, 1e100
 """Smallest and largest size of a gain."""
 
@@ -35,8 +36,8 @@ _MUST = {
     "q": _VARIANCE,
     "r": _VARIANCE,
     "p0": _VARIANCE,
-    "x0": ("a finite number in the unit of the signal", -math.inf, math.inf),
-    "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), math.inf),
+    "x0": ("a finite number in the unit of the signal", -sys.float_info.max, sys.float_info.max),
+    "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), sys.float_info.max),
     "momentum": ("a number of sample periods from 0 to 1e5", 0.0, MAX_MOMENTUM),
     "offset": ("a number of a size up to 1e200", 0.0, MAX_OFFSET),
     "gain": ("a number of a size from 1e-100 to 1e100", MIN_GAIN, MAX_GAIN),
@@ -158,14 +159,8 @@ class FilterParams:
         return FilterParams(self.q, r, self.p0, self.x0, momentum=self.momentum)
 
     def only(self, indices: Sequence[int]) -> FilterParams:
-        """The same quantity from the sensors of these indices only, in this order.
-
-        Raises:
-            BadSetting: there is no index, or one that no sensor has.
-        """
+        """The same quantity from the sensors of these indices only, in this order."""
         chosen = list(indices)
-        if not chosen or not all(-self.sensors <= one < self.sensors for one in chosen):
-            raise BadSetting(f"indices must be those of sensors, 0 to {self.sensors - 1} (got {chosen})")
         return replace(self, r=self.sensor_r[chosen], offset=self.offset[chosen], gain=self.gain[chosen])
 
     def __repr__(self) -> str:
@@ -208,28 +203,10 @@ def require_params(params: object) -> FilterParams:
     return params
 
 
-def require_one_sensor(params: object) -> FilterParams:
-    """Refuse what is not the parameters of one sensor that reads x itself.
-
-    Raises:
-        BadSetting: They are not, or they are no parameters.
-    """
-    checked = require_params(params)
-    if not checked.reads_x:
-        raise BadSetting(f"params must be those of one sensor without offset and gain (got {checked})")
-    return checked
-
-
 def _number(name: str, value: Any) -> float:
     """`value` as a float in the range that _MUST states."""
     must, least, most = _MUST[name]
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    size = abs(number) if name in ("offset", "gain") else number
-    if not (math.isfinite(number) and least <= size <= most):
-        raise BadSetting(f"{name} must be {must} (got {value!r})")
+    number = in_range(name, value, -most if name == "offset" else least, most, must)
     return 0.0 if name == "momentum" and number < MIN_MOMENTUM else number
 
 
@@ -243,7 +220,7 @@ def _each(name: str, value: Any, sensors: int | None) -> Array:
     if array.ndim != 1 or array.size == 0 or (sensors is not None and array.shape != (sensors,)):
         raise BadSetting(f"{name} must have one value per sensor, as r (got {value})")
     for one in array.tolist():
-        _number(name, one)
+        _number(name, abs(one) if name == "gain" and one < 0.0 else one)
     array.setflags(write=False)
     return array
 
@@ -260,14 +237,14 @@ def scalar(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def samples_of(z: ArrayLike) -> Array:
-    """The samples z as float64, a view where possible; masked samples become NaN, missing."""
+def samples_of(z: ArrayLike, name: str = "z") -> Array:
+    """The samples z, which messages call `name`, as float64, a view where possible; masked ones become NaN."""
     if isinstance(z, np.ndarray) and np.iscomplexobj(cast("Array", z)):  # asarray would drop the imaginary part
-        raise BadSetting("z must be an array of real numbers (got complex ones)")
+        raise BadSetting(f"{name} must be an array of real numbers (got complex ones)")
     try:
         array = np.asarray(z, dtype=np.float64)
     except (TypeError, ValueError):
-        raise BadSetting("z must be an array of numbers (got something else)") from None
+        raise BadSetting(f"{name} must be an array of numbers (got something else)") from None
     if isinstance(z, np.ma.MaskedArray):
         return np.where(np.ma.getmaskarray(cast("Array", z)), np.nan, array)
     return array
@@ -275,8 +252,8 @@ def samples_of(z: ArrayLike) -> Array:
 
 def one_channel(z: ArrayLike, params: FilterParams | None = None) -> Array:
     """The samples z as float64, shape (n,), for functions of one signal, of one sensor where `params` is given."""
-    if params is not None:
-        require_one_sensor(params)
+    if params is not None and not require_params(params).reads_x:
+        raise BadSetting(f"params must be those of one sensor without offset and gain (got {params})")
     samples = samples_of(z)
     if samples.ndim != 1:
         raise BadSetting(f"z must be one channel, shape (n,) (got shape {samples.shape})")
@@ -300,7 +277,7 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
         first: the number of the first row, for the message.
 
     Raises:
-        BadSetting: z has another shape, or a reading that is infinite as a value of x, (z − offset)/gain.
+        BadSetting: z has another shape, or a reading that is infinite, or beyond 1e200 with an offset or gain.
     """
     if z.ndim != 1 + params.fuses or (params.fuses and z.shape[1] != params.sensors):
         must = f"have a column for each of the {params.sensors} sensors" if params.fuses else "have shape (n,)"
@@ -309,16 +286,9 @@ def checked_readings(z: Array, params: FilterParams, first: int = 0) -> Array:
     if params.reads_x:
         refuse_infinite(rows[:, 0], first)
     elif max(np.fmax.reduce(rows.ravel(), initial=0.0), -np.fmin.reduce(rows.ravel(), initial=0.0)) > MAX_OFFSET:
-        # the usual case is smaller: no gain or offset can make these infinite
-        with np.errstate(over="ignore"):
-            values = (rows - params.offset) / params.gain
-        where = np.argwhere(np.isinf(values))
-        if len(where):
-            row, sensor = where[0]
-            raise BadSetting(
-                "z must be finite, or NaN where missing "
-                f"(got {rows[row, sensor]} at row {first + row}, sensor {sensor})"
-            )
+        row, sensor = np.argwhere(np.abs(rows) > MAX_OFFSET)[0]
+        got = f"{rows[row, sensor]} at row {first + row}, sensor {sensor}"
+        raise BadSetting(f"z must be of a size up to {MAX_OFFSET:g}, or NaN where missing (got {got})")
     return rows
 
 
@@ -333,10 +303,7 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
     """The steps dt as the kernels need it: empty for regular sampling."""
     if dt is None:
         return np.empty(0)
-    try:
-        steps = np.ascontiguousarray(dt, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise BadSetting("dt must be an array of numbers (got something else)") from None
+    steps = np.ascontiguousarray(samples_of(dt, "dt"))
     if steps.shape != (n,):
         raise BadSetting(f"dt must have one value per sample, shape ({n},) (got {steps.shape})")
     if n and not (np.all(np.isfinite(steps)) and steps.min() >= 0.0):
@@ -346,13 +313,7 @@ def steps_of(dt: ArrayLike | None, n: int) -> Array:
 
 def step_of(dt: float | None) -> float:
     """One step dt as the kernels need it: 1 where it is None."""
-    try:
-        step = 1.0 if dt is None else float(dt)
-    except (TypeError, ValueError):
-        step = math.nan
-    if not (0.0 <= step < math.inf):
-        raise BadSetting(f"dt must be finite and not negative (got {dt!r})")
-    return step
+    return 1.0 if dt is None else in_range("dt", dt, 0.0, sys.float_info.max, "finite and not negative")
 
 
 def refuse_infinite(column: Array, first: int = 0) -> None:

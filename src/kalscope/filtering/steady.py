@@ -19,7 +19,7 @@ from kalscope.filtering.params import MAX_MOMENTUM, FilterParams, require_params
 # λ ⇄ gain ⇄ lag ⇄ hertz ⇄ decibel: what a pair (q, r) means once the filter has settled.
 #
 # Only λ = q/r and the momentum shape the steady filter. Without momentum it is x += K (z − x), exponential
-# smoothing with α = K; with it, see `momentum.settled`. Formulas: K solves K² = λ(1 − K) (Durbin & Koopman 2012,
+# smoothing with α = K; with it, see `WithMomentum`. Formulas: K solves K² = λ(1 − K) (Durbin & Koopman 2012,
 # section 2.11); computed from √q and √r, so that 1e300 and 1e-300 neither overflow nor lose digits.
 
 
@@ -45,8 +45,6 @@ class SteadyState:
     """−3 dB frequency asin(√λ/2)/(πT) in Hz; NaN above λ = 4, where there is none; None without a period."""
     settle_samples: float
     """Settling time to 1 % of a step, in samples, ln(0.01)/ln(1 − K)."""
-    time_constant_s: float | None
-    """Time in s after which 63 % of a step is reached, −T/ln(1 − K); None without a sample period."""
     overshoot: float = 0.0
     """Overshoot of the step response, as a share of the step; 0 without momentum."""
     velocity_gain: float = 0.0
@@ -76,13 +74,9 @@ def _one(q: float, r: float, momentum: float, period: float | None) -> SteadySta
 def at_period(in_samples: SteadyState, sample_period: float | None) -> SteadyState:
     """A state whose s and Hz are those of a period of 1, at this sample period; None where it is not known."""
     if sample_period is None:
-        return replace(in_samples, lag_s=None, cutoff_hz=None, time_constant_s=None)
-    return replace(
-        in_samples,
-        lag_s=in_samples.lag_samples * sample_period,
-        cutoff_hz=scalar(in_samples.cutoff_hz) / sample_period,
-        time_constant_s=scalar(in_samples.time_constant_s) * sample_period,
-    )
+        return replace(in_samples, lag_s=None, cutoff_hz=None)
+    lag, cutoff = in_samples.lag_samples * sample_period, scalar(in_samples.cutoff_hz) / sample_period
+    return replace(in_samples, lag_s=lag, cutoff_hz=cutoff)
 
 
 def settled_transfer(params: FilterParams) -> tuple[float, float, float]:
@@ -114,7 +108,7 @@ def ratio_for(
 ) -> float:
     """λ = q/r of the steady filter that meets exactly one target.
 
-    The formulas are those without momentum; with it see `momentum.specification`.
+    The formulas are those without momentum; with it λ is searched for.
 
     Args:
         gain: K, 0 < K < 1: λ = K²/(1 − K).
@@ -182,10 +176,10 @@ def _plain(q: float, r: float) -> SteadyState:
     lag = math.inf if q == 0.0 else 2.0 * (root_r / root_q) * (root_r / widest)
     kept = 2.0 * (root_r / widest) * (2.0 * root_r / widest)  # 1 − K = K²/λ without cancellation
     decay = -math.log1p(-gain) if gain < 0.5 else (-math.log(kept) if kept > 0.0 else math.inf)
-    constant = math.inf if decay == 0.0 else 1.0 / decay
+    settle = math.inf if decay == 0.0 else -math.log(SETTLED) / decay
     reduction = math.inf if gain == 0.0 else 10.0 * math.log10((2.0 - gain) / gain)
     cutoff = math.asin(0.5 * root_q / root_r) / math.pi if 0.5 * root_q <= root_r else math.nan
-    return SteadyState(gain, gain * r, lag, lag, reduction, cutoff, -math.log(SETTLED) * constant, constant)
+    return SteadyState(gain, gain * r, lag, lag, reduction, cutoff, settle)
 
 
 # What a device must know about a momentum: the constants of one sample period, which never change.
@@ -223,7 +217,7 @@ def step_constants(q: float, momentum: float) -> StepConstants:
     return StepConstants(momentum, e if e > FORGOTTEN else 0.0, f, q11, q12, q22, 0.5 * q / momentum)
 
 
-# The gains that the filter with momentum settles to, in closed forms in which nothing cancels.
+# The settled filter with momentum, in closed forms in which nothing cancels.
 #
 # With u = 2 - 2 cos ω the spectrum of (1 - L)(1 - eL) z, over r, is e u² + (φ² - λβ) u + λφ², where φ = 1 - e and β
 # = τ e (sinh 1/τ - 1/τ). The poles z1, z2 of the settled filter are the roots of its factor inside the unit circle
@@ -237,6 +231,17 @@ def step_constants(q: float, momentum: float) -> StepConstants:
 
 MIN_SHARE = 1e-100
 """A share of the velocity that is smaller counts as this one: its pole is at 0, but nothing divides by 0."""
+
+MIN_RATIO, MAX_RATIO = 1e-40, 1e40
+"""q/r beyond these is not a useful filter: lags of 1e20 samples, or noise in the twentieth digit."""
+
+MIN_MOMENTUM = 1.0 / 500.0
+"""The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
+
+_EXACT, _GRID = 2000, 4000
+"""The first samples of a step are all evaluated; later ones on a grid with even steps in its logarithm."""
+_LEFT = 1e-5
+"""Share of a step that is left where the grid ends."""
 
 
 @dataclass(frozen=True)
@@ -259,9 +264,8 @@ class Pole:
     @property
     def log_radius(self) -> float:
         """Ln |z|."""
-        return (
-            0.5 * math.log1p(abs(self.d) ** 2 - 2.0 * self.d.real) if abs(self.z) > 0.5 else math.log(abs(self.z))
-        )
+        near = abs(self.z) > 0.5
+        return 0.5 * math.log1p(abs(self.d) ** 2 - 2.0 * self.d.real) if near else math.log(abs(self.z))
 
     def power(self, n: Array) -> Array:
         """zⁿ of a real pole."""
@@ -269,75 +273,106 @@ class Pole:
         return size if self.z.real > 0.0 else size * (1.0 - 2.0 * np.mod(n, 2.0))
 
 
-class Model:
-    """All settled filters of one momentum; `kept` is 1 - K, whose digits K near 1 would lose, `product` is P."""
+class WithMomentum:
+    """The settled filter x += K (z - ahead), v += L (z - ahead) of λ and τ > 0, for a period of 1."""
 
-    def __init__(self, tau: float) -> None:
-        """Args: τ in sample periods, above 0."""
-        h = 1.0 / tau
-        self.tau, self.e = tau, math.exp(-h)
-        self.forgotten = -math.expm1(-h)  # φ = 1 - e
-        self.bend = tau * _bend(h)  # β, what the spectrum of the signal lacks at high frequencies, over q
+    def __init__(self, ratio: float, tau: float) -> None:
+        """Args: λ = q/r above 0; τ in sample periods."""
+        ratio, h = min(max(ratio, MIN_RATIO), MAX_RATIO), 1.0 / tau
+        e = math.exp(-h)
+        forgotten, bend = -math.expm1(-h), tau * _bend(h)  # φ, and β: what high frequencies of the signal lack
+        self.poles = first, second = _poles(math.sqrt(ratio), e, forgotten, bend)
+        self.product = (first.d * second.d).real  # P
+        reach = self.product / forgotten
+        linear = forgotten * (1.0 + e + e * reach)
+        right = reach * (forgotten * (1.0 + e) - bend * reach)
+        self.gain = min(1.0, 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * e * e * right)))
+        self.kept = min(1.0, reach * reach / ratio)  # 1 - K, whose digits K near 1 would lose
+        self.lag = self.kept / reach
+        self._both, self._lost = e * self.kept, forgotten + e * self.gain
+        right = forgotten * reach * reach
+        curve = 2.0 * e * tau / (1.0 + e) * right
+        self.velocity_gain = right / (self._lost + math.sqrt(self._lost * self._lost + curve))
+        total = (first.z + second.z).real
+        self._weights = self.kept, total * self.kept - self.kept + self.product - self.gain * (1.0 - total)
 
-    def poles(self, ratio: float) -> tuple[Pole, Pole]:
-        """The poles of λ = `ratio`, above 0."""
-        root = math.sqrt(ratio)
-        top, bottom = max(self.e, MIN_SHARE) / root, root * self.forgotten**2
-        middle = self.forgotten**2 / root - root * self.bend
-        inner = cmath.sqrt(middle * middle - 4.0 * top * bottom)
-        large = (middle + (inner if middle >= 0.0 else -inner)) / (2.0 * top)
-        return Pole.of(large), Pole.of(bottom / (top * large))
-
-    def gain(self, reach: float) -> float:
-        """K of R."""
-        linear = self.forgotten * (1.0 + self.e + self.e * reach)
-        right = reach * (self.forgotten * (1.0 + self.e) - self.bend * reach)
-        return min(1.0, 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * self.e * self.e * right)))
-
-    def velocity_gain(self, gain: float, reach: float) -> float:
-        """L of K and R."""
-        right, lost = self.forgotten * reach * reach, self.forgotten + self.e * gain
-        return right / (lost + math.sqrt(lost * lost + 2.0 * self.e * self.tau / (1.0 + self.e) * right))
-
-    def reach_without_noise(self) -> float:
-        """R of a sensor without noise, K = 1: β R² - φ R + 1 = 0."""
-        return 2.0 / (self.forgotten + math.sqrt(self.forgotten**2 - 4.0 * self.bend))
-
-    def product(self, gain: float, kept: float) -> float:
-        """P of K."""
-        right = gain * (self.forgotten * (1.0 + self.e) + self.e * self.e * gain)
-        linear, slope = 1.0 + self.e * kept, -self.bend / self.forgotten**2
-        return 2.0 * right / (linear + math.sqrt(linear * linear + 4.0 * slope * right))
-
-    def ratio(self, gain: float, kept: float) -> float:
-        """λ of K."""
-        return (self.product(gain, kept) / self.forgotten) ** 2 / kept
-
-    def ratio_of_lag(self, lag: float) -> float:
-        """λ of the lag (1 - K)/R in samples: 1 - K solves a quadratic equation with one root below 1."""
-        double, slope = 1.0 + self.e, -self.bend / self.forgotten**2
-        inner = double * double * (1.0 + 2.0 / self.forgotten / lag) + (1.0 + 4.0 * slope) / lag / lag
-        kept = 2.0 / (1.0 + self.e**2 + self.forgotten / lag + self.forgotten * math.sqrt(inner))
-        return kept / lag / lag
-
-    def noise(self, gain: float, kept: float, product: float) -> float:
+    @property
+    def noise(self) -> float:
         """Share of white noise that is left, Σh² (ARMA variance: Brockwell & Davis 1991, section 3.3).
 
         It rises with λ, as in every optimal filter: the filter of λ has the least N + λ B, where B is the
         distortion of the signal. Two such inequalities, each filter in place of the other, add up to
         (λ1 - λ2)(B1 - B2) ≤ 0; so B falls with λ, and N rises.
         """
-        both, lost = self.e * kept, self.forgotten + self.e * gain
-        return (product * (1.0 + both) + 2.0 * gain * (gain - product)) / (lost * (2.0 * (1.0 + both) - product))
-
-    def cutoff(self, gain: float, kept: float, product: float) -> float:
-        """4 sin²(π f) at the frequency f at which |H|² = ½; above 4 there is none."""
-        both, lost = self.e * kept, self.forgotten + self.e * gain
-        middle = lost * lost - product * (1.0 + both) + 2.0 * gain * (product - gain)
-        root = math.sqrt(middle * middle + 4.0 * both * product * product)
-        return (
-            2.0 * product * product / (middle + root) if middle > 0.0 else (root - middle) / max(2.0 * both, 1e-300)
+        whole, gain = self.product * (1.0 + self._both), self.gain
+        return (whole + 2.0 * gain * (gain - self.product)) / (
+            self._lost * (2.0 * (1.0 + self._both) - self.product)
         )
+
+    @property
+    def cutoff(self) -> float:
+        """4 sin²(π f) at the frequency f at which |H|² = ½; above 4 there is none."""
+        product, gain = self.product, self.gain
+        middle = self._lost * self._lost - product * (1.0 + self._both) + 2.0 * gain * (product - gain)
+        root = math.sqrt(middle * middle + 4.0 * self._both * product * product)
+        return (
+            2.0 * product * product / (middle + root)
+            if middle > 0.0
+            else (root - middle) / max(2.0 * self._both, 1e-300)
+        )
+
+    # What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1).
+
+    def _after(self, n: Array) -> Array:
+        """Error after n + 1 samples."""
+        return self._weights[0] * self._powers(n) - self._weights[1] * self._powers(n - 1.0)
+
+    def _powers(self, n: Array) -> Array:
+        """S(n) = (z1^(n+1) - z2^(n+1)) / (z1 - z2), also for poles that are equal."""
+        first, second = self.poles
+        if first.z.imag:
+            angle = abs(cmath.phase(first.z))
+            return np.exp(first.log_radius * n) * np.sin((n + 1.0) * angle) / math.sin(angle)
+        gap = (second.d - first.d).real
+        if gap == 0.0:
+            return (n + 1.0) * first.power(n)
+        return (first.power(n + 1.0) - second.power(n + 1.0)) / gap
+
+    @functools.cached_property
+    def _grid(self) -> tuple[Array, Array]:
+        """Times, and the errors at them."""
+        decay = -max(pole.log_radius for pole in self.poles)
+        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
+        grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
+        samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
+        return np.concatenate([[0.0], samples + 1.0]), np.concatenate([[1.0], self._after(samples)])
+
+    def overshoot(self) -> float:
+        """How far the error goes below 0."""
+        times, errors = self._grid
+        at = int(np.argmin(errors))
+        around = np.linspace(float(times[max(at - 1, 1)]), float(times[min(at + 1, len(times) - 1)]), 200)
+        return max(0.0, -float(self._after(np.rint(around) - 1.0).min()))
+
+    def last_above(self, share: float) -> float:
+        """Time after which the error stays within ± `share`, in whole samples."""
+        at = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
+        low, high = self._grid[0][at : at + 2]
+        steps = 1 + math.ceil(math.log2(high - low))
+        return math.floor(bisect(lambda time: abs(self._at(math.floor(time))) > share, low, high, steps)[1])
+
+    def _at(self, time: float) -> float:
+        """The error after `time` samples."""
+        return 1.0 if time == 0.0 else float(self._after(np.array([time - 1.0]))[0])
+
+
+def _poles(root: float, e: float, forgotten: float, bend: float) -> tuple[Pole, Pole]:
+    """The poles of λ = root²."""
+    top, bottom = max(e, MIN_SHARE) / root, root * forgotten**2
+    middle = forgotten**2 / root - root * bend
+    inner = cmath.sqrt(middle * middle - 4.0 * top * bottom)
+    large = (middle + (inner if middle >= 0.0 else -inner)) / (2.0 * top)
+    return Pole.of(large), Pole.of(bottom / (top * large))
 
 
 def _bend(h: float) -> float:
@@ -351,162 +386,40 @@ def _bend(h: float) -> float:
     return total * math.exp(-h)
 
 
-# The filter with momentum in steady state: its gains, and its responses to a step, a ramp and white noise.
-
-
-MIN_RATIO, MAX_RATIO = 1e-40, 1e40
-"""q/r beyond these is not a useful filter: lags of 1e20 samples, or noise in the twentieth digit."""
-
-_EXACT, _GRID = 2000, 6000
-"""The first samples of a step are all evaluated; later ones on a grid with even steps in its logarithm."""
-_LEFT = 1e-5
-"""Share of a step that is left where the grid ends."""
-_FIRST = np.arange(200.0)
-"""The first samples, where a fast oscillation has its minimum; that of a slow one is where its slope is 0."""
-
-
 def _with_momentum(q: float, r: float, tau: float) -> SteadyState:
-    """The settled filter x += K (z - ahead), v += L (z - ahead) of q > 0, r ≥ 0 and τ > 0, for a period of 1."""
-    model = Model(tau)
+    """The settled filter of q > 0, r ≥ 0 and τ > 0, for a period of 1."""
     if r == 0.0:
-        velocity_gain = model.velocity_gain(1.0, model.reach_without_noise())
-        return SteadyState(1.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0, 0.0, velocity_gain)
-    step = StepError(model, q / r)
-    gain, kept, product = step.gain, step.kept, step.product
-    lag, u = model.forgotten * kept / product, model.cutoff(gain, kept, product)
+        velocity_gain = WithMomentum(MAX_RATIO, tau).velocity_gain
+        return SteadyState(1.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0, velocity_gain)
+    one = WithMomentum(q / r, tau)
     return SteadyState(
-        gain=gain,
-        p=gain * r,
-        lag_samples=lag,
-        lag_s=lag,
-        noise_reduction_db=0.0 - 10.0 * math.log10(model.noise(gain, kept, product)),  # 0 rather than -0
-        cutoff_hz=math.asin(0.5 * math.sqrt(u)) / math.pi if u <= 4.0 else math.nan,
-        settle_samples=step.last_above(SETTLED),
-        time_constant_s=step.first_below(math.exp(-1.0)),
-        overshoot=step.overshoot(),
-        velocity_gain=model.velocity_gain(gain, product / model.forgotten),
+        gain=one.gain,
+        p=one.gain * r,
+        lag_samples=one.lag,
+        lag_s=one.lag,
+        noise_reduction_db=0.0 - 10.0 * math.log10(one.noise),  # 0 rather than -0
+        cutoff_hz=math.asin(0.5 * math.sqrt(one.cutoff)) / math.pi if one.cutoff <= 4.0 else math.nan,
+        settle_samples=one.last_above(SETTLED),
+        overshoot=one.overshoot(),
+        velocity_gain=one.velocity_gain,
     )
 
 
-def overshoot_of(ratio: float, tau: float) -> float:
-    """The overshoot of `steady_state` alone, for q/r = `ratio`."""
-    return StepError(Model(tau), ratio).overshoot()
+def _ratio_with_momentum(name: str, value: float, tau: float) -> float:
+    """The λ at which the settled filter of a momentum meets a target of `_in_samples`.
 
+    What the target names rises with λ, but a lag falls.
+    """
 
-class StepError:
-    """What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1)."""
+    def is_below(log_ratio: float) -> bool:
+        one = WithMomentum(math.exp(log_ratio), tau)
+        if name == "noise_reduction_db":
+            return one.noise < 10.0 ** (-value / 10.0)
+        if name == "cutoff_hz":
+            return one.cutoff < value
+        return one.gain < value if name == "gain" else one.lag > value
 
-    def __init__(self, model: Model, ratio: float) -> None:
-        """Args: the momentum, and q/r above 0."""
-        ratio = min(max(ratio, MIN_RATIO), MAX_RATIO)
-        first, second = self._poles = model.poles(ratio)
-        self.product = (first.d * second.d).real  # of the distances of the poles from 1
-        reach = self.product / model.forgotten
-        self.gain, self.kept = model.gain(reach), min(1.0, reach * reach / ratio)
-        total = (first.z + second.z).real
-        after_two = self.kept - (self.product - self.gain * (1.0 - total))
-        self._weights = self.kept, total * self.kept - after_two
-
-    @functools.cached_property
-    def _grid(self) -> tuple[Array, Array]:
-        """Times, and the errors at them."""
-        decay = -max(pole.log_radius for pole in self._poles)
-        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
-        grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
-        samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
-        return np.concatenate([[0.0], samples + 1.0]), np.concatenate([[1.0], self._after(samples)])
-
-    def _after(self, n: Array) -> Array:
-        """Error after n + 1 samples."""
-        return self._weights[0] * self._powers(n) - self._weights[1] * self._powers(n - 1.0)
-
-    def _powers(self, n: Array) -> Array:
-        """S(n) = (z1^(n+1) - z2^(n+1)) / (z1 - z2), also for poles that are equal."""
-        first, second = self._poles
-        if first.z.imag:
-            angle = abs(cmath.phase(first.z))
-            return np.exp(first.log_radius * n) * np.sin((n + 1.0) * angle) / math.sin(angle)
-        gap = (second.d - first.d).real
-        if gap == 0.0:
-            return (n + 1.0) * first.power(n)
-        return (first.power(n + 1.0) - second.power(n + 1.0)) / gap
-
-    def overshoot(self) -> float:
-        """How far it goes below 0."""
-        swings = bool(self._poles[0].z.imag)
-        seen = self._after(np.concatenate([_FIRST, self._valley()])) if swings else self._grid[1]
-        return max(0.0, -float(seen.min()))
-
-    def _valley(self) -> Array:
-        """The whole samples around the first minimum of e(n) between complex poles.
-
-        With z = exp(-s ± ia) the error is exp(-sn) (A sin an + B cos an), up to a factor: its slope is 0 where
-        tan an = (aA - sB)/(sA + aB). The first minimum is the lowest one.
-        """
-        first, _ = self._poles
-        s, angle = -first.log_radius, abs(cmath.phase(first.z))
-        a, b = (
-            self._weights[0] * math.cos(angle) - self._weights[1] * math.exp(s),
-            self._weights[0] * math.sin(angle),
-        )
-        n = math.atan2(angle * a - s * b, s * a + angle * b) % math.pi / angle
-        around = [n, n + math.pi / angle]
-        return np.array([value for each in around for value in (math.floor(each), math.floor(each) + 1.0)])
-
-    def first_below(self, share: float) -> float:
-        """Time until no more than `share` is missing, between samples as on an exponential."""
-        at = self._first_whole(int(np.argmax(self._grid[1] <= share)), lambda error: error <= share)
-        before, after = self._at(at - 1.0), max(self._at(at), 1e-300)
-        if before <= after:  # one sample is negligible in times of 1e16
-            return at
-        return at - 1.0 + math.log(before / share) / math.log(before / after)
-
-    def last_above(self, share: float) -> float:
-        """Time after which the error stays within ± `share`, in whole samples."""
-        last = int(np.flatnonzero(np.abs(self._grid[1]) > share)[-1])
-        return self._first_whole(last + 1, lambda error: abs(error) <= share)
-
-    def _first_whole(self, at: int, holds: Callable[[float], bool]) -> float:
-        """The first whole time at which `holds`, after the one of the grid before `at`, where it does not yet."""
-        low, high = float(self._grid[0][at - 1]), float(self._grid[0][at])
-        for _ in range(64):
-            if high - low <= 1.0:
-                break
-            middle = math.floor(0.5 * (low + high))
-            low, high = (low, middle) if holds(self._at(middle)) else (middle, high)
-        return high
-
-    def _at(self, time: float) -> float:
-        """The error after `time` samples."""
-        return 1.0 if time == 0.0 else float(self._after(np.array([time - 1.0]))[0])
-
-
-# From a target to the filter with momentum: the ratio at a given momentum, and the momentum of an overshoot.
-
-
-MIN_MOMENTUM = 1.0 / 500.0
-"""The shortest that is searched for an overshoot: such a velocity is forgotten long before the next sample."""
-
-MAX_LOGIT = 700.0
-"""Gains are searched for where |ln K/(1 - K)| is smaller: beyond, K or 1 - K underflows a double."""
-
-
-def _ratio_with_momentum(name: str, value: float, momentum: float) -> float:
-    """The ratio λ = q/r at which the settled filter of a momentum above 0 meets a target of `_in_samples`."""
-    model = Model(momentum)
-    if name == "gain":
-        return model.ratio(value, 1.0 - value)
-    if name.startswith("lag"):
-        return model.ratio_of_lag(value)
-    reached, least = model.cutoff, value
-    if name == "noise_reduction_db":
-        reached, least = model.noise, 10.0 ** (-value / 10.0)
-
-    def is_below(logit: float) -> bool:
-        gain, kept = _logistic(logit)
-        return reached(gain, kept, model.product(gain, kept)) < least
-
-    return model.ratio(*_logistic(bisect(is_below, -MAX_LOGIT, MAX_LOGIT)[1]))
+    return math.exp(bisect(is_below, math.log(MIN_RATIO), math.log(MAX_RATIO))[1])
 
 
 def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float]) -> float:
@@ -528,21 +441,16 @@ def momentum_for_overshoot(overshoot: float, ratio_at: Callable[[float], float])
     if not 0.0 <= overshoot < 1.0:
         raise BadSetting(f"overshoot must be a share of the step from 0 to 1, such as 0.1 (got {overshoot:g})")
 
-    def within(momentum: float) -> bool:
-        return overshoot_of(ratio_at(momentum), momentum) <= overshoot
+    def reached(momentum: float) -> float:
+        return WithMomentum(ratio_at(momentum), momentum).overshoot()
 
-    if overshoot == 0.0 or not within(MIN_MOMENTUM):
+    if overshoot == 0.0 or reached(MIN_MOMENTUM) > overshoot:
         return 0.0
-    largest = overshoot_of(ratio_at(MAX_MOMENTUM), MAX_MOMENTUM)
+    largest = reached(MAX_MOMENTUM)
     if overshoot > largest:
         possible = 100.0 * 0.9995 * largest  # still possible when it is rounded
         raise BadSetting(
             f"overshoot must be at most {possible:.4g} % of a step with this target (got {100.0 * overshoot:g} %)"
         )
     ends = math.log(MIN_MOMENTUM), math.log(MAX_MOMENTUM)
-    return math.exp(bisect(lambda log_momentum: within(math.exp(log_momentum)), *ends)[0])
-
-
-def _logistic(x: float) -> tuple[float, float]:
-    """K and 1 - K of ln K/(1 - K) = x."""
-    return 1.0 / (1.0 + math.exp(-x)), 1.0 / (1.0 + math.exp(x))
+    return math.exp(bisect(lambda log: reached(math.exp(log)) <= overshoot, *ends, steps=48)[0])

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.charts import Line, Mark, Panel, raw_and_filtered
+from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.numbers import Array, bisect
 from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
@@ -321,9 +321,13 @@ def advice_figure(tests: Sequence[dict[str, Any]]) -> Figure:
         lines = (
             Line(RATIOS, test["rmse"], "RMSE against the truth", "s1"),
             Line(RATIOS, test["mean_error"], "mean error against the raw signal", "s2"),
+            Line((ADVISED, ADVISED), (0.0, 160.0), "advised: R/Q 100, mean error 40 to 55", "truth"),
+            *(
+                Line((RATIOS[0], RATIOS[-1]), (at, at), "advised: R/Q 100, mean error 40 to 55", "truth")
+                for at in RULE
+            ),
         )
-        marks = (Mark(ADVISED, "100"), Mark(RULE[0], "40", "y"), Mark(RULE[1], "55", "y"))
-        panels.append(Panel(title, lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
+        panels.append(Panel(title, lines, "R/Q", "error", (0.0, 160.0), log_x=True))
     return PROSE.figure("advice_figure", panels, sigma=SIGMA)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -21,8 +20,8 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 # Which channels of a recording are fused, and what is known of each: texts such as "a,b,c" and "a=4,b=9".
 
 
-MAX_HINTS = 8
-"""Units, and channels of each, that a refusal names; a car sends hundreds."""
+MAX_NAMED = 24
+"""Channels that a refusal names; a car sends hundreds."""
 
 
 def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool = False) -> tuple[str, ...]:
@@ -30,13 +29,13 @@ def channels_to_fuse(units: Mapping[str, str], text: str, *, mixed_units: bool =
 
     Args:
         units: the unit of every channel there is, "" where unknown, in order.
-        text: what a user typed. A name with a comma must be in double quotes.
+        text: what a user typed. A name with a comma can only be given by its number.
         mixed_units: whether the units may differ: the gains of the sensors are estimated too.
 
     Raises:
         BadSetting: fewer than two, an unknown one, one twice, or two units.
     """
-    must = f"--fuse must be two or more channels of one unit{_hint(units)}"
+    must = f"--fuse must be two or more channels of one unit, of {', '.join(list(units)[:MAX_NAMED])}"
     names = tuple(
         _channel(tuple(units), cell, f"{must} (got {cell!r}, which is not a channel)") for cell in _cells(text)
     )
@@ -83,11 +82,7 @@ def named_numbers(text: str, number: Callable[[str], float]) -> dict[str, float]
 
 
 def _cells(text: str) -> list[str]:
-    try:
-        cells = next(csv.reader([text], skipinitialspace=True), list[str]())
-    except csv.Error:  # a line end, which no name has
-        cells = [text]
-    return [cell.strip() for cell in cells]
+    return [cell.strip() for cell in text.split(",")]
 
 
 def _channel(names: Sequence[str], text: str, refusal: str) -> str:
@@ -99,14 +94,6 @@ def _channel(names: Sequence[str], text: str, refusal: str) -> str:
     raise BadSetting(refusal)
 
 
-def _hint(units: Mapping[str, str]) -> str:
-    """The channels that could be fused, by their unit."""
-    groups = {unit: [name for name in units if units[name] == unit] for unit in units.values()}
-    several = [(unit, names[:MAX_HINTS]) for unit, names in groups.items() if len(names) > 1][:MAX_HINTS]
-    examples = "; ".join(", ".join(names) + (f" ({unit})" if unit else "") for unit, names in several)
-    return f", such as {examples}" if examples else "; no two channels here have the same unit"
-
-
 # Which filter a command runs: its options, the tuning file, or a guess from the signal, in this order.
 
 
@@ -114,13 +101,10 @@ Given = dict[str, Any]
 """Fields of ChannelTuning by name, those that were given: floats, None for an automatic start, a Chain; r of a
 fusion as `for_each_sensor` takes it."""
 
-FUSED = "fused"
-"""Name of the fused value unless a tuning file gives another."""
-
 
 def name_of_fused(recording: Recording) -> str:
     """What the fused value is called: a name that no channel has."""
-    return unused_name(FUSED, set(recording.names), " ")
+    return unused_name("fused", set(recording.names), " ")
 
 
 def units_of(recording: Recording) -> dict[str, str]:
@@ -128,100 +112,79 @@ def units_of(recording: Recording) -> dict[str, str]:
     return dict(zip(recording.names, recording.units, strict=True))
 
 
-def fuses(config: Path | None, given: Given, channel: str | None, fuse: str | None) -> bool:
-    """Whether the filter that runs is one that fuses channels.
-
-    Raises:
-        BadFile: `config` is not a tuning file.
-        BadSetting: --fuse with --channel, an r of each sensor without a fusion, or a chain with one.
-    """
-    if fuse is not None and channel is not None:
-        raise BadSetting(f"--fuse must be used without --channel: it names its channels (got {channel!r})")
-    if fuse is None and (config is None or channel is not None or load_tuning(config).fusion is None):
-        r: Any = given.get("r", math.nan)
-        if not isinstance(r, float):
-            raise BadSetting(f"--r must be one number without --fuse (got one for {', '.join(r)})")
-        return False
-    if given.get("chain") is not None:
-        raise BadSetting("--chain must be used without fused channels: a chain filters one (got both)")
-    return True
-
-
 def filters_for(
-    recording: Recording, config: Path | None, given: Given, channel: str | None = None, fuse: str | None = None
+    recording: Recording | None,
+    config: Path | None,
+    given: Given,
+    channel: str | None = None,
+    fuse: str | None = None,
+    period: float | None = None,
 ) -> tuple[list[ChannelTuning], list[str]]:
     """Choose the filter of each channel of a recording, or the one that fuses several.
 
     Args:
-        recording: The recording to filter.
+        recording: The recording to filter; None = a stream without names: without `config` one filter for all
+            columns, else one per column, in the order of the file, or the one that fuses all of them.
         config: Tuning file, or None. Its q is rescaled to the recording's sample period.
         given: Parameters that override it, by name; None is an automatic start.
         channel: The only channel to filter; None = the fusion of the file, or all where it has none.
         fuse: The channels to fuse, as `channels_to_fuse` takes them; None = those that the file fuses.
+        period: Sample period of a stream, s.
 
     Returns:
         (filters, notes): the filters, with the names of their channels, and notes on the choice for the user.
 
     Raises:
         BadFile: `config` is not a tuning file.
-        BadSetting: As `fuses`; no such channel, fewer than two to fuse; the tuning has none of the channels, or no
-            fusion; a recording that gives no filter that fuses; a parameter is out of its range.
+        BadSetting: --fuse with --channel, an r of each sensor without a fusion, or a chain with one; no such
+            channel, fewer than two to fuse; the tuning has none of the channels, or no fusion; a recording that
+            gives no filter that fuses; a parameter is out of its range.
     """
-    if fuses(config, given, channel, fuse):
-        fusion, notes = _fusion_for(recording, config, given, fuse)
-        return [fusion], notes
+    tuning = None if config is None else load_tuning(config)
+    if fuse is not None and channel is not None:
+        raise BadSetting(f"--fuse must be used without --channel: it names its channels (got {channel!r})")
+    if fuse is not None or (tuning is not None and channel is None and tuning.fusion is not None):
+        if given.get("chain") is not None:
+            raise BadSetting("--chain must be used without fused channels: a chain filters one (got both)")
+        return _fusion_for(recording, tuning, given, fuse, period)
+    if not isinstance(r := given.get("r", math.nan), float):
+        raise BadSetting(f"--r must be one number without --fuse (got one for {', '.join(r)})")
+    if recording is None:
+        return _filters_for_stream(tuning, given, channel, period)
     if channel is not None:
         recording.index(channel)
-    if config is not None:
-        pairs, notes = adapt_tuning(recording, load_tuning(config), given, channel)
+    if tuning is not None:
+        pairs, notes = adapt_tuning(recording, tuning, given, channel)
         return [_overridden(replace(entry, name=name), given) for name, entry in pairs.items()], notes
     names = recording.names if channel is None else (channel,)
     chosen = [_untuned(name, given, recording.channel(name)) for name in names]
     return [used for used, _ in chosen], [note for _, note in chosen if note]
 
 
-def filters_for_stdin(
-    config: Path | None, given: Given, channel: str | None, fuse: str | None, period: float | None
+def _filters_for_stream(
+    tuning: Tuning | None, given: Given, channel: str | None, period: float | None
 ) -> tuple[list[ChannelTuning], list[str]]:
-    """Choose the filters of a stream without names; arguments and errors as `filters_for`.
-
-    Returns:
-        (filters, notes): without `config` one for all columns, else one per column, in the order of the file, or
-        the one that fuses all of them.
-    """
-    if fuses(config, given, channel, fuse):
-        if config is None:
-            raise BadSetting(
-                '--fuse with SOURCE "-" needs --config with a fusion: kalscope tune LOG --fuse … -o FILE makes one'
-            )
-        tuning = _fusion_in(config, fuse)
-    elif config is not None:
-        tuning = replace(load_tuning(config).only(channel), fusion=None)
-    elif channel is not None:
+    if tuning is not None:
+        used = replace(tuning.only(channel), fusion=None)
+        used, notes = rescaled(used, period or used.sample_period, given)
+        return [_overridden(entry, given) for entry in used.channels], notes
+    if channel is not None:
         raise BadSetting(f"--channel needs --config, because stdin has no names (got {channel!r})")
-    else:
-        return [_untuned("stdin", given, None)[0]], []
-    used, notes = rescaled(tuning, period, given)
-    return [_overridden(entry, given) for entry in used.channels], notes
+    return [_untuned("stdin", given, None)[0]], []
 
 
 def _fusion_for(
-    recording: Recording, config: Path | None, given: Given, fuse: str | None
-) -> tuple[ChannelTuning, list[str]]:
-    if config is None:
-        return _untuned_fusion(recording, given, fuse or ""), []
-    used, notes = at_recording(recording, _fusion_in(config, fuse), given)
+    recording: Recording | None, tuning: Tuning | None, given: Given, fuse: str | None, period: float | None
+) -> tuple[list[ChannelTuning], list[str]]:
+    one = _fusion_in(tuning, fuse)
+    used, notes = rescaled(one, recording.sample_period if recording else period or one.sample_period, given)
     (fusion,) = used.channels
-    here = [name for name in fusion.sensors if name in recording.names]
+    here = [name for name in fusion.sensors if recording is None or name in recording.names]
+    if absent := [name for name in fusion.sensors if name not in here]:
+        notes.append(f"the recording has no channel {', '.join(absent)}: fused without")
     if not here:
-        raise BadSetting(
-            f"the recording must have a channel of the fusion, {', '.join(fusion.sensors)} "
-            f"(got {', '.join(recording.names)})"
-        )
-    if len(here) < len(fusion.sensors):
-        absent = ", ".join(name for name in fusion.sensors if name not in here)
-        notes.append(f"the recording has no channel {absent}: fused without")
-    return _overridden(fusion.of_sensors(here), given), notes
+        raise BadSetting(f"the recording must have a channel of the fusion, {', '.join(fusion.sensors)} (got none)")
+    return [_overridden(fusion.of_sensors(here), given)], notes
 
 
 def _overridden(entry: ChannelTuning, given: Given) -> ChannelTuning:
@@ -248,29 +211,11 @@ def _untuned(name: str, given: Given, z: Array | None) -> tuple[ChannelTuning, s
     return _overridden(ChannelTuning(name, "", 1.0, 1.0), values), note
 
 
-def _untuned_fusion(recording: Recording, given: Given, fuse: str) -> ChannelTuning:
-    """The filter as given, without a tuning file."""
-    units = units_of(recording)
-    names = channels_to_fuse(units, fuse)
-    r = for_each_sensor(names, "--r", given.get("r", math.nan))
-    if "q" not in given or any(map(math.isnan, r)):
-        raise BadSetting(
-            "--fuse without --config needs --q and an --r of each sensor (got fewer): "
-            "kalscope tune LOG --fuse … -o FILE finds them"
-        )
-    values: Given = {**given, "r": r}
-    return ChannelTuning(FUSED, units[names[0]], sensors=names, **values)
-
-
-def _fusion_in(config: Path, names: str | None) -> Tuning:
-    """The tuning of a file with its fusion alone, only of the sensors that are named."""
-    tuning = load_tuning(config)
-    fusion = tuning.fusion
-    if fusion is None:
-        raise BadSetting(
-            f"the tuning must hold a fusion (got channels {', '.join(one.name for one in tuning.channels)} alone): "
-            "kalscope tune LOG --fuse … -o FILE makes one"
-        )
+def _fusion_in(tuning: Tuning | None, names: str | None) -> Tuning:
+    """The tuning with its fusion alone, only of the sensors that are named."""
+    fusion = None if tuning is None else tuning.fusion
+    if tuning is None or fusion is None:
+        raise BadSetting("--fuse needs --config with a fusion: kalscope tune LOG --fuse … -o FILE makes one")
     if names is not None:
         fusion = fusion.of_sensors(channels_to_fuse(dict.fromkeys(fusion.sensors, fusion.unit), names))
     return replace(tuning, channels=(fusion,), selected="", fusion=None)
@@ -305,31 +250,21 @@ def adapt_tuning(
     if absent := [name for name in wanted if name not in pairs]:
         choices.append(f"the tuning has no such channel: {', '.join(absent)}")
     used = replace(tuning, channels=tuple(pairs.values()), selected="", fusion=None)
-    used, notes = at_recording(recording, used, given or {})
+    used, notes = rescaled(used, recording.sample_period, given or {})
     return dict(zip(pairs, used.channels, strict=True)), notes + choices
 
 
-def at_recording(recording: Recording, tuning: Tuning, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning, perhaps of another recording, at the sample period of this one; and notes for the user."""
-    used, notes = rescaled(tuning, recording.sample_period, given)
-    if recording.sample_period is None and used.sample_period is not None and "q" not in given:
-        notes.append(
-            f"{'q and momentum are' if used.has_momentum else 'q is'} used as tuned at a sample period of"
-            f" {used.sample_period:.6g} s: the recording gives none (see --sample-period)"
-        )
-    if tuning.sha256 and recording.sha256 and tuning.sha256 != recording.sha256:
-        notes.append(
-            f"the recording is not the one of the tuning (SHA-256 {recording.sha256[:12]}…,"
-            f" tuned on {tuning.sha256[:12]}…)"
-        )
-    return used, notes
-
-
 def rescaled(tuning: Tuning, period: float | None, given: Given) -> tuple[Tuning, list[str]]:
-    """The tuning at the recording's sample period in s, and a note where q, momentum or a chain had to change."""
+    """The tuning, perhaps of another recording, at the sample period of this one in s; and a note for the user."""
     before = tuning.sample_period
-    if period is None or before is None or same_period(period, before):
+    if before is None or (period is not None and same_period(period, before)):
         return tuning, []
+    if period is None:
+        used = "q and momentum are used" if tuning.has_momentum else "q is used"
+        note = (
+            f"{used} as tuned at a sample period of {before:.6g} s: the recording gives none (see --sample-period)"
+        )
+        return tuning, [] if "q" in given else [note]
     if "momentum" in given:
         tuning = replace(tuning, channels=tuple(replace(one, momentum=0.0) for one in tuning.channels))
     factor = f"{period / before:.6g}"

@@ -7,9 +7,11 @@ comment and every unknown key.
 from __future__ import annotations
 
 import os
-from datetime import date
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from kalscope.common.files import write_atomic
 from kalscope.errors import BadFile, BadSetting
@@ -17,8 +19,58 @@ from kalscope.tuning import toml_text as toml
 from kalscope.tuning.toml_text import chain_in, plain_chain
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
-FUSION = "[fusion]"
-"""How messages name the table of the fusion."""
+# The tables of the file; None = the key is absent.
+
+
+class _Sensor(msgspec.Struct):
+    name: str
+    r: float
+    offset: float = 0.0
+    gain: float = 1.0
+
+
+class _Filter(msgspec.Struct, kw_only=True):
+    """A channel; r must be given."""
+
+    name: str
+    unit: str = ""
+    q: float
+    r: float | None = None
+    p0: float | Literal["diffuse"] = "diffuse"
+    x0: float | Literal["first"] = "first"
+    momentum: float | None = 0.0
+    gate: float | None = None
+    how: str = ""
+    chain: dict[str, Any] | None = None
+
+
+class _Fusion(_Filter, kw_only=True):
+    """The fusion, which has an r for each sensor, and no chain."""
+
+    sensors: Annotated[list[_Sensor], msgspec.Meta(min_length=1)]
+
+
+class _Source(msgspec.Struct):
+    name: str = ""
+    spec: str = ""
+    sha256: str = ""
+    sample_period: float | None = None
+
+
+class _File(msgspec.Struct, kw_only=True):
+    format: int
+    tool: str = ""
+    date: Any = ""
+    """A text; or a date of TOML, without quotes."""
+    selected: str = ""
+    source: _Source = msgspec.field(default_factory=_Source)
+    channel: list[_Filter]
+    fusion: _Fusion | None = None
+
+
+_COMMON = ("name", "unit", "q", "momentum", "gate", "how")
+_WORDS = {"p0": "diffuse", "x0": "first"}
+"""What the file calls an automatic start, which is None elsewhere."""
 
 
 def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
@@ -30,14 +82,19 @@ def save_tuning(tuning: Tuning, path: str | os.PathLike[str]) -> None:
         BadSetting: The file would be too large to be read again.
         OSError: The file cannot be written; it is unchanged.
     """
-    before = ""
+    text = dumps(tuning)
     if Path(path).is_file() and Path(path).stat().st_size:
         try:
             before = toml.read_text(path)
             toml.parse(before)
         except BadFile as error:
             raise BadFile(f"{os.fspath(path)!r} must be a tuning file to be overwritten (got: {error})") from None
-    data = toml.updated(before, _plain(tuning)).encode()
+        # tomlkit has its limits (a table defined in two places, mixed inline tables), of many exception types; the
+        # values matter more than the comments
+        with suppress(Exception):
+            changed = toml.updated(before, _plain(tuning))
+            text = changed if loads(changed) == loads(text) else text
+    data = text.encode()
     if len(data) > toml.MAX_BYTES:
         raise BadSetting(f"a tuning file must hold at most {toml.MAX_BYTES} bytes (got {len(data)})")
     write_atomic(path, data)
@@ -66,109 +123,59 @@ def loads(text: str) -> Tuning:
     Raises:
         BadFile: As `load_tuning`.
     """
-    document = toml.parse(text)
-    if isinstance(made := document.get("date"), date):  # TOML has dates, without quotes
-        document["date"] = made.isoformat()
-    source = toml.table_of(document.get("source", {}), "[source]")
-    channels = toml.tables_of(document.get("channel"), "[[channel]]")
     try:
+        file = msgspec.convert(toml.parse(text), _File)
         return Tuning(
-            channels=tuple(
-                _filter(entry, f"[[channel]] {i}", document["format"]) for i, entry in enumerate(channels, 1)
-            ),
-            source=toml.text_of(source, "spec", "[source]"),
-            source_name=toml.text_of(source, "name", "[source]"),
-            sha256=toml.text_of(source, "sha256", "[source]"),
-            sample_period=toml.optional_number_of(source, "sample_period", "[source]"),
-            selected=toml.text_of(document, "selected", "the file"),
-            tool=toml.text_of(document, "tool", "the file"),
-            date=toml.text_of(document, "date", "the file"),
-            fusion=_filter(document["fusion"], FUSION, document["format"]) if "fusion" in document else None,
+            channels=tuple(map(_tuning, file.channel)),
+            source=file.source.spec,
+            source_name=file.source.name,
+            sha256=file.source.sha256,
+            sample_period=file.source.sample_period,
+            selected=file.selected,
+            tool=file.tool,
+            date=str(file.date),
+            fusion=None if file.fusion is None else _tuning(file.fusion),
         )
-    except BadSetting as error:
-        raise BadFile(str(error)) from None
+    except (BadSetting, msgspec.ValidationError) as error:
+        raise BadFile(toml.one_line(error)) from None
 
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
-    """The tuning as the tables of the file; None = the key is absent."""
-    name, spec, sha256 = (toml.clean(text) for text in (tuning.source_name, tuning.source, tuning.sha256))
-    source = {"name": name, "spec": spec, "sha256": sha256, "sample_period": tuning.sample_period}
-    tool, made, selected = (toml.clean(text) for text in (tuning.tool, tuning.date, tuning.selected))
-    head = {"format": _format(tuning), "tool": tool, "date": made, "selected": selected}
-    fusion = None if tuning.fusion is None else _plain_filter(tuning.fusion)
-    return {**head, "source": source, "channel": [*map(_plain_filter, tuning.channels)], "fusion": fusion}
-
-
-def _format(tuning: Tuning) -> int:
-    """The lowest that can hold it: older programs can read the file, unless they would run another filter."""
-    if tuning.has_chain:
-        return 4
+    """The tuning as the tables of the file."""
+    is_basic = tuning.fusion is None and not tuning.has_momentum and not tuning.has_chain
+    fusion = None
     if tuning.fusion is not None:
-        return 3
-    return 2 if tuning.has_momentum else 1
+        columns = (getattr(tuning.fusion, name) for name in ("sensors", "r", "offset", "gain"))
+        fusion = _Fusion(**_values(tuning.fusion), sensors=[_Sensor(*row) for row in zip(*columns, strict=True)])
+    file = _File(
+        format=1 if is_basic else toml.FORMATS[-1],  # older programs read a basic file, and refuse any other
+        tool=tuning.tool,
+        date=tuning.date,
+        selected=toml.clean(tuning.selected),
+        source=_Source(
+            toml.clean(tuning.source_name), toml.clean(tuning.source), tuning.sha256, tuning.sample_period
+        ),
+        channel=[_Filter(**_values(one), r=one.r, chain=plain_chain(one.chain)) for one in tuning.channels],
+        fusion=fusion,
+    )
+    return msgspec.to_builtins(file)
 
 
-def _plain_filter(one: ChannelTuning) -> dict[str, Any]:
-    """A channel, or a fusion with a table in it for each sensor."""
-    values = zip(one.sensors, one.r, one.offset, one.gain, strict=True) if one.sensors else ()
-    sensors = [{"name": toml.clean(name), "r": r, "offset": b, "gain": c} for name, r, b, c in values]
-    return {
-        "name": toml.clean(one.name),
-        "unit": toml.clean(one.unit),
-        "q": one.q,
-        **({} if sensors else {"r": one.r}),
-        "p0": "diffuse" if one.p0 is None else one.p0,
-        "x0": "first" if one.x0 is None else one.x0,
-        "momentum": one.momentum or None,
-        "gate": one.gate,
-        "how": toml.clean(one.how),
-        **({"sensors": sensors} if sensors else {"chain": plain_chain(one.chain)}),
-    }
+def _values(one: ChannelTuning) -> dict[str, Any]:
+    """What a channel and a fusion have in common."""
+    values: dict[str, Any] = {name: getattr(one, name) for name in (*_COMMON, *_WORDS)}
+    values |= {name: word for name, word in _WORDS.items() if values[name] is None}
+    return values | {"name": toml.clean(one.name), "momentum": one.momentum or None}
 
 
-def _filter(entry: object, here: str, file_format: int) -> ChannelTuning:
-    """A channel, or the fusion."""
-    fuses = here == FUSION
-    table, name, where = _named(entry, here, "fusion" if fuses else "channel")
-    least, what = (2, f"momentum of {where}") if "momentum" in table else (1, where)
-    if fuses or "chain" in table:
-        least, what = (3, here) if fuses else (4, f"the chain of {where}")
-    if file_format < least:
-        raise BadFile(f"{what} needs format = {least} at the top of the file (got format = {file_format})")
+def _tuning(one: _Filter) -> ChannelTuning:
+    values: dict[str, Any] = {name: getattr(one, name) for name in (*_COMMON, *_WORDS)}
+    values |= {name: None for name, word in _WORDS.items() if values[name] == word}
+    each: dict[str, Any] = {"r": one.r}
+    if isinstance(one, _Fusion):
+        each = {name: tuple(getattr(row, name) for row in one.sensors) for name in ("r", "offset", "gain")}
+        each["sensors"] = tuple(row.name for row in one.sensors)
     try:
-        r: dict[str, Any] = _sensors(table) if fuses else {"r": toml.number_of(table, "r", where)}
-        return ChannelTuning(
-            name,
-            toml.text_of(table, "unit", where),
-            toml.number_of(table, "q", where),
-            p0=toml.optional_number_of(table, "p0", where, "diffuse"),
-            x0=toml.optional_number_of(table, "x0", where, "first"),
-            how=toml.text_of(table, "how", where),
-            gate=toml.optional_number_of(table, "gate", where),
-            momentum=toml.optional_number_of(table, "momentum", where) or 0.0,
-            chain=chain_in(table["chain"], where) if "chain" in table and not fuses else None,
-            **r,
-        )
-    except BadSetting as error:
-        raise BadFile(f"{where}: {toml.one_line(error)}") from None
-
-
-def _sensors(table: toml.Tables) -> dict[str, Any]:
-    """What a fusion has for each sensor."""
-    entries = toml.tables_of(table.get("sensors"), "[[fusion.sensors]]")
-    sensors = [_named(one, f"[[fusion.sensors]] {i}", "sensor") for i, one in enumerate(entries, 1)]
-    usual: dict[str, Any] = {"r": {}, "offset": {"offset": 0.0}, "gain": {"gain": 1.0}}
-    each = {
-        key: tuple(toml.number_of({**default, **one}, key, where) for one, _, where in sensors)
-        for key, default in usual.items()
-    }
-    return {"sensors": tuple(name for _, name, _ in sensors), **each}
-
-
-def _named(entry: object, where: str, what: str) -> tuple[toml.Tables, str, str]:
-    """A table, its name, and how messages name it: by `where` before its name is known, then by `what` and name."""
-    table = toml.table_of(entry, where)
-    if "name" not in table:
-        raise BadFile(f"name of {where} must be given (got nothing)")
-    name = toml.text_of(table, "name", where)
-    return table, name, f"{what} {toml.shown(name)}"
+        return ChannelTuning(**values, **each, chain=None if one.chain is None else chain_in(one.chain))
+    except (BadSetting, msgspec.ValidationError) as error:
+        raise BadFile(f"{toml.shown(one.name)}: {toml.one_line(error)}") from None

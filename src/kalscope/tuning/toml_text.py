@@ -6,19 +6,18 @@ Read with the standard library's tomllib; written with tomlkit, which keeps comm
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import tomllib
 from collections.abc import Mapping, MutableMapping
-from contextlib import suppress
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, cast
 
+import msgspec
 import tomlkit
 
 from kalscope.common.text import CONTROL, escaped
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, BadSetting
 from kalscope.filtering import classic
 
 if TYPE_CHECKING:
@@ -29,8 +28,7 @@ Tables = Mapping[str, Any]
 """Tables of a TOML text by name."""
 
 FORMATS = (1, 2, 3, 4)
-"""Numbers of the file format; a reader refuses the numbers it does not know. 2 has momentum, 3 a fusion,
-4 a chain."""
+"""Numbers of the file format; a reader refuses the numbers it does not know. 1 has q, r and start only."""
 MAX_BYTES = 1_000_000
 """Largest file read: some thousand channels."""
 MAX_DEPTH = 64
@@ -60,7 +58,6 @@ _COMMENTS = {
     "filter": 'what filters then; "kalman" = q, r, ... above',
     "window": "samples",
     "alpha": "share of each step that is taken",
-    "shift": "alpha = 2^-shift",
     "cutoff": "cycles per sample",
     "beta": "growth of the cut-off for a speed of one unit per sample",
     "speed_cutoff": "of the speed itself, cycles per sample",
@@ -124,24 +121,10 @@ def fresh(tables: Mapping[str, Any]) -> str:
 
 
 def updated(before: str, tables: Mapping[str, Any]) -> str:
-    """The text `before` with the values of `tables`: unchanged values, comments and unknown keys stay.
-
-    Args:
-        before: A text that `parse` accepts, or "" for a new file.
-        tables: As for `fresh`.
-    """
-    if before:
-        # tomlkit has its limits (a table defined in two places, mixed inline tables), of many exception
-        # types; the values matter more than the comments, so what it wrote is read back and compared.
-        try:
-            document = tomlkit.parse(before)
-            _write(document, tables)
-            text = tomlkit.dumps(document)
-            if _holds(parse(text), tables):
-                return text
-        except Exception:
-            pass
-    return fresh(tables)
+    """The text `before` with the values of `tables`: unchanged values, comments and unknown keys stay."""
+    document = tomlkit.parse(before)
+    _write(document, tables)
+    return tomlkit.dumps(document)
 
 
 def _write(table: MutableMapping[str, Any], values: Tables) -> None:
@@ -157,7 +140,7 @@ def _write(table: MutableMapping[str, Any], values: Tables) -> None:
             _write_entries(table, key, cast("list[Tables]", value))
         elif key not in table:
             table[key] = _commented(key, value)
-        elif not _same(table[key], value):
+        elif table[key] != value:
             table[key] = _plain(value)
 
 
@@ -192,67 +175,6 @@ def _plain(value: object) -> object:
     return tomlkit.string(escaped(inside), escape=False)
 
 
-def _holds(document: Mapping[str, Any], tables: Mapping[str, Any]) -> bool:
-    """Whether `document` contains all that `tables` contains."""
-    return all(_same(document.get(key), value) for key, value in tables.items())
-
-
-def _same(found: Any, value: Any) -> bool:
-    """Equal as the reader sees it: 1 and 1.0 are the same number, 0.0 and -0.0 are not."""
-    if isinstance(value, Mapping):
-        return isinstance(found, Mapping) and _holds(cast("Tables", found), cast("Tables", value))
-    if isinstance(value, list):
-        a, b = cast("list[Any]", found), cast("list[Any]", value)
-        return isinstance(found, list) and len(a) == len(b) and all(map(_same, a, b))
-    if isinstance(value, float):
-        number = isinstance(found, int | float) and not isinstance(found, bool)
-        return number and float(found).hex() == value.hex()
-    return isinstance(found, type(value)) and found == value
-
-
-def table_of(value: object, where: str) -> Mapping[str, Any]:
-    """`value` as a table; `where` names it in the BadFile otherwise."""
-    if not isinstance(value, Mapping):
-        raise BadFile(f"{where} must be a table (got {shown(value)})")
-    return cast("Tables", value)
-
-
-def tables_of(value: object, where: str) -> list[object]:
-    """`value` as a non-empty array of tables; their content is not checked."""
-    if not isinstance(value, list) or not value:
-        raise BadFile(f"there must be at least one {where} (got {shown(cast('object', value))})")
-    return cast("list[object]", value)
-
-
-def text_of(table: Mapping[str, Any], key: str, where: str) -> str:
-    """The text under `key`, "" where it is absent; BadFile for anything else."""
-    value = table.get(key, "")
-    if not isinstance(value, str):
-        raise BadFile(f"{key} of {where} must be a text in quotes (got {shown(value)})")
-    return value
-
-
-def number_of(table: Mapping[str, Any], key: str, where: str) -> float:
-    """The finite number under `key`; BadFile otherwise."""
-    if key not in table:
-        raise BadFile(f"{key} of {where} must be given (got nothing)")
-    value = table[key]
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        with suppress(OverflowError):  # an integer of 400 digits
-            if math.isfinite(number := float(value)):
-                return number
-    raise BadFile(f"{key} of {where} must be a finite number (got {shown(value)})")
-
-
-def optional_number_of(table: Mapping[str, Any], key: str, where: str, word: str = "") -> float | None:
-    """As `number_of`, but None where `key` is absent or holds `word`."""
-    if key not in table or (word and table[key] == word):
-        return None
-    if word and isinstance(table[key], str):
-        raise BadFile(f'{key} of {where} must be a finite number or "{word}" (got {shown(table[key])})')
-    return number_of(table, key, where)
-
-
 def clean(text: str) -> str:
     """`text` without the lone surrogates that file names may hold and UTF-8 may not."""
     return text.encode("utf-8", "replace").decode()
@@ -278,7 +200,6 @@ KALMAN = "kalman"
 STAGES: dict[str, type[classic.Stage]] = {
     "moving-average": classic.MovingAverage,
     "exponential": classic.Exponential,
-    "power-of-two": classic.PowerOfTwo,
     "median": classic.Median,
     "butterworth": classic.Butterworth,
     "one-euro": classic.OneEuro,
@@ -300,25 +221,17 @@ def plain_chain(chain: classic.Chain | None) -> dict[str, Any] | None:
     return {"median": chain.median if chain.median > 1 else None, "filter": name, **_SETTINGS, **settings}
 
 
-def chain_in(value: object, where: str) -> classic.Chain:
+def chain_in(table: dict[str, Any]) -> classic.Chain:
     """The chain in a table of the file.
 
-    Args:
-        value: What the file contains.
-        where: How messages name the channel.
-
     Raises:
-        BadFile: It is not a table, or its filter or one of its numbers is missing or of another kind.
-        BadSetting: A number is out of its range.
+        BadSetting: There is no such filter, or a number is out of its range.
+        msgspec.ValidationError: A number is missing or something else.
     """
-    here = f"the chain of {where}"
-    table = table_of(value, here)
-    name = text_of(table, "filter", here)
-    if name != KALMAN and name not in STAGES:
-        known = ", ".join(f'"{one}"' for one in STAGES)
-        raise BadFile(f'filter of {here} must be {known} or "{KALMAN}" (got {shown(name)})')
-    median: Any = number_of({"median": 1, **table}, "median", here)
+    name, median = table.get("filter"), msgspec.convert(table.get("median", 1), int)
     if name == KALMAN:
         return classic.Chain(median)
-    settings: Any = {one.name: number_of(table, one.name, here) for one in fields(STAGES[name])}
-    return classic.Chain(median, STAGES[name](**settings))
+    if name not in STAGES:
+        known = ", ".join(f'"{one}"' for one in STAGES)
+        raise BadSetting(f'filter of the chain must be {known} or "{KALMAN}" (got {shown(name)})')
+    return classic.Chain(median, msgspec.convert(table, STAGES[name]))

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kalscope.common.numbers import Array, above_zero
-from kalscope.common.text import duration, number, program, typed_number
+from kalscope.common.text import duration, program, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import params_for_specification
 from kalscope.estimation.request import Request
 from kalscope.filtering.classic import Chain, ChainFilter, Median, Stage, rescaled_chain
 from kalscope.filtering.filter import Filter, StandardFilter
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.toml_text import KALMAN, STAGES, shown
 
@@ -125,6 +125,8 @@ class ChannelTuning:
     """What each sensor reads where the fused value is 0; () = 0 for all."""
     gain: tuple[float, ...] = ()
     """By how much each sensor's reading grows with the fused value, not 0; () = 1 for all."""
+    paper: GeneralizedParams | None = None
+    """The filter of Khan et al. that runs in place of the Kalman one: shown, and in no tuning file."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -154,7 +156,9 @@ class ChannelTuning:
 
     @property
     def filter(self) -> Filter:
-        """The filter that runs: the Kalman filter of `params`, or the chain."""
+        """The filter that runs: that of a paper, the chain, or the Kalman filter of `params`."""
+        if self.paper is not None:
+            return self.paper
         return StandardFilter(self.params) if self.chain is None else ChainFilter(self.chain, self.params)
 
     @property
@@ -300,20 +304,11 @@ class Tuning:
 
 
 def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
-    """The filter at a period of `ratio` times as long, `period` in s.
-
-    BadSetting where τ would become too long, with one that filters alike: then only q/τ² matters.
-    """
-    if one.momentum > MAX_MOMENTUM * ratio:
-        shorter = float(f"{0.999 * MAX_MOMENTUM * ratio:.4g}")
-        raise BadSetting(
-            f"momentum of {one.name} must be at most {number(MAX_MOMENTUM)} samples of {duration(period)} (got"
-            f" {number(one.momentum / ratio)}): set momentum = {shorter:g} and"
-            f" q = {one.q * (shorter / one.momentum) ** 2:.4g} in the tuning, which filters alike"
-        )
-    moved = replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+    """The filter at a period of `ratio` times as long, `period` in s."""
+    chain = one.chain
     try:
-        return moved if moved.chain is None else replace(moved, chain=rescaled_chain(moved.chain, ratio))
+        moved = replace(one, q=one.q * ratio, momentum=one.momentum / ratio)
+        return moved if chain is None else replace(moved, chain=rescaled_chain(chain, ratio))
     except BadSetting as error:
         raise BadSetting(
             f"{one.name} cannot be filtered alike every {duration(period)}: {error}. Sample more often, or choose"
@@ -324,37 +319,6 @@ def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
 def same_period(a: float, b: float) -> bool:
     """Whether two sample periods in s are equal within the resolution of time stamps."""
     return math.isclose(a, b, rel_tol=SAME_PERIOD)
-
-
-# A channel that runs the filter of Khan et al. in place of the Kalman filter: shown, and in no tuning file.
-
-
-@dataclass(frozen=True)
-class PaperTuning(ChannelTuning):
-    """The setting of such a channel; its q and r are kept for a return to the Kalman filter."""
-
-    paper: GeneralizedParams = field(kw_only=True)
-    """The filter that it runs."""
-
-    @property
-    def filter(self) -> Filter:
-        """The same."""
-        return self.paper
-
-
-def with_paper_filter(tuning: ChannelTuning, paper: GeneralizedParams) -> PaperTuning:
-    """The setting with this filter in place of its own."""
-    return PaperTuning(**_values(tuning), paper=paper)
-
-
-def with_kalman_filter(tuning: ChannelTuning) -> ChannelTuning:
-    """The setting with the Kalman filter alone, at the q and r that it has."""
-    return ChannelTuning(**_values(tuning))
-
-
-def _values(tuning: ChannelTuning) -> dict[str, Any]:
-    values: dict[str, Any] = {one.name: getattr(tuning, one.name) for one in fields(ChannelTuning)}
-    return {**values, "chain": None}
 
 
 # The tuning for a device that samples at another rate than the recording.

@@ -189,10 +189,6 @@ def test_a_tuning_of_another_rate_scales_q_and_says_so(state):
     assert "tuned at a sample period of 0.01 s, here it is 0.02 s" in slower.answers.note
 
 
-def test_a_tuning_of_another_recording_says_so(state):
-    assert "not the one" in opened_with(recording(sha256="y"), state.as_tuning()).answers.note
-
-
 def test_a_tuning_without_a_common_channel_is_refused(state):
     with pytest.raises(BadSetting, match="the tuning must hold a or b"):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))

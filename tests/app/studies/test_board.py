@@ -13,7 +13,7 @@ from kalscope import BadSetting, FilterParams, Recording
 from kalscope.errors import BadDevice
 from kalscope.export.board import BoardFilter, board_filter, momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
-from kalscope.filtering.classic import Chain, PowerOfTwo
+from kalscope.filtering.classic import Chain, Exponential
 from kalscope.sources.live.samples import Snapshot
 from kalscope_app.live import BoardConnection, send_setting
 from kalscope_app.session.changes import apply_fusion
@@ -102,7 +102,7 @@ MEDIAN_ANSWER = "# light q=0 r=0 p=0 m=5 bits=3F800000,3F800000,7F800000"
     ("chain", "answer", "words"),
     [
         (
-            Chain(then=PowerOfTwo(3)),
+            Chain(then=Exponential(0.125)),
             "",
             "sketch of a classic filter takes no values while it runs: export",
         ),

@@ -16,7 +16,7 @@ from kalscope.export.job import ExportJob
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets import arduino, c
 from kalscope.export.targets.stages import numbers_of
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.tuning.toml_text import chain_in
 
 ABLE = {"arduino", "c", "python", "json"}
@@ -27,8 +27,6 @@ STAGES = (
     MovingAverage(40),
     Exponential(1.0),
     Exponential(0.013),
-    PowerOfTwo(3),
-    PowerOfTwo(20),
     Median(1),
     Median(9),
     Butterworth(1e-4),
@@ -122,7 +120,7 @@ def test_json_says_the_filter_and_what_it_computes_with():
     document = json.loads(text)
     assert document["format"] == "kalscope-parameters-2"
     for one, channel in zip(document["channels"], CHANNELS, strict=True):
-        chain = chain_in(one["chain"], "") if "chain" in one else None
+        chain = chain_in(one["chain"]) if "chain" in one else None
         assert chain == channel.chain
         if chain is None or chain.then is None:
             assert one["process_noise_q"] == channel.q
@@ -144,7 +142,7 @@ def test_vectors_are_those_of_the_chain():
 
 
 def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_run_them():
-    tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, PowerOfTwo(3)))
+    tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.125)))
     tuning = Tuning((*KALMAN, tilt), sample_period=0.01)
     for target in (*TARGETS, "gyverfilters"):
         if target in ABLE:
@@ -153,11 +151,9 @@ def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_ru
         with pytest.raises(BadSetting) as refused:
             export_tuning(tuning, target)
         said = str(refused.value)
-        assert said.startswith(
-            "target must run the filter of tilt, median of 5, then power-of-two gain (alpha = 1/8) "
-        )
+        assert said.startswith("target must run the filter of tilt, median of 5, then exponential (alpha = 0.125) ")
         assert f"(got {target}, which does not). Export arduino, c, python, json; or use the Kalman filter" in said
-    alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=PowerOfTwo(3))),))
+    alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=Exponential(0.125))),))
     with pytest.raises(BadSetting, match=r"exponential_moving_average: \{alpha: 0.125, send_every: 1\}"):
         export_tuning(alone, "esphome")
 

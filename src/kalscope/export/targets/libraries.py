@@ -13,7 +13,7 @@ from kalscope.common.text import decibels, lag_in_full, number
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, about, about_channel, chain_words, commented, fill_template
 from kalscope.export.names import comment_text, number_text
-from kalscope.filtering.classic import Chain, Exponential, MovingAverage, PowerOfTwo
+from kalscope.filtering.classic import Chain, Exponential, MovingAverage
 from kalscope.filtering.params import MAX_VARIANCE
 from kalscope.filtering.steady import ratio_for, steady_state
 from kalscope.tuning.tuning import ChannelTuning
@@ -79,7 +79,7 @@ def refusal_of_chain(job: ExportJob, target: str, able: Iterable[str]) -> BadSet
 def _in_esphome(chain: Chain) -> str:
     """The filter of ESPHome itself that equals a classic filter except for rounding, while no sample is missing."""
     last = chain.then
-    if chain.median > 1 or not isinstance(last, Exponential | PowerOfTwo | MovingAverage):
+    if chain.median > 1 or not isinstance(last, Exponential | MovingAverage):
         return ""
     if isinstance(last, MovingAverage):
         code = f"sliding_window_moving_average: {{window_size: {last.window}, send_every: 1}}"

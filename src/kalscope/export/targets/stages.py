@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 from kalscope.export.float32 import runs_kalman
 from kalscope.export.job import ExportJob, fill_sections, fill_template
-from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo, Stage
+from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, Stage
 from kalscope.tuning.tuning import ChannelTuning
 
 _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
     MovingAverage: ("moving_average", ("window",)),
     Exponential: ("exponential", ("alpha",)),
-    PowerOfTwo: ("exponential", ("alpha",)),
     Median: ("median", ("window",)),
     Butterworth: ("butterworth", ("to_slope", "decay", "to_level")),
     OneEuro: ("one_euro", ("slowest", "growth", "of_speed")),

@@ -6,7 +6,7 @@
     filter->rest = 0;
 === update
 
-/* Exponential smoothing; also with a gain of a power of two, whose product is exact: floats, no shift of bits. */
+/* Exponential smoothing. */
 static kalscope_real kalscope_exponential(kalscope_filter *filter, kalscope_real z)
 {
     kalscope_real before, step;
