@@ -13,7 +13,6 @@ from kalscope.analysis import actions
 from kalscope.analysis.actions import Action
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import expected_nis
-from kalscope.analysis.estimators import compare_methods, comparison, is_within
 from kalscope.analysis.findings import Finding, as_sentences, times
 from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
@@ -33,6 +32,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks, Judged, MomentumProfile, momentum_profile
+from kalscope_app.studies.comparisons import compare_methods, comparison, is_within
 from kalscope_app.views.chart_tabs import log_axes
 from kalscope_app.views.charts import (
     DARK,

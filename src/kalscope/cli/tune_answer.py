@@ -16,7 +16,6 @@ from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel, with_kinds
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, expected_nis
-from kalscope.analysis.estimators import WITHOUT_NUMBERS, compare_methods, comparison, is_within
 from kalscope.analysis.findings import as_sentences, cost_of_goal
 from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import Judgement, advice_words, judge, needs_noise
@@ -41,10 +40,9 @@ from kalscope.common.text import (
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
-from kalscope.estimation.request import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
+from kalscope.estimation.request import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -88,8 +86,8 @@ class Answer:
     """What the user wants and knows."""
     found: Found
     """The filter or why there is none."""
-    opinions: tuple[Estimate, ...]
-    """Of a channel: all methods side by side, maximum likelihood first."""
+    range: Estimate
+    """The estimate whose intervals say what the record allows."""
     judgement: Judgement
     """Whether the filter fits, and what to do next; `held_out` is of a pair found in the first half."""
 
@@ -128,11 +126,6 @@ class Answer:
     def verdict_words(self) -> str:
         """The verdict as it is shown."""
         return words_of(self.verdict)
-
-    @property
-    def range(self) -> Estimate:
-        """The estimate whose intervals say what the record allows."""
-        return self.found.estimate or self.opinions[0]
 
     @property
     def set_aside(self) -> int:
@@ -178,31 +171,21 @@ def answer_for(
     """
     z, dt, period = recording.channel(channel), _steps(recording), recording.sample_period
     unit = recording.units[recording.index(channel)]
-    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
+    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
     found = replace(found, params=_with_gate(found.params, gate))
-    opinions = compare_methods(_without_spikes(z, dt, request, found), dt, progress=progress.part(0.3, 0.7))
-    progress(0.7, "judging the answer")
+    allowed = found.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
+    progress(0.6, "judging the answer")
     residuals = held_out = None
     if found.params is not None:
         residuals = diagnose_run(Run.of_samples(z, found.params, dt), fitted=found.estimate is not None)
-        held_out = _held_out(z, dt, period, request, progress.part(0.8, 1.0))
+        held_out = _held_out(z, dt, period, request, progress.part(0.7, 1.0))
     still = find_still_stretch(z, dt) if needs_noise(found.estimate) else None
     judgement = judge(residuals, held_out, found.estimate, request, still, unit)
-    return Answer(recording, (channel,), unit, request, found, opinions, judgement)
+    return Answer(recording, (channel,), unit, request, found, allowed, judgement)
 
 
 def _steps(recording: Recording) -> Array | None:
     return recording.steps() if recording.gaps == "dt" else None
-
-
-def _without_spikes(z: Array, dt: Array | None, request: Request, found: Found) -> Array:
-    """The samples that the second opinions and the range of the record are to be found in: those of the answer."""
-    fit = found.estimate
-    if fit is None and request.robust is not False:  # the filter was chosen
-        fit = estimate(z, dt=dt, momentum=0.0, robust=request.robust)
-    if fit is None or fit.outliers is None or fit.verdict == "too_many_outliers":
-        return z
-    return np.where(fit.outliers, np.nan, z)
 
 
 def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams | None:
@@ -273,7 +256,7 @@ def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Pr
     noise = (options.r, options.sigma, options.density) != (None, None, None)
     origin = "r given" if noise else "r from a still stretch" if options.still is not None else ""
     how = ", ".join(filter(None, ("fused", request.goal, origin, "" if request.goal else "maximum likelihood")))
-    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), (), judgement)
+    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), fit, judgement)
 
 
 def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
@@ -550,12 +533,12 @@ def _about_sensors(answer: Answer) -> Iterator[str]:
         yield f"Next: look at {listed([one.name for one in odd])}{more}"
 
 
-# What --details adds: how the filter was found, what it does, what the record allows, second opinions, tests.
+# What --details adds: how the filter was found, what it does, what the record allows, tests.
 
 
 def details_of(answer: Answer) -> str:
     """All that the summary leaves out, as one text."""
-    parts = _origin(answer), _meaning(answer), _opinions(answer), _trust(answer)
+    parts = _origin(answer), _meaning(answer), _trust(answer)
     return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
 
 
@@ -616,27 +599,6 @@ def _interval(answer: Answer) -> str:
     gain, lag = between(*limits.gain_interval, largest=1.0), between(*limits.lag_interval)
     seconds = "" if answer.sample_period is None else f" ({_lags(answer)})"
     return f"q/r {between(*limits.ratio_interval)}, gain {gain}, lag {lag} samples{seconds}"
-
-
-def _opinions(answer: Answer) -> Iterator[str]:
-    if not answer.opinions:
-        return
-    fit = answer.found.params or answer.found.estimate
-    momentum = 0.0 if fit is None else fit.momentum
-    without = " without momentum" if momentum else ""
-    yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
-    yield _row("method", "q", "r", "lag", "in 95 %", "verdict")
-    for one in answer.opinions:
-        cells = ("–", "–", "–", "–")
-        if one.verdict not in WITHOUT_NUMBERS:
-            inside = {True: "yes", False: "no", None: "–"}[is_within(one, answer.opinions[0])]
-            cells = number(one.q), number(one.r), number(lag_of(one.ratio)), inside
-        yield _row(METHOD_NAMES[one.method], *cells, words_of(one.verdict))
-    yield from wrapped(comparison(answer.opinions, momentum))
-
-
-def _row(method: str, q: str, r: str, lag: str, inside: str, verdict: str) -> str:
-    return f"  {method:<32}{q:>12}{r:>12}{lag:>11}{inside:>9}  {verdict}"
 
 
 def _trust(answer: Answer) -> Iterator[str]:
@@ -701,7 +663,6 @@ def _plain_channel(answer: Answer) -> dict[str, Any]:
         "missing": int(np.isnan(answer.z).sum()),
         **_fields(limits, intervals),
         "set_aside": aside,
-        "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
         "advice": None if judged.residuals is None else advice_words(judged),
         "judgement": {
             "status": judged.status,
@@ -718,13 +679,6 @@ def _plain_channel(answer: Answer) -> dict[str, Any]:
         "residuals": _tested(judged.residuals),
         "held_out": _tested(judged.held_out),
     }
-
-
-def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
-    ratio = float(one.ratio)
-    values = {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
-    values |= _fields(one, "method q r ratio q_se r_se loglik verdict message")
-    return {**values, "within_interval": is_within(one, best)}
 
 
 def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
