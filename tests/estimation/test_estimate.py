@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting
-from kalscope.analysis.estimators import compare_methods
 from kalscope.errors import Cancelled
 from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
+from kalscope_app.studies.comparisons import compare_methods
 
 
 def walk(n, ratio, seed=0, missing=0.0, r=1.0):

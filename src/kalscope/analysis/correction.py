@@ -1,11 +1,10 @@
 """A better q, r or momentum for a filter that does not fit its record, and what no q and r can remove.
 
-λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with λ changed by
-factors from 1/1000 to 1000; where the best λ is not among them, with all λ that the record can distinguish. Four
-corrections compete by their likelihood: q alone, r alone, both by one factor (which keeps the curve and corrects
-its variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised.
-Structure that then remains in the residuals cannot be removed by q and r: the model, at this momentum, does not
-describe the signal.
+λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with all λ that it can
+distinguish. Two corrections compete by their likelihood: both by one factor (which keeps the curve and corrects its
+variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised. Structure
+that then remains in the residuals cannot be removed by q and r: the model, at this momentum, does not describe the
+signal.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share, normality
+from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood import Differences, differences
@@ -144,9 +143,6 @@ def _undo(run: Run) -> Array:
 LR_LIMIT = (6.635 / 2.0, 9.210 / 2.0)
 """Gain in log-likelihood that is significant at 1 %, for one and for two parameters: ½ χ²(0.99)."""
 
-TIE = 0.1
-"""Gain in log-likelihood below which two corrections are equally good."""
-
 MIN_FACTOR = 1.5
 """Smaller factors are not worth a change, however significant they are in a long record."""
 
@@ -157,13 +153,10 @@ GRID_STEP = 2.0 * math.log(1000.0) / 28.0
 """Step of ln λ."""
 
 NEAR = 14
-"""Steps to either side that are tried first: factors from 1/1000 to 1000."""
+"""Steps to either side that are tried at least: factors from 1/1000 to 1000."""
 
 LOWEST, HIGHEST = math.log(1e-6), math.log(1e6)
 """ln λ between which any record can distinguish two filters; a long one also distinguishes smaller λ."""
-
-CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
-"""ln λ within which the near steps alone show where the best λ lies."""
 
 MAX_FACTOR, PLAINLY = 1e3, (1e-4, 100.0)
 """Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is limited to this factor,
@@ -171,9 +164,6 @@ or to the λ at which a filter is clearly at that end."""
 
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""
-
-BETWEEN = np.linspace(0.0, 1.0, 200, endpoint=False)
-"""Where a likelihood is read between two steps, in steps."""
 
 
 @dataclass(frozen=True)
@@ -197,125 +187,53 @@ class Correction:
         return any(abs(math.log(factor)) >= math.log(MIN_FACTOR) for factor in (self.q_factor, self.r_factor))
 
 
-@dataclass(frozen=True)
-class Profile:
-    """The record filtered with r = 1 at steps of ln λ, the filter's λ among them, and read between the steps."""
-
-    present: float
-    """ln λ of the filter."""
-    moves: Array
-    """ln λ less that, ascending, shape (places,)."""
-    log_chi2: Array
-    """ln Σ v²/s, shape (places,); −inf where the record does not move."""
-    logdet: Array
-    """Σ ln s, shape (places,)."""
-    m: float
-    """Scored innovations."""
-
-    @staticmethod
-    def of(record: Record, present: float, steps: Array) -> Profile:
-        """Filter the record at each of these steps from ln λ of the filter."""
-        chi2, logdet = record.sums(present + GRID_STEP * steps)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            log_chi2 = _between(np.log(chi2))
-        return Profile(present, GRID_STEP * _between(steps), log_chi2, _between(logdet), float(record.data.m))
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether the record does not move, or too little beside q and r for a double."""
-        return not np.isfinite(self.log_chi2).all()
-
-    @property
-    def at(self) -> int:
-        """The place of the highest likelihood with the best r of each λ."""
-        return int(np.argmax(-self.logdet - self.m * self.log_chi2))
-
-    @property
-    def is_open(self) -> bool:
-        """Whether that is the first or the last place, so that the best λ may lie beyond."""
-        return self.at in (0, len(self.moves) - 1)
-
-    def as_it_is(self) -> tuple[float, float, float]:
-        """Log-likelihood of the filter without its constant; with q and r times one factor; and this factor."""
-        here = int(np.argmin(np.abs(self.moves)))
-        chi2 = math.exp(self.log_chi2[here])
-        loglik, both = -0.5 * (float(self.logdet[here]) + chi2), chi2 / self.m
-        return loglik, loglik + 0.5 * self.m * (both - 1.0 - math.log(both)), both
-
-    def one_factor(self) -> tuple[float, float, float]:
-        """Log-likelihood and the factors for q and r of the best correction with one free parameter.
-
-        That of both wins where it is about as good as the others: it does not call the filter too slow or too fast.
-        """
-        _, scaled, both = self.as_it_is()
-        only_q = -0.5 * (self.logdet + np.exp(self.log_chi2))
-        # r alone moves λ the other way; exp is limited where r is far too small for any likelihood
-        only_r = -0.5 * (self.logdet - self.m * self.moves + np.exp(np.minimum(self.log_chi2 + self.moves, 700.0)))
-        i, j = int(only_q.argmax()), int(only_r.argmax())
-        factor_q, factor_r = math.exp(self.moves[i]), math.exp(-self.moves[j])
-        best = max((float(only_q[i]), factor_q, 1.0), (float(only_r[j]), 1.0, factor_r))
-        return best if best[0] > scaled + TIE else (scaled, both, both)
-
-    def cut(self, q_factor: float, r_factor: float) -> tuple[float, float]:
-        """Factors that go no farther than needed towards an end of the grid."""
-        moved = self.present + math.log(q_factor / r_factor)
-        least = min(self.present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
-        most = max(self.present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
-        if self.at == 0 and moved < least:
-            return q_factor * math.exp(least - moved), r_factor
-        if self.is_open and moved > most:
-            return q_factor, r_factor * math.exp(moved - most)
-        return q_factor, r_factor
-
-
-def _between(steps: Array) -> Array:
-    """A smooth curve read at `BETWEEN` after each step: the parabolas around both neighbours, by their nearness."""
-    a, b, c, d = (part[:, None] for part in (steps[:-3], steps[1:-2], steps[2:-1], steps[3:]))
-    after, before = BETWEEN, BETWEEN - 1.0
-    first = b + 0.5 * (c - a) * after + 0.5 * (a - 2.0 * b + c) * after * after
-    second = c + 0.5 * (d - b) * before + 0.5 * (b - 2.0 * c + d) * before * before
-    return np.concatenate([steps[:1], (second * after - first * before).ravel(), steps[-2:]])
-
-
 def find_correction(record: Record) -> Correction:
     """The simplest change of q and r that the record does not reject, at the filter's momentum."""
-    if record.data.m < MIN_SAMPLES:
+    m, lowest = record.data.m, _lowest(record)
+    if m < MIN_SAMPLES:
         return Correction()
-    profile = _profile(record)
-    if profile.is_constant:
-        return Correction(1e-3, 1e-3) if record.moves else Correction()
-    move = float(profile.moves[profile.at])
-    log_best = profile.present + move
-    chi2, logdet = (float(part[0]) for part in record.sums(np.array([log_best])))
-    scale = chi2 / profile.m
-    free = -0.5 * (logdet + profile.m * math.log(scale) + profile.m)
-    rest = record.residuals(log_best, record.momentum)
-    loglik, scaled, both = profile.as_it_is()
-    if record.ratio in (0.0, math.inf):
-        if free > scaled + LR_LIMIT[0] and (move > 0.0) == (record.ratio == 0.0):
-            factor = scale if record.ratio == 0.0 else scale * math.exp(move)
-            ratio = math.exp(log_best) / variance_of_step(record.momentum)
-            return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=rest)
-        return Correction(*_bounded(both, both), e=rest) if scaled > loglik + LR_LIMIT[0] else Correction(e=rest)
-    if free <= loglik + LR_LIMIT[1]:
-        return Correction(e=rest)
-    likelihood, q_factor, r_factor = profile.one_factor()
-    if free > likelihood + LR_LIMIT[0]:
-        q_factor, r_factor = math.exp(move) * scale, scale
-    return Correction(*_bounded(*profile.cut(q_factor, r_factor)), e=rest)
-
-
-def _profile(record: Record) -> Profile:
-    """The steps near the filter's λ, or all where the best one is not among them."""
-    edges = {0.0: _lowest(record), math.inf: HIGHEST}
+    edges = {0.0: lowest, math.inf: HIGHEST}
     present = edges[record.ratio] if record.ratio in edges else math.log(record.ratio)
-    near = Profile.of(record, present, np.arange(-NEAR, NEAR + 1.0))
-    inside = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
-    if near.is_constant or (inside and not near.is_open):
-        return near
-    below = max(NEAR, math.ceil((present - _lowest(record)) / GRID_STEP))
+    here = max(NEAR, math.ceil((present - lowest) / GRID_STEP))
     above = max(NEAR, math.ceil((HIGHEST - present) / GRID_STEP))
-    return Profile.of(record, present, np.arange(-below, above + 1.0))
+    log_ratios = present + GRID_STEP * np.arange(-here, above + 1.0)
+    chi2, logdet = record.sums(log_ratios)
+    if not np.isfinite(chi2).all() or not chi2.all():  # it does not move, or too little beside q and r for a double
+        return Correction(1e-3, 1e-3) if record.moves else Correction()
+    heights = _heights(chi2, logdet, m)
+    at = int(heights.argmax())
+    is_open = at in (0, len(heights) - 1)  # the best λ may lie beyond
+    log_best = float(log_ratios[at]) + (0.0 if is_open else GRID_STEP * _top(*heights[at - 1 : at + 2].tolist()))
+    chi2_best, logdet_best = record.sums(np.array([log_best]))
+    free, scaled = float(_heights(chi2_best, logdet_best, m)[0]), float(heights[here])
+    loglik = -0.5 * float(logdet[here] + chi2[here])
+    scale, both, ratio = float(chi2_best[0]) / m, float(chi2[here]) / m, math.exp(log_best - present)
+    rest = record.residuals(log_best, record.momentum)
+    is_edge, moves_inwards = record.ratio in edges, (ratio > 1.0) == (record.ratio == 0.0)
+    if is_edge and moves_inwards and free > scaled + LR_LIMIT[0]:
+        factor = scale if record.ratio == 0.0 else scale * ratio
+        best = math.exp(log_best) / variance_of_step(record.momentum)
+        return Correction(instead_of_edge=best, edge_factor=_bounded(factor)[0], e=rest)
+    if (scaled if is_edge else free) <= loglik + LR_LIMIT[0 if is_edge else 1]:
+        return Correction(e=rest)
+    if is_edge or free <= scaled + LR_LIMIT[0]:
+        return Correction(*_bounded(both, both), e=rest)
+    least = min(present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
+    most = max(present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
+    beyond = log_best - min(max(log_best, least), most) if is_open else 0.0
+    q_factor, r_factor = scale * ratio * math.exp(max(-beyond, 0.0)), scale * math.exp(max(beyond, 0.0))
+    return Correction(*_bounded(q_factor, r_factor), e=rest)
+
+
+def _heights(chi2: Array, logdet: Array, m: int) -> Array:
+    """Log-likelihood of each λ with the best r of it, without its constant."""
+    return -0.5 * (logdet + m * np.log(chi2 / m) + m)
+
+
+def _top(before: float, highest: float, after: float) -> float:
+    """Where the parabola through three neighbouring heights is highest, in steps from the middle one."""
+    bend = before - 2.0 * highest + after
+    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
 
 
 def _lowest(record: Record) -> float:
@@ -349,10 +267,6 @@ MAX_PARTS, MIN_PART = 8, 50
 
 MIN_CHANGE = 2.0
 """Ratio of the largest to the least of these variances that is worth reporting."""
-
-
-MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
-"""Residuals more skewed than this, or flatter (a sine has −1.5), are a mixture of several kinds."""
 
 
 @dataclass(frozen=True)
@@ -420,17 +334,6 @@ def find_change(e: Array) -> float:
         return 1.0
     seen = np.array([(part**2).mean() for part in np.array_split(finite(e), count)])
     return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
-
-
-def find_shape(e: Array) -> tuple[float, float]:
-    """Skewness and excess kurtosis of residuals, shape (N,), far from a normal distribution; else 0, 0.
-
-    Long tails on both sides do not count: they are reported as spikes.
-    """
-    if len(e) < MIN_PART:
-        return 0.0, 0.0
-    skewness, excess, _, p = normality(e)
-    return (skewness, excess) if p < ALARM and (abs(skewness) > MAX_SKEWNESS or excess < MIN_EXCESS) else (0.0, 0.0)
 
 
 def calmed(e: Array) -> Array:

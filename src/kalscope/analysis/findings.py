@@ -14,9 +14,9 @@ import numpy as np
 
 from kalscope.analysis import actions, correction
 from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record, Structure
-from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes, burst_of
+from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.text import DURATIONS, count, number, percent, plural, trimmed
+from kalscope.common.text import DURATIONS, count, number, percent, trimmed
 from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
@@ -34,7 +34,7 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "constant": ("constant signal", "note", "The signal is constant: there is nothing to judge the filter by."),
     "start": ("wrong start", "bad", "The filter starts too far from the signal."),
     "spikes": ("spikes", "bad", "The record has spikes: single readings far from those around them."),
-    "bursts": ("noise bursts", "note", "Large errors are too many, or too close together, for single outliers."),
+    "bursts": ("noise bursts", "note", "Large errors are too many for single outliers."),
     "too_slow": ("too slow", "bad", "The filter is too slow for this record."),
     "too_fast": ("too fast", "bad", "The filter is too fast for this record: it lets too much noise through."),
     "band": ("wrong band", "bad", ""),
@@ -43,7 +43,7 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "changes": ("noise changes", "note", "The record changes as it goes on: one pair cannot fit all of it."),
     "steps": ("signal steps", "note", "The signal steps: no q both follows it and smooths well between the steps."),
     "gate": ("gate too narrow", "bad", "The outlier gate rejects more than single outliers."),
-    "shape": ("unusual noise", "note", "The errors of the filter are far from normally distributed."),
+    "shape": ("long tails", "note", "Large errors are more frequent than a normal distribution has them."),
     "no_pair": ("no result", "bad", ""),
     "fused": ("fused", "good", ""),
     "shared_noise": ("sensors share noise", "bad", ""),
@@ -122,9 +122,6 @@ class Evidence:
     """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is not a misfit."""
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
-    burst: tuple[int, int] | None = None
-    """First and last sample of the short stretch that holds most of these spikes, or of the rejected samples, where
-    there is one."""
     jumps: int = 0
     """Jumps beyond 5 σ that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
@@ -133,10 +130,6 @@ class Evidence:
     """The largest residual, in σ as q and r predict it."""
     unchanged: float = 0.0
     """Share of the readings that equal the one before."""
-    skewness: float = 0.0
-    """Skewness of the residuals without spikes, where they are far from a normal distribution; else 0."""
-    excess: float = 0.0
-    """Excess kurtosis there, likewise."""
     refused: int = 0
     """Samples that the outlier gate rejected."""
     refused_in_a_row: int = 0
@@ -175,7 +168,6 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     mostly_lone = spikes.lone > spikes.jumps
     spiky, steps = mostly_lone and spikes.too_many(n, lone=True), not mostly_lone and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
-    skewness, excess = correction.find_shape(np.delete(e, spikes.off))
     record = Record.of(run, seen[outliers])
     if not record.moves and not len(outliers):  # only the approach from a given x0 remains
         return replace(evidence, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
@@ -188,13 +180,10 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
         ratio=record.ratio,
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
-        burst=burst_of(seen[np.sort(spikes.at[~spikes.stays])] if spiky else refusals, len(e)),
         jumps=int(np.count_nonzero(spikes.size[spikes.stays] > CLEAR)) if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         largest=float(np.abs(e).max()),
         unchanged=record.unchanged,
-        skewness=skewness,
-        excess=excess,
         correction=better,
         structure=structure,
         lag_costs=run.momentum > 0.0 and correction.lost_by_lag(record) > 1.0,
@@ -337,8 +326,6 @@ def _refused_share(evidence: Evidence) -> Finding | None:
 
 
 def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
-    if evidence.refused and evidence.burst and not evidence.spikes:
-        return _burst(f"the outlier gate rejected {plural(evidence.refused, 'sample')}", evidence.burst)
     if evidence.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None
     text = (
@@ -348,19 +335,12 @@ def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
     return Finding("gate", text, actions.SetGate(None))
 
 
-def _burst(seen: str, burst: tuple[int, int]) -> Finding:
-    first, last = map(count, burst)
-    return Finding("bursts", f"{seen}, most of them in a burst, samples {first} to {last}")
-
-
 def _spikes(evidence: Evidence, known: Known) -> Finding | None:
     if not evidence.spikes or known.robust:  # that fit has looked from both sides, and chose the gate
         return None
     seen = f"spikes: {count(evidence.spikes)} beyond 4 σ"
     if evidence.spikes > MAX_OUTLIERS * evidence.n:
         return Finding("bursts", f"{seen} are too many for outliers: one variance cannot describe such noise")
-    if evidence.burst:
-        return _burst(seen, evidence.burst)
     if evidence.refused:
         explained = evidence.correction.worth_it or evidence.refused_in_a_row >= GATE_LIMIT
         explained = explained or (evidence.scale > NARROW and evidence.largest < SPIKE / NARROW)
@@ -414,12 +394,13 @@ def _size(evidence: Evidence) -> Finding | None:
     q_off, r_off, ratio_off = map(_matters, (q, r, q / r))
     if not (q_off or r_off):
         return None
+    scale = actions.Scale(q if q_off else 1.0, r if r_off else 1.0)
     if q_off and r_off and not ratio_off:
         size = "small" if r > 1.0 else "large"
         edges = {0.0: "r is", math.inf: "q is"}
         names = edges.get(evidence.ratio, "q and r are both")
         text = f"{names} too {size} by about {times(r)}: this changes the band, not the curve"
-        return Finding("band", text, actions.Scale(q, r))
+        return Finding("band", text, scale)
     pace = "too slow" if q > r else "too fast"
     change_q, change_r = (
         f"{'raise' if f > 1.0 else 'lower'} {x} about {times(f)}" for x, f in (("q", q), ("r", r))
@@ -431,7 +412,7 @@ def _size(evidence: Evidence) -> Finding | None:
     else:
         text = f"{pace}: {change_q} and {change_r}"
         text += f", so that q/r becomes {larger(q / r)}" if (q > 1.0) == (r > 1.0) else ""
-    return Finding(pace.replace(" ", "_"), text, actions.Scale(q, r))
+    return Finding(pace.replace(" ", "_"), text, scale)
 
 
 def _structure(evidence: Evidence, known: Known) -> Finding | None:
@@ -463,17 +444,10 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
 
 
 def _shape(evidence: Evidence, known: Known) -> Finding | None:
-    if evidence.spikes and known.robust:
-        tails = f"{count(evidence.spikes)} of {count(evidence.n)} residuals lie beyond 4 σ"
-        return Finding("shape", f"{tails}: the noise has long tails, or two kinds of readings are mixed")
-    if not evidence.skewness and not evidence.excess:
+    if not evidence.spikes or not known.robust:
         return None
-    size = f"skewness {number(evidence.skewness, 2)}, excess kurtosis {number(evidence.excess, 2)}"
-    return Finding(
-        "shape",
-        f"the residuals are far from a normal distribution ({size}): if two kinds of readings are mixed, such as "
-        "echoes and misses, separate them before the filter",
-    )
+    tails = f"{count(evidence.spikes)} of {count(evidence.n)} residuals lie beyond 4 σ"
+    return Finding("shape", f"{tails}: the noise has long tails, or two kinds of readings are mixed")
 
 
 def _matters(factor: float) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.analysis.actions import SetGate
 from kalscope.analysis.findings import STATUSES, Finding, Tone
-from kalscope.analysis.judge import BLOCKS, CLOSE, Judgement, Prediction, Stretch
+from kalscope.analysis.judge import CLOSE, Judgement, Prediction, Stretch
 from kalscope.analysis.residuals import SPIKE
 from kalscope.common.numbers import Array, Mask
 from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
@@ -58,8 +58,8 @@ ones."""
 USUALLY_NEW = 2.0
 """Readings per value up to which a sensor usually gives new values."""
 
-CERTAIN = 2.0
-"""Standard errors of a mean beyond which it is not chance."""
+CERTAIN, BLOCKS = 2.0, 16
+"""Standard errors of a mean beyond which it is not chance, and the blocks from whose scatter they come."""
 
 FAR, TRIED = 100.0, 1000
 """A stuck sensor is simulated this many standard deviations away, for this many rows."""

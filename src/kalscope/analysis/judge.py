@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from kalscope.analysis.actions import Action, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, UseStillStretch
-from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
     CHOOSE,
@@ -23,7 +23,7 @@ from kalscope.analysis.findings import (
     as_sentences,
     findings_of,
 )
-from kalscope.analysis.residuals import ALARM, dot
+from kalscope.analysis.residuals import ALARM
 from kalscope.common.numbers import Array
 from kalscope.common.text import correlation, count, decibels, number
 from kalscope.estimation.request import Request
@@ -39,12 +39,6 @@ MAX_ADVICE = 2
 
 FEW = 100
 """Residuals below which only gross misfits show."""
-
-CERTAIN = 4.0
-"""Standard errors by which the second half must differ before this is reported."""
-
-BLOCKS = 16
-"""Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
 
 BEYOND_CHANCE = 3.29
 """Standard errors that chance exceeds once in a thousand, as `ALARM`."""
@@ -246,7 +240,8 @@ def _of_pair(
         found = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
     else:
         found = findings_of(evidence, known)
-    found = found or _beyond_residuals(held_out, estimate)
+    if not found and estimate is not None and estimate.verdict == "flat":
+        found = [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
     if known.estimated and estimate is not None:
         found = _with_next_step(found, estimate, lag_costs=evidence.lag_costs)
     half = "" if held_out is None else _second_half(held_out)
@@ -284,17 +279,6 @@ def _headline(status: str, evidence: Evidence, known: Known) -> str:
 
 def _band(evidence: Evidence) -> str:
     return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
-
-
-def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -> list[Finding]:
-    """The evidence against a filter whose residuals on the whole record are white and of the right size."""
-    if estimate is not None and estimate.verdict == "flat":
-        return [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
-    if held_out is None or not halves_differ(held_out):
-        return []
-    size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
-    text = f"the squared errors of the second half are {size}: the noise or the movement changes"
-    return [Finding("changes", text)]
 
 
 def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
@@ -343,27 +327,4 @@ def _second_half(held_out: Diagnostics) -> str:
     if held_out.nis_low <= held_out.nis <= held_out.nis_high:
         return "squared errors are as large as q and r predict"
     size = f"squared errors are {number(held_out.nis)} × what q and r predict"
-    if halves_differ(held_out):
-        return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
-    if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
-        return f"{size}, too little to matter"
-    return f"{size}, {'as on the first half' if _is_alike(held_out) else 'but they scatter too much to tell why'}"
-
-
-def _is_alike(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of both halves is the same within a factor that matters; both may be 0."""
-    return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
-
-
-def halves_differ(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
-
-    The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first
-    half is as uncertain.
-    """
-    e = held_out.e[np.isfinite(held_out.e)]
-    if len(e) < 4 * BLOCKS or _is_alike(held_out):
-        return False
-    means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
-    error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
-    return abs(held_out.nis - held_out.nis_before) > CERTAIN * error
+    return f"{size}, on the first half {number(held_out.nis_before)} ×"

@@ -259,9 +259,6 @@ MAX_REFUSED = 0.2
 MIN_COUNT, CLEAR = 5, 5.0
 """Number of spikes that count whatever their size, and the size in σ from which fewer count."""
 
-MIN_BURST, MAX_BURST = 8, 0.1
-"""Spikes that make a burst, and the share of the record that it may be."""
-
 MAX_JOINED, SLOPE = 2, 50
 """Most jumps of one sign, each within this many samples of the one before, that may be steps; more are a slope."""
 
@@ -352,21 +349,6 @@ class Spikes:
         many = chance < ALARM and len(sizes) > 3.0 * expected
         many = many and (len(sizes) >= MIN_COUNT or bool(sizes.max() > CLEAR))
         return many or bool(np.any(sizes > 2.0 * SPIKE))
-
-
-def burst_of(at: Indices, n: int) -> tuple[int, int] | None:
-    """First and last of the shortest stretch with three quarters of the indices `at` among n; None if long.
-
-    Args:
-        at: indices, shape (spikes,), ascending.
-        n: how many there are.
-    """
-    if len(at) < MIN_BURST:
-        return None
-    held = math.ceil(0.75 * len(at))
-    spans = at[held - 1 :] - at[: len(at) - held + 1]
-    first = int(np.argmin(spans))
-    return (int(at[first]), int(at[first + held - 1])) if spans[first] <= MAX_BURST * n else None
 
 
 def _mark_excursions(kind: NDArray[np.int8], step: Array) -> Indices:
