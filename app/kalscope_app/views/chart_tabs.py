@@ -58,8 +58,6 @@ NAMES: tuple[str, ...] = (
     "Power-of-two gain",
     "Median",
     "2nd-order Butterworth",
-    "Delayed Savitzky-Golay",
-    "Centred Savitzky-Golay",
     "One-euro",
     "Smoother (offline bound)",
 )
@@ -71,8 +69,8 @@ MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "n
 """Labels, and the values of the state."""
 
 COLOURS = {
-    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
-    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
+    False: ("#009E73", "#0072B2", "#B8860B", "#CC79A7", "#3a9bdc", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#F0E442", "#e39ac6", "#8fd0ff", "#b79bff", "#3fd6bd"),
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 
@@ -185,7 +183,6 @@ def about_kalman(text: str) -> str:
     return (
         text.replace("your filter", "the Kalman filter")
         .replace("Your filter", "The Kalman filter")
-        .replace("Your outlier gate", "Its outlier gate")
         .replace("with yours", "with Kalman")
         .replace(" (present)", "")
     )

@@ -126,8 +126,8 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     """Compare squared errors sample by sample, block by block.
 
     Errors are correlated for about as long as the filter lags, so the blocks are at least ten lags long; their
-    means then count as independent. The interval is Fieller's for the ratio of two paired means (1954, JRSS B
-    16, 175), with Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
+    means then count as independent. The interval is that of the ratio of two paired means (delta method), with
+    Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
 
     Args:
         error: squared errors of one filter, shape (n,); NaN where it has none.
@@ -144,19 +144,12 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
         return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
     from scipy.stats import t
 
-    scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
-    means: list[Array] = [scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b)]
-    a, b = means
-    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, blocks - 1)) ** 2 / blocks
     square = float(a.mean() / b.mean())
-    spread: Array = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
-    level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
-    if level <= 0.0:  # the mean of b may be 0
-        return Difference(math.sqrt(square), 0.0, math.inf)
-    slant = reach * float(spread[0, 1])
-    root = math.sqrt(slant * slant + level * reach * float(spread[0, 0]))
-    low, high = (math.sqrt(max(0.0, square + (sign * root - slant) / level)) for sign in (-1.0, 1.0))
-    return Difference(math.sqrt(square), low, high)
+    apart = a / b.mean() - square * (b / b.mean())  # around the ratio itself: two equal filters lose no digits
+    means = np.array([part.mean() for part in np.array_split(apart, blocks)])
+    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, blocks - 1))
+    half = reach * float(means.std(ddof=1)) / math.sqrt(blocks)
+    return Difference(math.sqrt(square), math.sqrt(max(0.0, square - half)), math.sqrt(square + half))
 
 
 def block_of(lag: float) -> int:
