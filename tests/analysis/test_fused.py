@@ -58,7 +58,7 @@ def test_the_errors_are_those_of_the_settled_filters():
     )
     assert found.sensors[0].if_it_fails == (
         "If a drops out, the error is 0.291 °C, 47 % more than with it; the fused value is then 80 % b and 20 % c.",
-        "If a sticks at one value, the fused value ends 76 % of the way to it; leave it out then.",
+        "If a sticks at one value, the fused value goes 76 % of the way to it; leave it out then.",
     )
 
 
@@ -68,7 +68,7 @@ def test_the_pull_of_a_stuck_sensor_is_where_the_fused_value_ends(gate):
     z -= z.mean(axis=1, keepdims=True)
     z[500:, 0] = 70.0
     params = FilterParams(0.01, R, gate=gate)
-    assert judged(z, params=params).sensors[0].pull == pytest.approx(
+    assert judged(z, params=params).sensors[0].share == pytest.approx(
         fuse(z, params).x[1500:].mean() / 70.0, abs=0.03
     )
 
@@ -167,7 +167,7 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
     z[2000:, 1] = 50.0
     found = judged(z)
     seen = found.prediction
-    assert found.headline.endswith("larger than the predicted 0.200 (1 σ). b is stuck.")
+    assert found.headline.startswith("The fused value has an error of 0.200 (1 σ, predicted). The next reading is")
     assert seen is not None
     assert seen.best == 0
     assert seen.fused > 2.0 * seen.single[0]

@@ -61,15 +61,8 @@ class Prediction:
     """The same of predictions by each sensor alone, shape (sensors,)."""
     best: int
     """The sensor that predicts best."""
-    is_certain: bool
-    """Whether fused and best single sensor differ by more than chance."""
-
-    @property
-    def saved(self) -> float:
-        """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
-        best = float(self.single[self.best])
-        less = 1.0 - self.fused / best if best > 0.0 else 0.0
-        return less if self.is_certain and abs(less) >= CLOSE else 0.0
+    saved: float
+    """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,9 +113,6 @@ class Judgement:
     """Error where it drops out and the others continue, unit; inf where it is the only one."""
     shares_without: Array = field(default_factory=lambda: np.zeros(1))
     """Shares of all sensors then, shape (sensors,): that of this one is 0."""
-    pull: float = 1.0
-    """How far the fused value in the end goes towards it where it sticks at one value, 0 … 1: its share, or as
-    tried out with an outlier gate."""
     drift: float = 0.0
     """By how much its difference from the others moves within the record, unit; 0 where not more than by chance."""
     noise_ratio: float = 1.0

@@ -722,7 +722,7 @@ def _plain_fusion(answer: Answer) -> dict[str, Any]:
 
 
 def _plain_sensor(one: Judgement) -> dict[str, Any]:
-    role = "name share answered error error_without shares_without pull"
+    role = "name share answered error error_without shares_without"
     sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
     return _fields(one, f"{role} drift noise_ratio spikes stuck silent faults") | {"sentences": sentences}
 
