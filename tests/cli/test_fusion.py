@@ -160,10 +160,6 @@ def tuned(capsys: Captured, *argv: str) -> dict:
     return json.loads(capsys.readouterr().out, parse_constant=refuse)
 
 
-def of_each(said: dict, field: str) -> list:
-    return [sensor[field] for sensor in said["sensors"]]
-
-
 @pytest.mark.slow
 def test_json_says_what_the_library_says(capsys: Captured) -> None:
     said = tuned(capsys, WALK, "--fuse", "a,b,c")
@@ -171,14 +167,13 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
     assert best.params is not None
     assert said["fused"] == ["a", "b", "c"]
     assert (said["q"], said["momentum"], said["verdict"]) == (best.q, best.momentum, "ok")
-    assert of_each(said, "r") == best.r.tolist()
-    assert of_each(said, "offset_interval") == best.offset_interval.tolist()
-    assert sum(of_each(said, "share")) == pytest.approx(1.0)
-    judged = of_each(said, "judgement")
-    assert said["error"] < min(one["error"] for one in judged)
-    assert all(said["error"] < one["error_without"] for one in judged)
-    assert said["judgement"][0].startswith("The fused value has an error of ")
-    assert len(said["held_out"]["single"]) == 3
+    assert said["r"] == best.r.tolist()
+    assert said["offset_interval"] == best.offset_interval.tolist()
+    assert sum(said["shares"]) == pytest.approx(1.0)
+    judged = said["judgement"]
+    assert all(judged["error"] < min(one["error"], one["error_without"]) for one in judged["sensors"])
+    assert judged["headline"].startswith("The fused value has an error of ")
+    assert len(judged["prediction"]["single"]) == 3
 
 
 @pytest.mark.slow
@@ -186,9 +181,9 @@ def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> 
     long = WALK.replace("n=1200", "n=12000")
     said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
     assert recording.truth is not None
-    params = FilterParams(said["q"], of_each(said, "r"), offset=of_each(said, "offset"))
+    params = FilterParams(said["q"], said["r"], offset=said["offset"])
     error = fuse(recording.values, params).x - recording.truth[:, 0]
-    assert error[100:].std() == pytest.approx(said["error"], rel=0.05)
+    assert error[100:].std() == pytest.approx(said["judgement"]["error"], rel=0.05)
 
 
 @pytest.mark.slow
@@ -215,7 +210,7 @@ def test_a_target_is_met_while_all_sensors_answer(
 ) -> None:
     said = tuned(capsys, WALK, "--fuse", "a,b,c", *options)
     assert said["steady"][field] == pytest.approx(met, rel=1e-9)
-    assert of_each(said, "r") == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
+    assert said["r"] == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
 
 
 @pytest.mark.parametrize(
@@ -240,10 +235,10 @@ def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Cap
 
 @pytest.mark.slow
 def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
-    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1"), "r")[1] == 1.1
-    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2"), "r") == [4.0, 9.0]
-    assert of_each(tuned(capsys, WALK, "--fuse", "a,c", "--sigma", "2"), "r") == [4.0, 4.0]
-    assert of_each(tuned(capsys, WALK, "--fuse", "a,b", "--reference", "b"), "offset")[1] == 0.0
+    assert tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1")["r"][1] == 1.1
+    assert tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2")["r"] == [4.0, 9.0]
+    assert tuned(capsys, WALK, "--fuse", "a,c", "--sigma", "2")["r"] == [4.0, 4.0]
+    assert tuned(capsys, WALK, "--fuse", "a,b", "--reference", "b")["offset"][1] == 0.0
     assert tuned(capsys, WALK, "--fuse", "a,b", "--gate", "16")["gate"] == 16.0
 
 
@@ -258,8 +253,8 @@ def test_the_gain_of_a_sensor_in_another_unit_is_estimated(tmp_path: Path, capsy
     assert "must have one unit (got inside in °C, shown in °F)" in capsys.readouterr().err
     said = tuned(capsys, str(path), "--fuse", "1,2", "--sensor-gains", "--reference", "inside")
     assert said["unit"] == "°C"
-    assert of_each(said, "gain") == [1.0, pytest.approx(1.8, rel=0.02)]
-    assert of_each(said, "offset") == [0.0, pytest.approx(32.0, abs=0.5)]
+    assert said["gain"] == [1.0, pytest.approx(1.8, rel=0.02)]
+    assert said["offset"] == [0.0, pytest.approx(32.0, abs=0.5)]
     assert run(["tune", str(path), "--fuse", "1,2", "--sensor-gains", "--reference", "inside"]) == 0
     assert "gain" in capsys.readouterr().out
 
@@ -272,7 +267,7 @@ def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves
     said = tuned(capsys, WALK, "--fuse", "a,c", "-o", str(path))
     fusion = load_tuning(path).fusion
     assert fusion is not None
-    assert (fusion.sensors, fusion.q, list(fusion.r)) == (("a", "c"), said["q"], of_each(said, "r"))
+    assert (fusion.sensors, fusion.q, list(fusion.r)) == (("a", "c"), said["q"], said["r"])
     assert [one.name for one in load_tuning(path).channels] == ["a", "c"]
     assert run(["filter", WALK, "--config", str(path)]) == 0
     expected = fuse(readings(WALK)[:, [0, 2]], fusion.params).x

@@ -71,15 +71,14 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
         lines[row] = "1000"
     bare.write_text("\n".join([*lines, ""]))
     said, kept = tuned(capsys, str(bare)), tuned(capsys, str(bare), "--no-robust")
-    assert said["set_aside"]["samples"] == [19, 39, 59, 79]
+    assert said["outliers"] == [19, 39, 59, 79]
     assert said["gate"] == 16.0
-    assert (said["set_aside"]["plain"]["q"], said["set_aside"]["plain"]["r"]) == (kept["q"], kept["r"])
-    assert kept["set_aside"] is None
+    assert (said["plain_q"], said["plain_r"], kept["outliers"]) == (kept["q"], kept["r"], None)
     assert kept["r"] > 100.0 * said["r"]
     assert run(["tune", str(bare), "--robust"]) == 0
     out = capsys.readouterr().out
     assert ", gate 4 σ, 4 spikes set aside\n" in out
-    assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
+    assert "--no-robust keeps spikes" in " ".join(out.split())  # heartbeats look like spikes
 
 
 # ---- the page
@@ -94,7 +93,7 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
         *("{lost}", "{bare} --gain 0.2"),
     ],
 )
-def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost: Path, capsys: Captured) -> None:
+def test_the_answer_stands_in_a_few_lines(words: str, log: Path, bare: Path, lost: Path, capsys: Captured) -> None:
     argv = words.format(log=log, bare=bare, lost=lost).split()
     assert run(["tune", *argv]) == 0
     out, err = capsys.readouterr()
@@ -102,16 +101,16 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
     first, *rest = (line for line in out.splitlines() if not line.startswith("Assumed: "))
     assert " rows, " in first  # how it was read
     assert rest.pop(0).startswith("Read as ")
-    assert 3 <= len(rest) <= 5
+    assert 3 <= len(rest) <= 8
     assert max(len(line) for line in rest if not line.startswith("Warning: ")) <= 96
     said, page = tuned(capsys, *argv), " ".join(rest)
     assert f"{said['channel']}: {'no q and r' if said['q'] is None else 'q = '}" in page
     judged = said["judgement"]
     assert judged["headline"] in page
-    assert "Next" in page or judged["advice"]
-    for one in judged["advice"][:1]:
+    assert "Next" in page or said["advice"]
+    for one in said["advice"]:
         how = f", {'' if one['option'].startswith('without') else 'with '}{one['option']}" if one["option"] else ""
-        assert f"{'Next' if one['action'] else 'Note'}{how}: {one['text']}"[:80] in page
+        assert f"{'Note' if one['action'] == 'NoneType' else 'Next'}{how}: {one['text']}"[:80] in page
 
 
 @pytest.mark.slow
@@ -122,11 +121,10 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     out, err = capsys.readouterr()
     assert err == ""
     assert out.startswith(summary)
-    assert "noise and ratio    σ = 123 1e8 m3, q/r = 0.0973\n" in out
     assert "how: maximum likelihood" in out
-    assert "lag (delay)      2.74 years (2.74 samples)" in out
+    assert "lag               2.74 years (2.74 samples)\n" in out
     assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
-    assert "judged on the second: NIS" in out
+    assert "Second half, by a filter that has not seen it: squared errors are" in out
     assert max(map(len, out.removeprefix(summary).splitlines())) <= 96
 
 
@@ -139,7 +137,7 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
     assert run(["tune", str(log), "--all", "--details"]) == 0
     out = capsys.readouterr().out
     assert [name for name in ("noisy", "smooth", "stuck") if f"\n{name}: " in out] == ["noisy", "smooth", "stuck"]
-    assert out.count("samples            500\n") == 3
+    assert out.count("500 rows, readings: 500 ") == 3
     assert "Other channels" not in out
 
 
@@ -189,16 +187,16 @@ def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
     assert (said["q"], said["r"], said["verdict"]) == (best.q, best.r, "ok")
     assert (said["channel"], said["unit"], said["sample_period"]) == ("noisy", "V", recording.sample_period)
     assert said["ratio_interval"] == list(best.ratio_interval)
-    assert said["advice"]
-    assert said["residuals"]["nis"] == pytest.approx(1.0)
-    assert said["held_out"]["n"] == 250
+    assert said["judgement"]["residuals"]["nis"] == pytest.approx(1.0)
+    assert said["judgement"]["held_out"]["n"] == 250
     assert said["sha256"] == recording.sha256
 
 
 @pytest.mark.slow
 def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--channel", "smooth")
-    assert [said[name] for name in ("q", "r", "ratio", "steady", "advice", "held_out")] == [None] * 6
+    assert [said[name] for name in ("q", "r", "ratio", "steady")] == [None] * 4
+    assert said["judgement"]["residuals"] is None
     assert said["verdict"] == "no_noise"
     assert said["ratio_interval"][1] == "inf"
 
@@ -245,7 +243,7 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     assert run(["tune", *asked, "--details"]) == 0
     out = capsys.readouterr().out
     assert ", momentum " in out
-    assert "overshoot (step) 8.0 %" in out
+    assert "overshoot (step)  8.0 %" in out
     assert "The best statistical fit would" not in out  # with momentum the record names no faster one
 
 

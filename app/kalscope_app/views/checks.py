@@ -12,11 +12,11 @@ import viser
 from kalscope.analysis import actions
 from kalscope.analysis.actions import Action
 from kalscope.analysis.correction import MIN_SAMPLES
-from kalscope.analysis.diagnostics import expected_nis
+from kalscope.analysis.diagnostics import expected_nis, residual_rows
 from kalscope.analysis.findings import Finding, as_sentences, times
 from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
-from kalscope.common.text import correlation, count, lag_text, number, p_value, percent, trimmed
+from kalscope.common.text import count, lag_text, number, trimmed
 from kalscope.estimation.request import METHOD_NAMES, Noise, Request
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
@@ -278,20 +278,8 @@ def table(checks: Checks) -> str:
     if d.n < MIN_SAMPLES:
         return f"**{checks.judgement.headline}**"
     half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
-    rows = [
-        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
-        (half, number(checks.held_out.nis), expected_nis(checks.held_out)),
-        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
-        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
-        ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
-        ("Low-frequency share of residual power", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
-        (
-            "Last third compared with first",
-            f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}",
-            "p above 0.05",
-        ),
-        ("Normality (skewness, excess kurtosis)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
-    ]
+    size, *others = residual_rows(d)
+    rows = [size, (half, number(checks.held_out.nis), expected_nis(checks.held_out)), *others]
     head = (
         f"**{checks.judgement.headline}**\n\n"
         f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"

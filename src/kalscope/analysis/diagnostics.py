@@ -18,7 +18,7 @@ from kalscope.analysis.correction import MIN_SAMPLES, finite
 from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
 from kalscope.analysis.residuals import Columns, Run, Spikes
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.text import number
+from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams, samples_of
@@ -255,3 +255,17 @@ def _scores(run: Run) -> tuple[Array, Array, Indices, bool]:
 def expected_nis(d: Diagnostics) -> str:
     """The 95 % band of the mean NIS in words."""
     return f"{number(d.nis_low)} to {number(d.nis_high)}" if d.nis_high < ANY_NIS else "any value: too few samples"
+
+
+def residual_rows(d: Diagnostics) -> tuple[tuple[str, str, str], ...]:
+    """Each test of the residuals: its name, what was measured, and what a filter that fits would show."""
+    shape, change = f"{number(d.skewness)}, {number(d.excess_kurtosis)}", f"variance × {number(d.variance_ratio)}"
+    return (
+        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
+        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
+        ("Spikes beyond 4 σ", f"{count(d.spikes)}, {count(d.jumps)} of them jumps", number(d.spikes_expected, 2)),
+        ("Low-frequency share", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
+        ("Last third compared with first", f"{change}, {p_value(d.variance_ratio_p)}", "p above 0.05"),
+        ("Skewness, excess kurtosis", shape, "0, 0"),
+    )
