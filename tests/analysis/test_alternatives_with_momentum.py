@@ -73,19 +73,6 @@ def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
         assert exponential.lag_samples > 2.0 * found.present.lag_samples
 
 
-@pytest.mark.slow
-def test_the_verdict_names_who_overshoots():
-    _, z, params = moving()
-    said = compare_alternatives(z, params).verdict
-    own = steady_state(params).overshoot
-    share = re.search(r"Your filter overshoots a step by (\d+) %; 2nd-order Butterworth by", said)
-    assert share is not None
-    assert int(share[1]) == round(100.0 * own)
-    assert said.endswith("; the others do not.")
-    plain = FilterParams(0.05, 1.0)
-    assert "overshoots" not in compare_alternatives(z, plain).verdict
-
-
 def test_the_identity_is_the_settled_recursion():
     _, z, params = moving()
     found = compare_alternatives(z, params)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 
 import numpy as np
 import pytest
@@ -377,9 +376,7 @@ def moving(tau, q=1.0, r=1.0, n=6000, seed=3):
 def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
     z = moving(tau, r=r)
     said = diagnose(kalman_filter(z, FilterParams(ratio, r))).advice
-    found = re.search(r"; try a momentum of about (\d+) samples$", said)
-    assert found is not None, said
-    assert tau / 4.0 < float(found[1]) < 4.0 * tau
+    assert said.endswith("; estimate q, r and momentum together")
     tried = diagnose(kalman_filter(z, FilterParams(1.0, r, momentum=tau)))
     assert tried.advice == NO_FAULT
 

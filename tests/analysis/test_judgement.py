@@ -163,9 +163,9 @@ def test_advice_that_was_taken_is_not_given_again():
     z = RECORDS["sine"]
     plain = estimate(z, momentum=0.0)
     found = residuals(z, plain.params, fitted=True)
-    assert any(isinstance(one.action, actions.AllowMomentum) for one in judge(found, None, plain).findings)
+    assert any(isinstance(one.action, actions.EstimateAgain) for one in judge(found, None, plain).findings)
     searched = judge(found, None, plain, request=Request()).findings
-    assert not any(isinstance(one.action, actions.AllowMomentum) for one in searched)
+    assert not any(isinstance(one.action, actions.EstimateAgain) for one in searched)
 
 
 def test_spikes_of_a_plain_fit_are_set_aside_and_those_of_a_robust_fit_left_to_it():

@@ -19,7 +19,7 @@ from verdict_states import SIGNALS, STATES, VerdictState, row_of
 from kalscope import FilterParams, estimate, kalman_filter, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.findings import KEEP, Known, request_in, still_met
+from kalscope.analysis.findings import KEEP, request_in, still_met
 from kalscope.analysis.judge import judge
 from kalscope.estimation.request import Noise, Request, find_parameters
 
@@ -309,7 +309,6 @@ def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
     assert request_in(how, 1.0).target == {"lag_s": pytest.approx(seconds)}
-    assert Known().with_request(Request(target={"lag_s": seconds})).faster == f"movement faster than {words}"
 
 
 def test_a_tuning_that_was_not_chosen_names_no_goal():

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from kalscope.analysis.alternatives import Alternative
-from kalscope.analysis.filter_errors import MIN_OVERSHOOT, Difference
+from kalscope.analysis.filter_errors import Difference
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, decibels, frequency, lag_text, number, percent, squared
 from kalscope.filtering.steady import steady_state
@@ -83,8 +83,8 @@ HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 MAX_UNBROKEN = 13
 """Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
 
-AT_OVERSHOOT = 4
-"""Index of the overshoot column while the user's filter has momentum: after the noise."""
+AT_OVERSHOOT, MIN_OVERSHOOT = 4, 5e-4
+"""Index of the overshoot column while the user's filter has momentum, after the noise; smaller ones are none."""
 
 
 class AlternativesView:

@@ -57,8 +57,6 @@ from kalscope_app.views.window import VERDICT
 def label_of(action: actions.Action | None, state: State) -> str:
     """The label of the button; "" where there is none, as for a new recording or a goal that is chosen already."""
     match action:
-        case actions.AllowMomentum():
-            words = "Allow momentum and fit again"
         case actions.EstimateAgain():
             words = "Fit again"
         case actions.SetSpikesAside():
@@ -107,7 +105,7 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             outcome = state.answers.outcome
             before = Request() if outcome is None or outcome.request is None else outcome.request
             return replace(before, robust=True)  # what was known about the noise still is
-        case actions.AllowMomentum() | actions.EstimateAgain():
+        case actions.EstimateAgain():
             return Request()
         case _:
             return None

@@ -37,14 +37,6 @@ class SetGate:
 
 
 @dataclass(frozen=True)
-class AllowMomentum:
-    """Estimate q, r and momentum together."""
-
-    momentum: float
-    """The approximate result, nominal sample periods, above 0."""
-
-
-@dataclass(frozen=True)
 class EstimateAgain:
     """Estimate q, r and momentum from the whole record, as `estimate` does by default."""
 
@@ -91,7 +83,6 @@ Action = (
     Scale
     | SetRatio
     | SetGate
-    | AllowMomentum
     | EstimateAgain
     | SetSpikesAside
     | UseStillStretch

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.analysis.candidates import Alternative, at_lag, at_noise
-from kalscope.analysis.filter_errors import Errors, difference, lower, overshoot_words, refusal, verdict
+from kalscope.analysis.filter_errors import Errors, difference, lower, refusal, verdict
 from kalscope.common.numbers import Array
 from kalscope.common.text import decibels, number, plural
 from kalscope.errors import BadSetting
@@ -183,7 +183,7 @@ def compare_alternatives(
 
     others, both_ways = tuple(map(row, chosen)), smoother(params, steps)
     rows = (*others, measured(both_ways, both_ways.run(piece), errors))
-    words, note = _verdict(present, others, errors, memory, match), _note(first, last, len(samples), errors)
+    words, note = _verdict(others, errors, memory, match), _note(first, last, len(samples), errors)
     return Comparison(match, first, last, errors.judged, present, rows, words, identity_words(params), note)
 
 
@@ -205,9 +205,7 @@ def stretch_of(n: int, window: tuple[int, int] | None) -> tuple[int, int]:
     return first, first + MAX_SAMPLES
 
 
-def _verdict(
-    present: Alternative, others: tuple[Alternative, ...], errors: Errors, memory: float, match: Match
-) -> str:
+def _verdict(others: tuple[Alternative, ...], errors: Errors, memory: float, match: Match) -> str:
     """The verdict on those that came near enough to the lag or the noise; the rest are named."""
     words = "lag" if match == "lag" else "noise reduction"
     equal = [one for one in others if one.matched]
@@ -221,7 +219,7 @@ def _verdict(
         reached = [decibels(one.noise_reduction_db) for one in other]
     far = [f"{lower(one.name)} ({value})" for one, value in zip(other, reached, strict=True)]
     missing = f" Not available at this {words}: {', '.join(far)}." if far else ""
-    return f"{text}{missing}{overshoot_words(present.overshoot, [(one.name, one.overshoot) for one in equal])}"
+    return f"{text}{missing}"
 
 
 def _note(first: int, last: int, n: int, errors: Errors) -> str:

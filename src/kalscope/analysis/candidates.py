@@ -92,9 +92,7 @@ def at_lag(lag: float, bench: Bench) -> tuple[Alternative, ...]:
         classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
         classic.Exponential(1.0 / (1.0 + lag)),
         min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: abs(one.lag - lag)),
-        classic.Median(
-            _nearest_window(2.0 * lag + 1.0, bench, lambda size: abs(lag_of(classic.Median(size)) - lag))
-        ),
+        classic.Median(_odd(2.0 * lag + 1.0, bench)),
         classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF)),
         one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
     )
@@ -120,7 +118,7 @@ def at_noise(gain: float, bench: Bench) -> tuple[Alternative, ...]:
         classic.MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
         classic.Exponential(2.0 * gain / (1.0 + gain)),
         min(map(PowerOfTwo, range(classic.MAX_SHIFT + 1)), key=lambda one: missed(one.noise_gain)),
-        classic.Median(_nearest_window(better, bench, lambda size: missed(gain_of(classic.Median(size))))),
+        classic.Median(_odd(better, bench)),
         classic.Butterworth(cutoff),
         one_euro(_bisect(lambda share: gain_of(one_euro(share, bench)) - gain, *EURO_SHARES), bench),
     )
@@ -162,20 +160,6 @@ def one_euro(share: float, bench: Bench) -> OneEuro:
 def _odd(window: float, bench: Bench) -> int:
     """The odd window nearest to a length."""
     return min(max(2 * round(0.5 * (window - 1.0)) + 1, 1), bench.longest_window)
-
-
-def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) -> int:
-    """The best odd window near a guess: downhill from it, in steps that halve."""
-    best = _odd(guess, bench)
-    least, step = miss(best), max(2, 2 * round(0.02 * best))
-    while step >= max(2, 2 * (best // 500)):  # half a percent of a long window is close enough
-        near = [size for size in (best - step, best + step) if 1 <= size <= bench.longest_window]
-        nearest = min(((miss(size), size) for size in near), default=(math.inf, best))
-        if nearest[0] < least:
-            least, best = nearest
-        else:
-            step = 2 * (step // 4)
-    return best
 
 
 def _bisect(too_quick: Callable[[float], float], low: float, high: float, steps: int) -> float:

@@ -17,14 +17,10 @@ import numpy as np
 
 from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood import Differences, differences
-from kalscope.estimation.momentum import concentrated, moving_sums, search, step_variance
+from kalscope.estimation.momentum import moving_sums, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
-
-PARTS, PART = 4, 10_000
-"""Stretches of a long record in which momentum is searched, and samples in each; the result is tested on all."""
 
 MAX_SCALE = 1e150
 """Changes larger than this many √r count as this large: their squares must fit a double."""
@@ -253,15 +249,6 @@ def _bounded(*factors: float) -> tuple[float, ...]:
 MIN_SHARE = 0.04
 """Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
 
-LOG_RATIOS = np.linspace(-16.0, 16.0, 65)
-"""ln(q/r) at which the fit without momentum is searched: advice needs no precision."""
-
-MIN_LOGLIK_GAIN = 6.0
-"""Least gain in log-likelihood: the information criterion then wins by 10."""
-
-MIN_GAIN_A_SAMPLE = 0.02
-"""Least gain in log-likelihood a sample: 2 % of the error in predicting the next one."""
-
 MAX_PARTS, MIN_PART = 8, 50
 """Parts of the record whose variances are compared, and the residuals that each of them needs."""
 
@@ -269,48 +256,18 @@ MIN_CHANGE = 2.0
 """Ratio of the largest to the least of these variances that is worth reporting."""
 
 
-@dataclass(frozen=True)
-class Structure:
-    """Residuals that are not white."""
+def find_structure(e: Array, lags: int) -> float | None:
+    """Whether the residuals e, shape (n,), NaN where not scored, are correlated; None where they are white.
 
-    low_share: float
-    """Share of their power that low frequencies hold, beyond that of white noise; 0 = they are only correlated."""
-    momentum: float = 0.0
-    """Momentum that describes it or a part of it, sample periods; 0 = none does, or the filter has one."""
-    whole: bool = False
-    """Whether nothing is left with that momentum."""
-
-
-def find_structure(e: Array, lags: int) -> Structure | None:
-    """Low frequencies or correlation in the residuals e, shape (n,), NaN where not scored; None for neither."""
+    Returns:
+        Share of their power that low frequencies hold, beyond that of white noise; 0 = they are only correlated.
+    """
     e = calmed(e)
     share, p = low_frequency_share(finite(e))
     if p < ALARM and share >= MIN_SHARE:
-        return Structure(share)
+        return share
     left = correlation(e, lags, fitted=True)
-    scored = np.count_nonzero(np.isfinite(e))
-    return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
-
-
-def find_free(record: Record) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """The best fits to a record, whatever the momentum of its filter.
-
-    Returns:
-        ln(step variance / r) and momentum with momentum; the same without; and what momentum adds to the
-        log-likelihood, below 0 where it fits worse.
-    """
-    searched = record.data
-    if searched.m > PARTS * PART:
-        firsts = np.linspace(0, searched.m + 1 - PART, PARTS).astype(int).tolist()
-        searched = searched.parts((first, first + PART) for first in firsts)
-    best = search(searched, Progress(None))
-    heights = np.append(record.data.concentrated(LOG_RATIOS), record.data.random_walk()[0])
-    at = int(np.argmax(heights))
-    log_ratio = float(LOG_RATIOS[min(at, len(LOG_RATIOS) - 1)])
-    log_moves = min(best.log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
-    height, _ = concentrated(record.data, np.array([log_moves]), np.array([best.tau]))
-    momentum = min(best.tau, float(record.data.m))  # the record cannot show how much longer it is
-    return (log_moves, momentum), (log_ratio, 0.0), float(height[0]) - float(heights[at])
+    return 0.0 if left.p < ALARM and left.q >= MIN_SHARE * np.count_nonzero(np.isfinite(e)) else None
 
 
 def find_change(e: Array) -> float:

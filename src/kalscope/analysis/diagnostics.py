@@ -165,7 +165,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     e, (k, v, s), refusals, prior = _scores(run)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
-    known = Known(estimated=fitted)
+    known = Known(estimated=fitted, momentum_searched=fitted and run.momentum > 0.0)
     if n < MIN_SAMPLES:
         few = Evidence(n, momentum=run.momentum > 0.0)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)

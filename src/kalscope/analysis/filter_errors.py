@@ -85,9 +85,6 @@ MIN_BLOCKS = 8
 NEGLIGIBLE = 1e-4
 """A ratio this close to 1 makes no practical difference, however significant."""
 
-MIN_OVERSHOOT = 5e-4
-"""Smaller overshoots are not mentioned."""
-
 MAX_VALUE = 1e120
 """Fourth powers of larger values, or of values below its inverse, overflow or underflow a double."""
 
@@ -198,20 +195,6 @@ def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag:
         worst = f"{lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
         parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}; worst {worst}.")
     return " ".join(parts)
-
-
-def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
-    """A sentence on which filters overshoot a step, with a leading space; "" where the present one does not.
-
-    Args:
-        own: overshoot of the present filter, share of the step.
-        others: names and overshoots of the others.
-    """
-    if own < MIN_OVERSHOOT:
-        return ""
-    beyond = [f"{name} by {percent(share)}" for name, share in others if share >= MIN_OVERSHOOT]
-    parts = [f" Your filter overshoots a step by {percent(own)}", *([_listed(beyond)] if beyond else [])]
-    return "; ".join([*parts, *(["the others do not"] if len(beyond) < len(others) else [])]) + "."
 
 
 def percent_of(ratio: float) -> str:

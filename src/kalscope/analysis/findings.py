@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from kalscope.analysis import actions, correction
-from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record, Structure
+from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record
 from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import DURATIONS, count, number, percent, trimmed
@@ -136,8 +136,9 @@ class Evidence:
     """The longest run of them."""
     correction: Correction = field(default_factory=Correction)
     """Better q and r."""
-    structure: Structure | None = None
-    """What no q and r can remove; with momentum what the filter leaves."""
+    structure: float | None = None
+    """Share of the power that low frequencies hold in the residuals of the best q and r, 0 where these are only
+    correlated; None where they are white."""
     lag_costs: bool = False
     """Whether the filter has momentum, and a lag of five samples without it would add more error than the noise."""
     change: float = 1.0
@@ -174,7 +175,9 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
         record, outliers = Record.of(run, seen[:0]), outliers[:0]
     better = correction.find_correction(record)
-    structure, change = _remains(better, record, lags, steps=steps)
+    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+    structure = None if steps or better.e is None else correction.find_structure(better.e, lags)
+    comparable = better.e is not None and (structure is None or 0.0 < structure < MAX_SHARE)
     return replace(
         evidence,
         ratio=record.ratio,
@@ -187,33 +190,8 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
         correction=better,
         structure=structure,
         lag_costs=run.momentum > 0.0 and correction.lost_by_lag(record) > 1.0,
-        change=change,
+        change=correction.find_change(better.e) if comparable and better.e is not None else 1.0,
     )
-
-
-def _remains(better: Correction, record: Record, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
-    """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
-    if better.e is None:
-        return None, 1.0
-    structure, change = _tested(better.e, lags, steps=steps)
-    if change == 1.0 and (structure is None or record.momentum):
-        return structure, change
-    moving, walk, gain = correction.find_free(record)
-    needed = max(correction.MIN_LOGLIK_GAIN, correction.MIN_GAIN_A_SAMPLE * record.data.m)
-    if structure is not None and not record.momentum and gain > needed:
-        rest = correction.find_structure(record.residuals(*moving), lags)
-        structure = replace(structure, momentum=moving[1], whole=rest is None)
-    if change > 1.0:  # that of a wrong momentum says nothing
-        change = min(change, _tested(record.residuals(*(moving if gain > 0.0 else walk)), lags, steps=steps)[1])
-    return structure, change
-
-
-def _tested(e: Array, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
-    """Structure and change of variance in residuals."""
-    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-    structure = None if steps else correction.find_structure(e, lags)
-    comparable = structure is None or 0.0 < structure.low_share < MAX_SHARE
-    return structure, correction.find_change(e) if comparable else 1.0
 
 
 # --- the findings ---------------------------------------------------------------------------------------------
@@ -231,8 +209,6 @@ class Known:
     """Whether it looked for momentum."""
     goal: str = ""
     """What the user chose that fixes q/r, such as "a lag of 50 ms"; "" = nothing."""
-    faster: str = "fast movement"
-    """The movement that such a filter cannot follow, such as "movement faster than 50 ms"."""
     noise: str = ""
     """Where r was given, as in "from the data sheet"; "" = it was not."""
 
@@ -240,13 +216,7 @@ class Known:
         """The same with what the user decided about the filter."""
         if request is None:
             return self
-        faster, target = self.faster, request.target
-        if "cutoff_hz" in target:
-            faster = f"movement above {target['cutoff_hz']:.4g} Hz"
-        elif "lag_s" in target or "lag_samples" in target:
-            faster = f"movement faster than {request.goal.removeprefix('a lag of ').split(' and ')[0]}"
-        noise = "" if request.noise == Noise() else request.noise.origin
-        return replace(self, goal=request.goal, faster=faster, noise=noise)
+        return replace(self, goal=request.goal, noise="" if request.noise == Noise() else request.noise.origin)
 
     @property
     def chosen(self) -> str:
@@ -264,6 +234,8 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
         return [_start(evidence) or constant]
     if evidence.unchanged > MAX_UNCHANGED:
         return _rounded(evidence, known)
+    if evidence.structure is not None and not known.estimated:  # another momentum may fit all parts
+        evidence = replace(evidence, change=1.0)
     spikes, change = _spikes(evidence, known), _change(evidence)
     fitted_again = spikes is not None and isinstance(spikes.action, actions.SetSpikesAside)
     fitted_again = fitted_again or (known.robust and evidence.spikes > 0)  # it has seen them, and kept them
@@ -416,14 +388,14 @@ def _size(evidence: Evidence) -> Finding | None:
 
 
 def _structure(evidence: Evidence, known: Known) -> Finding | None:
-    structure = evidence.structure
-    if structure is None:
+    share = evidence.structure
+    if share is None:
         return None
-    share = structure.low_share
     low = f"low frequencies hold {percent(share)} of the residual power" if share else ""
-    if evidence.momentum and not known.estimated:
-        text = f"{low or 'residuals stay correlated'} for any q and r {WITH_MOMENTUM}"
-        return Finding("structure", f"{text}; estimate q, r and momentum together", actions.EstimateAgain())
+    if not known.momentum_searched:
+        at = f" {WITH_MOMENTUM}" if evidence.momentum else ""
+        text = f"{low or 'residuals stay correlated'} for any q and r{at}; estimate q, r and momentum together"
+        return Finding("structure", text, actions.EstimateAgain())
     if low:
         text = f"{low}: the signal has a trend or waves that the model lacks"
     else:
@@ -432,10 +404,6 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
             f"residuals stay correlated{pair}: the signal has hum, trend, steps or coloured noise that a random "
             f"walk{walk} cannot describe"
         )
-    if structure.momentum and not known.momentum_searched:
-        size = f"a momentum of about {number(structure.momentum, 1)} samples"
-        text += f"; try {size}" if structure.whole else f"; {size} explains part of it"
-        return Finding("structure", text, actions.AllowMomentum(structure.momentum))
     if not known.estimated:
         return Finding("structure", text)
     if evidence.lag_costs:
@@ -469,7 +437,7 @@ def larger(ratio: float) -> str:
 
 # --- a filter that was chosen ---------------------------------------------------------------------------------
 
-UNDOING = (actions.SetRatio, actions.AllowMomentum, actions.EstimateAgain)
+UNDOING = (actions.SetRatio, actions.EstimateAgain)
 """Actions that end a choice, as does a `Scale` that is large enough."""
 
 KEEPING = (actions.SetGate, actions.UnsetStart)
@@ -571,7 +539,7 @@ def _cost(known: Known, best: actions.Scale, fit: str) -> Finding:
     if known.goal and _matters(ratio):
         change = f"({'q/r' if _matters(best.r_factor) else 'q'} {larger(ratio)})"
         if ratio > 1.0:
-            best_fit = f"follow faster {change}, so {known.faster} is smoothed away"
+            best_fit = f"follow faster {change}, so fast movement is smoothed away"
         else:
             best_fit = f"smooth more {change}, so noise that it would remove stays"
         return Finding("as_chosen", f"you chose {known.goal}. {fit} would {best_fit}")

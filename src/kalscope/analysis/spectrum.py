@@ -102,15 +102,13 @@ def spectrum(
         return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    densities: list[Array] = []
-    frequency = np.empty(0)
-    for y in (raw, filtered, raw - filtered):
-        frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
-        densities.append(density[1:])
+    rows = np.stack([raw, filtered, raw - filtered])
+    rows -= rows.mean(axis=1, keepdims=True)
+    frequency, densities = cast("tuple[Array, Array]", welch(rows, fs=1.0 / period, nperseg=piece))
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
         frequency[1:],
-        *densities,
+        *densities[:, 1:],
         response=magnitude_response(params, frequency[1:] * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
@@ -302,20 +300,18 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
             f"By the model, averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
         )
     at = first_minimum(deviation, spread)
+    stop = lag_in_full(float(size[at]), period)
     if not deviation.any():
         seen = "This recording is constant: averaging has nothing to remove."
     elif at == len(size) - 1:
-        longest = lag_in_full(float(size[-1]), period)
-        seen = f"In this recording it still helps at {longest}, the longest averaging time it allows."
-    elif at == 0 and float(deviation.min()) < float(deviation[0]):
+        seen = f"In this recording it still helps at {stop}, the longest averaging time it allows."
+    elif at:
+        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
+    elif float(deviation.min()) < float(deviation[0]):
         helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
-        why = "the signal oscillates, or its noise is correlated"
-        seen = f"In this recording averaging over less than {helps} does not help: {why}."
-    elif at == 0:
+        seen = f"In this recording averaging over less than {helps} does not help: signal or noise is correlated."
+    else:
         seen = (
             "In this recording averaging never helps: the signal changes more than its noise from sample to sample."
         )
-    else:
-        stop = lag_in_full(float(size[at]), period)
-        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
     return f"{model} {seen}"

@@ -300,8 +300,6 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
     """The option that does it for this channel; "" where no option does, as for a new recording."""
     without, params = _without(answer.request), answer.found.params
     match action:
-        case actions.AllowMomentum():
-            words = ["--momentum auto", *without]
         case actions.SetSpikesAside():
             words = ["--robust", *without]
         case actions.EstimateAgain():
@@ -333,6 +331,7 @@ def _without(request: Request) -> list[str]:
         *(f"--{name}" for name in ("ratio", "overshoot") if getattr(request, name) is not None),
         *(f"--{name}" for name in noises),
         *(["--method"] if request.method != "ml" else []),
+        *(["--momentum"] if request.momentum != "auto" else []),
     ]
     return [f"without {', '.join(given)}"] if given else []
 
@@ -629,13 +628,13 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
                 found.append(ChannelTuning.of_params(name, unit, single, how))
         elif params is not None:
             found.append(ChannelTuning.of_params(one.name, one.unit, params, how))
-    without = [f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None]
+    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None)
     if not found:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
-        first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
-        instead = f"{first.get(answers[0].verdict, 'record while it moves')} or choose a filter"
-        advice = answers[0].found.message if answers[0].fuses else f"{instead} (--lag-ms, --cutoff-hz, --gain)"
-        none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
-        raise BadSetting(f"{lost}{none}: {advice}")
-    notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
+        advice = (
+            "give r (--still, --sigma), record while it moves, or choose a filter (--lag-ms, --cutoff-hz, --gain)"
+        )
+        advice = answers[0].found.message if answers[0].fuses else advice
+        raise BadSetting(f"{lost}-o needs a usable q and r, and the record gives none ({without}): {advice}")
+    notes = [f"left out of the tuning: {without}"] if without else []
     return notes + save(recording, found, {name for one in answers for name in one.sensors}, output, fusion)

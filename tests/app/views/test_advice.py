@@ -29,7 +29,6 @@ EXAMPLES = {
     actions.SetRatio(0.25): "Set q/r to 0.25",
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
-    actions.AllowMomentum(50.0): "Allow momentum and fit again",
     actions.EstimateAgain(): "Fit again",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
@@ -103,7 +102,7 @@ def test_the_values_are_those_of_the_advice(state):
 def test_advice_on_another_recording_is_not_taken(state):
     other = opened(Recording(np.arange(50.0), ("b",), ("",), np.ones((50, 1)), 1.0))
     session, searches = Session(other), Searches(other)
-    for action in (actions.Scale(2.0, 2.0), actions.AllowMomentum(3.0)):
+    for action in (actions.Scale(2.0, 2.0), actions.EstimateAgain()):
         take(action, state, session, searches)
     assert session.apply_requests()[0] is other
     assert searches.requests == [None]
