@@ -168,18 +168,6 @@ def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
     assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
 
 
-@pytest.mark.slow
-def test_the_minimum_with_momentum_is_the_minimum_of_the_model():
-    for q, r, momentum in ((0.01, 1.0, 20.0), (1.0, 1.0, 1e3), (1e-3, 1.0, 1e5), (1e-4, 1.0, 0.01)):
-        best = best_average(q, r, momentum)
-        near = np.rint(best * np.array([0.8, 1.0, 1.25]))
-        assert np.argmin(allan_model(near, q, r, momentum)) == 1
-        assert best >= 0.9 * best_average(q, r)  # what keeps its direction moves less at first
-    assert best_average(0.0, 1.0, 5.0) == math.inf
-    said = allan_deviation(RNG.normal(size=5000), FilterParams(1e-4, 1.0, momentum=100.0)).message
-    assert "By the model, averaging longer than" in said
-
-
 def test_the_words_name_the_minimum_of_model_and_recording():
     n = 100_000
     z = RNG.normal(size=n) + np.cumsum(0.01 * RNG.normal(size=n))

@@ -120,13 +120,13 @@ def test_too_slow_and_too_fast_are_not_contradicted_by_the_half_that_was_not_fit
 def test_the_advised_q_and_r_predict_the_second_half_no_worse(state):
     for advice in row(state).said.findings:
         action = advice.action
-        if not isinstance(action, actions.Scale | actions.SetRatio):
+        if not isinstance(action, actions.Scale):
             continue
         advised = taken(state.params, action)
         before, after = (replace(one, gate=None) for one in (state.params, advised))
         assert worse(second_half(state.z, before)[1], second_half(state.z, after)[1]) < CHANCE
         words = advice.text
-        for name, factor in (("q", action.q_factor), ("r", action.r_factor)) if "_factor" in repr(action) else ():
+        for name, factor in (("q", action.q_factor), ("r", action.r_factor)):
             assert (f"raise {name} " in words) <= (factor > 1.0)
             assert (f"lower {name} " in words) <= (factor < 1.0)
 
@@ -157,9 +157,6 @@ def taken(params, action):
     match action:
         case actions.Scale(q_factor, r_factor):
             return scaled(params, q_factor, r_factor)
-        case actions.SetRatio(ratio, factor):
-            r = factor * (float(params.r) or float(params.q) / ratio)
-            return replace(params, q=ratio * r, r=r)
         case actions.SetGate(sigma):
             return replace(params, gate=None if sigma is None else sigma**2)
         case actions.UnsetStart():
@@ -269,7 +266,7 @@ def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, word
     assert said.status == "as_chosen"
     assert said.headline.startswith("You gave r from the data sheet. The best statistical fit has an r about ")
     assert said.headline.endswith(f"{words}: keep yours if you trust the data sheet.")
-    assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.findings)
+    assert not any(isinstance(one.action, actions.Scale) for one in said.findings)
 
 
 @each("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])

@@ -67,8 +67,6 @@ def label_of(action: actions.Action | None, state: State) -> str:
             words = f"Use the still stretch {stretch_text(state, first, last)}"
         case actions.Scale(q, r):
             words = _scale_words(q, r)
-        case actions.SetRatio(ratio):
-            words = f"Set q/r to {trimmed(ratio, 2)}"
         case actions.GiveNoise():
             words = "Give the noise of the sensor"
         case actions.ChooseFilter():

@@ -19,16 +19,6 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class SetRatio:
-    """Set both variances: λ = q/r instead of an edge, q = 0 or r = 0."""
-
-    ratio: float
-    """λ, above 0 and finite."""
-    factor: float = 1.0
-    """Factor for the variance that is not 0, 1e-12 … 1e12; the other one follows from λ."""
-
-
-@dataclass(frozen=True)
 class SetGate:
     """Set the outlier gate, or switch it off."""
 
@@ -81,7 +71,6 @@ class RecordLonger:
 
 Action = (
     Scale
-    | SetRatio
     | SetGate
     | EstimateAgain
     | SetSpikesAside

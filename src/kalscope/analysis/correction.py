@@ -170,10 +170,8 @@ class Correction:
     """Multiply q by it, 1e-12 … 1e12; 1 = keep."""
     r_factor: float = 1.0
     """Multiply r by it, 1e-12 … 1e12; 1 = keep."""
-    instead_of_edge: float | None = None
-    """q/r that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
-    edge_factor: float = 1.0
-    """Multiply by it the variance that is not 0, together with `instead_of_edge`."""
+    leaves_edge: bool = False
+    """Whether another q/r fits clearly better than the filter's q = 0 or r = 0."""
     e: Array | None = None
     """Standardised innovations of the best fit, shape (n,), NaN where none; None where no fit was found."""
 
@@ -207,9 +205,7 @@ def find_correction(record: Record) -> Correction:
     rest = record.residuals(log_best, record.momentum)
     is_edge, moves_inwards = record.ratio in edges, (ratio > 1.0) == (record.ratio == 0.0)
     if is_edge and moves_inwards and free > scaled + LR_LIMIT[0]:
-        factor = scale if record.ratio == 0.0 else scale * ratio
-        best = math.exp(log_best) / variance_of_step(record.momentum)
-        return Correction(instead_of_edge=best, edge_factor=_bounded(factor)[0], e=rest)
+        return Correction(leaves_edge=True, e=rest)
     if (scaled if is_edge else free) <= loglik + LR_LIMIT[0 if is_edge else 1]:
         return Correction(e=rest)
     if is_edge or free <= scaled + LR_LIMIT[0]:
@@ -241,9 +237,10 @@ def _lowest(record: Record) -> float:
     return min(LOWEST, -math.log(100.0) - 2.0 * math.log(m) - math.log(min(max(record.momentum, 1.0), m)))
 
 
-def _bounded(*factors: float) -> tuple[float, ...]:
+def _bounded(q_factor: float, r_factor: float) -> tuple[float, float]:
     """Factors that fit a double together with any realistic q and r."""
-    return tuple(min(max(factor, 1.0 / MAX_CHANGE), MAX_CHANGE) for factor in factors)
+    low, high = 1.0 / MAX_CHANGE, MAX_CHANGE
+    return min(max(q_factor, low), high), min(max(r_factor, low), high)
 
 
 MIN_SHARE = 0.04

@@ -350,15 +350,12 @@ def _change(evidence: Evidence) -> Finding | None:
 
 
 def _edge(evidence: Evidence) -> Finding | None:
-    best = evidence.correction.instead_of_edge
-    if best is None:
+    if not evidence.correction.leaves_edge:
         return None
-    action = actions.SetRatio(best, evidence.correction.edge_factor)
-    if evidence.ratio < 1.0:
-        text = f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best"
-        return Finding("too_slow", text, action)
-    text = f"r = 0 lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
-    return Finding("too_fast", text, action)
+    status, text = "too_slow", "q = 0 cannot follow this signal"
+    if evidence.ratio > 1.0:
+        status, text = "too_fast", "r = 0 lets all noise through"
+    return Finding(status, f"{text}: estimate q and r", actions.EstimateAgain())
 
 
 def _size(evidence: Evidence) -> Finding | None:
@@ -437,9 +434,6 @@ def larger(ratio: float) -> str:
 
 # --- a filter that was chosen ---------------------------------------------------------------------------------
 
-UNDOING = (actions.SetRatio, actions.EstimateAgain)
-"""Actions that end a choice, as does a `Scale` that is large enough."""
-
 KEEPING = (actions.SetGate, actions.UnsetStart)
 """Actions that correct a filter and leave its q/r: they come before what the choice costs."""
 
@@ -509,7 +503,7 @@ def _as_chosen(found: list[Finding], known: Known, momentum: bool) -> list[Findi
             costs.append(_cost(known, action, fit))
         elif known.goal and one.status in ("too_slow", "too_fast"):  # a factor too small for a change
             continue
-        elif isinstance(action, UNDOING):
+        elif isinstance(action, actions.EstimateAgain):  # it would end the choice
             rest.append(Finding(one.status, one.text.split("; ")[0]))
         else:
             rest.append(one)

@@ -197,16 +197,12 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
         "constant": (("record while the signal moves, or take r from the data sheet", GiveNoise()),),
         "irregular": (("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
     }
-    headlines = {
-        "no_noise": "No noise can be identified: every change looks like movement.",
-        "no_movement": "No movement can be identified: a constant plus noise explains this record best.",
-    }
     if estimate is None:
         headline, advice = "There is no q and r to judge.", ()
     elif estimate.names:  # the message names the sensor, and says what to do
         headline, advice = estimate.message, by_verdict["no_noise"] if estimate.verdict == "no_noise" else ()
     else:
-        headline = headlines.get(estimate.verdict) or f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
+        headline = f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
         advice = by_verdict.get(estimate.verdict, ((accept, ChooseFilter()),))
     return _judgement("no_pair", headline, tuple(Finding("no_pair", *one) for one in advice))
 

@@ -26,7 +26,6 @@ EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
     actions.Scale(172.0, 1.0): "Raise q 200 ×",  # as the advice words it
     actions.Scale(5000.0, 0.02): "Raise q 1000 × or more and lower r 50 ×",
-    actions.SetRatio(0.25): "Set q/r to 0.25",
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
     actions.EstimateAgain(): "Fit again",
@@ -92,9 +91,8 @@ def test_the_values_are_those_of_the_advice(state):
         take(action, state, session, Searches(state))
         return session.apply_requests()[0].tuning
 
-    scaled, ratio = tuned(actions.Scale(10.0, 0.5)), tuned(actions.SetRatio(0.2))
+    scaled = tuned(actions.Scale(10.0, 0.5))
     assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
-    assert (ratio.q, ratio.r) == (1.0, 5.0)
     assert tuned(actions.SetGate(4.0)).gate == 16.0
     assert (tuned(actions.UnsetStart()).p0, tuned(actions.UnsetStart()).x0) == (None, None)
 
