@@ -148,8 +148,11 @@ MIN_SAMPLES = 20
 GRID_STEP = 2.0 * math.log(1000.0) / 28.0
 """Step of ln λ."""
 
-NEAR = 14
-"""Steps to either side that are tried at least: factors from 1/1000 to 1000."""
+NEAR, MAX_STEPS = 14, 2000
+"""Steps to either side that are tried first, factors from 1/1000 to 1000; and at most."""
+
+CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
+"""ln λ within which these alone show where the best λ lies."""
 
 LOWEST, HIGHEST = math.log(1e-6), math.log(1e6)
 """ln λ between which any record can distinguish two filters; a long one also distinguishes smaller λ."""
@@ -183,15 +186,15 @@ class Correction:
 
 def find_correction(record: Record) -> Correction:
     """The simplest change of q and r that the record does not reject, at the filter's momentum."""
-    m, lowest = record.data.m, _lowest(record)
+    m = record.data.m
     if m < MIN_SAMPLES:
         return Correction()
-    edges = {0.0: lowest, math.inf: HIGHEST}
+    edges = {0.0: _lowest(record), math.inf: HIGHEST}
     present = edges[record.ratio] if record.ratio in edges else math.log(record.ratio)
-    here = max(NEAR, math.ceil((present - lowest) / GRID_STEP))
-    above = max(NEAR, math.ceil((HIGHEST - present) / GRID_STEP))
-    log_ratios = present + GRID_STEP * np.arange(-here, above + 1.0)
-    chi2, logdet = record.sums(log_ratios)
+    near = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
+    here, log_ratios, chi2, logdet = _scan(record, present, NEAR if near else MAX_STEPS)
+    if near and int(_heights(chi2, logdet, m).argmax()) in (0, len(chi2) - 1):
+        here, log_ratios, chi2, logdet = _scan(record, present, MAX_STEPS)
     if not np.isfinite(chi2).all() or not chi2.all():  # it does not move, or too little beside q and r for a double
         return Correction(1e-3, 1e-3) if record.moves else Correction()
     heights = _heights(chi2, logdet, m)
@@ -217,9 +220,22 @@ def find_correction(record: Record) -> Correction:
     return Correction(*_bounded(q_factor, r_factor), e=rest)
 
 
+def _scan(record: Record, present: float, farthest: int) -> tuple[int, Array, Array, Array]:
+    """The record filtered with r = 1 at up to `farthest` steps to either side of a ln λ.
+
+    Returns:
+        The place of that ln λ; and shape (places,) each: ln λ, ascending, Σ v²/s and Σ ln s.
+    """
+    room = (present - _lowest(record), HIGHEST - present)
+    here, above = (min(max(NEAR, math.ceil(span / GRID_STEP)), farthest) for span in room)
+    log_ratios: Array = present + GRID_STEP * np.arange(-here, above + 1.0)
+    return here, log_ratios, *record.sums(log_ratios)
+
+
 def _heights(chi2: Array, logdet: Array, m: int) -> Array:
     """Log-likelihood of each λ with the best r of it, without its constant."""
-    return -0.5 * (logdet + m * np.log(chi2 / m) + m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return -0.5 * (logdet + m * np.log(chi2 / m) + m)
 
 
 def _top(before: float, highest: float, after: float) -> float:
