@@ -213,10 +213,7 @@ def described(one: Alternative) -> str:
     memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
     if one.memory == 1:
         memory = "remembers one number"
-    return (
-        f"**{one.name}.** {one.sentence} It {start}, {memory}, and its steps are {number(one.roughness)} of "
-        f"the raw ones. Where samples are missing it {one.gaps}."
-    )
+    return f"**{one.name}.** {one.sentence} It {start} and {memory}. Where samples are missing it {one.gaps}."
 
 
 def cells(one: Alternative, state: State) -> list[str]:

@@ -37,8 +37,7 @@ filter."""
 def measured(one: Alternative, curve: Array, errors: Errors, **compared: Any) -> Alternative:
     """A filter with its curve and the errors of it."""
     prediction = errors.prediction(curve) if one.causal else None
-    found = {"rmse": errors.rmse(curve), "prediction": prediction, "roughness": errors.roughness(curve)}
-    return replace(one, curve=curve, **found, **compared)
+    return replace(one, curve=curve, rmse=errors.rmse(curve), prediction=prediction, **compared)
 
 
 def present_filter(

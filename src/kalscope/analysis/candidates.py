@@ -67,8 +67,6 @@ class Alternative:
     """RMS difference from the truth after the start, unit; None where the truth is not known."""
     prediction: float | None = None
     """RMS difference from the next sample, unit: an error that needs no truth; None if not causal."""
-    roughness: float = 1.0
-    """RMS step of the curve over that of the raw signal; below 1 it is smoother."""
     matched: bool = True
     """Whether it filters at all, and is within 5 % or half a sample of the lag asked for, or 5 % of the noise."""
     against: Difference | None = None

@@ -45,11 +45,6 @@ class Errors:
         """RMS error against the next sample."""
         return root_mean(((curve - self._next) ** 2)[self._first :])
 
-    def roughness(self, curve: Array) -> float:
-        """RMS step of the curve over that of the raw signal."""
-        rough = root_mean(np.diff(self.z) ** 2)
-        return root_mean(np.diff(curve[self._first :]) ** 2) / rough if rough > 0.0 else math.nan
-
 
 def spikes_in(z: Array) -> Mask:
     """Which samples lie far from the median of five around them, shape of z; a step or a slope never does.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -265,7 +266,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     return found if shape is None else [shape]
 
 
-def advice_text(findings: list[Finding]) -> str:
+def advice_text(findings: Sequence[Finding]) -> str:
     """The two most urgent findings as sentences without capitals, or that there is no misfit."""
     return ". ".join(one.text for one in findings[:2]) or NO_FAULT
 
@@ -374,13 +375,9 @@ def _size(evidence: Evidence) -> Finding | None:
     change_q, change_r = (
         f"{'raise' if f > 1.0 else 'lower'} {x} about {times(f)}" for x, f in (("q", q), ("r", r))
     )
-    if not q_off:
-        text = f"the band is too {'narrow' if r > 1.0 else 'wide'} and the filter {pace}: {change_r}"
-    elif not r_off:
-        text = f"{pace}: {change_q}"
-    else:
-        text = f"{pace}: {change_q} and {change_r}"
-        text += f", so that q/r becomes {larger(q / r)}" if (q > 1.0) == (r > 1.0) else ""
+    changes = [change for change, is_off in ((change_q, q_off), (change_r, r_off)) if is_off]
+    ratio = f", so that q/r becomes {larger(q / r)}" if q_off and r_off and (q > 1.0) == (r > 1.0) else ""
+    text = f"{pace}: {' and '.join(changes)}{ratio}"
     return Finding(pace.replace(" ", "_"), text, scale)
 
 

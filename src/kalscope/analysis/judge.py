@@ -13,7 +13,6 @@ from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
     CHOOSE,
     KEEP,
-    NO_FAULT,
     STATUSES,
     WITH_MOMENTUM,
     Evidence,
@@ -23,9 +22,8 @@ from kalscope.analysis.findings import (
     as_sentences,
     findings_of,
 )
-from kalscope.analysis.residuals import ALARM
 from kalscope.common.numbers import Array
-from kalscope.common.text import correlation, count, decibels, number
+from kalscope.common.text import count, decibels, number
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.verdict import below_step
@@ -39,9 +37,6 @@ MAX_ADVICE = 2
 
 FEW = 100
 """Residuals below which only gross misfits show."""
-
-BEYOND_CHANCE = 3.29
-"""Standard errors that chance exceeds once in a thousand, as `ALARM`."""
 
 
 CLOSE = 0.005
@@ -178,12 +173,6 @@ def needs_noise(estimate: Estimate | None) -> bool:
     return estimate is not None and estimate.verdict in ("no_noise", "flat")
 
 
-def advice_words(judgement: Judgement) -> str:
-    """The findings as clauses without capitals; where there is none, that there is no misfit, or the headline."""
-    clauses = ". ".join(one.text for one in judgement.findings)
-    return clauses or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
-
-
 def _without_pair(estimate: Estimate | None) -> Judgement:
     """What to do where the estimate gives no pair, by its verdict."""
     accept = "choose the lag or the cut-off that you can accept"
@@ -232,7 +221,7 @@ def _of_pair(
         found = _with_next_step(found, estimate, lag_costs=evidence.lag_costs)
     half = "" if held_out is None else _second_half(held_out)
     if not found:
-        return _without_misfit(residuals, held_out, known, half)
+        return _without_misfit(residuals, known, half)
     status = found[0].status
     headline = as_sentences(found[0].text) if status == "as_chosen" else _headline(status, evidence, known)
     findings = tuple(one for one in found if as_sentences(one.text) not in headline)[:MAX_ADVICE]
@@ -282,30 +271,14 @@ def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool
     return [*found[: MAX_ADVICE - 1], step]
 
 
-def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, known: Known, half: str) -> Judgement:
+def _without_misfit(residuals: Diagnostics, known: Known, half: str) -> Judgement:
     """A filter without a misfit that is worth correcting."""
     n, refused = residuals.evidence.n, residuals.evidence.refused
-    misfit = _small_misfit(residuals, held_out)
+    without = f", {count(refused)} more rejected by the gate" if refused else ""
+    text = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
     if n < FEW:
         text = f"Nothing in the {count(n)} residuals contradicts the filter, but so few show only gross misfits."
-    elif misfit:
-        text = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
-    else:
-        without = f", {count(refused)} more rejected by the gate" if refused else ""
-        text = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
-    return _judgement("fits", f"{known.chosen}{text}", (), half, "nearly fits" if misfit else "")
-
-
-def _small_misfit(whole: Diagnostics, held_out: Diagnostics | None) -> str:
-    """The first test that fails beyond chance though no misfit is worth correcting, as a clause; "" = none."""
-    for what, one in (("squared errors are", whole), ("squared errors of the second half are", held_out)):
-        if one is not None and abs(one.nis - 1.0) > BEYOND_CHANCE * math.sqrt(2.0 / max(one.n, 1)):
-            return f"{what} {number(one.nis)} × what q and r predict"
-    if whole.ljung_box_p < ALARM or abs(whole.r1) > BEYOND_CHANCE / 1.96 * whole.r1_bound or whole.slow_p < ALARM:
-        return f"neighbouring residuals are slightly correlated ({correlation(whole.r1)})"
-    if whole.variance_ratio_p < ALARM:
-        return f"their variance in the last third is {number(whole.variance_ratio)} × that in the first"
-    return ""
+    return _judgement("fits", f"{known.chosen}{text}", (), half)
 
 
 def _second_half(held_out: Diagnostics) -> str:

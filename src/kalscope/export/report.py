@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from kalscope.analysis.alternatives import Comparison, compare_alternatives
 from kalscope.analysis.diagnostics import diagnose_run, residual_rows, without_residuals
-from kalscope.analysis.findings import as_sentences, request_in, still_met
+from kalscope.analysis.findings import advice_text, as_sentences, request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import advice_words, judge
+from kalscope.analysis.judge import judge
 from kalscope.analysis.residuals import Run
 from kalscope.common.charts import Line, Panel, document, draw_svg, markup_of_table
 from kalscope.common.numbers import Array
@@ -284,7 +284,7 @@ def _judged(entry: ChannelTuning, z: Array, dt: Array | None, period: float | No
     checks = without_residuals(diagnose_run(Run.of_samples(z, entry.params, dt)))
     found = compare_alternatives(z, entry.params, dt=dt, truth=truth)
     judgement = judge(checks, request=still_met(request_in(entry.how, entry.r), entry.params, period))
-    advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
+    advice = as_sentences(advice_text(judgement.findings)) if judgement.findings else ""
     texts = (
         ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
         ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
