@@ -195,16 +195,6 @@ def test_spikes_are_counted_located_and_sent_to_the_gate():
     assert judge(z, 0.01, gate=16.0).n == found.n - 5
 
 
-def test_doubled_noise_in_the_second_half_is_a_change_of_variance():
-    z = np.random.default_rng(1).normal(size=3000)
-    z[1500:] *= 2.0
-    found = judge(z + noisy_walk(3000, 0.01, 1e-6), 0.01)
-    assert found.variance_ratio == pytest.approx(3.7, abs=0.7)
-    assert found.variance_ratio_p < 1e-6
-    assert "the noise or the movement changes: the variance of the residuals differs" in found.advice
-    assert found.evidence.change == pytest.approx(4.0, rel=0.4)
-
-
 @pytest.mark.parametrize("wave", ["ramp", "sine"])
 def test_trend_leaves_a_low_frequency_share_whatever_q(wave):
     t = np.arange(3000)
@@ -276,16 +266,6 @@ def test_nis_of_the_held_out_half_tells_what_the_fitted_half_cannot():
     assert outside.nis == pytest.approx(9.0, rel=0.2)
 
 
-def test_held_out_half_of_a_good_filter_passes():
-    z = noisy_walk(2000, 0.05)
-    found = diagnose_held_out(z, FilterParams(0.05, 1.0))
-    assert found.nis_low < found.nis < found.nis_high
-    assert found.advice == NO_FAULT
-    assert found.n == 1000
-    assert found.e.shape == (1000,)
-    assert np.array_equal(found.e, judge(z, 0.05).e[1000:])
-
-
 def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_record():
     z = noisy_walk(1001)
     z[[700, 800]] += 40.0
@@ -308,13 +288,10 @@ def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_recor
     ("z", "q", "r", "word"),
     [
         (np.full(100, 20.1), 0.01, 1.0, "the signal is constant"),
-        (np.full(100, 20.1), 0.01, 0.0, "the signal is constant"),
         (np.full(100, 20.1), 0.0, 1.0, "the signal is constant"),
         (np.full(100, np.nan), 0.01, 1.0, "too few samples to judge"),
         (np.zeros(0), 0.01, 1.0, "too few samples to judge"),
-        (np.ones(1), 0.01, 1.0, "too few samples to judge"),
         (noisy_walk(20), 0.01, 1.0, "too few samples to judge (19 scored, 20 needed)"),
-        (noisy_walk(1000, missing=0.99), 0.01, 1.0, "too few samples to judge"),
     ],
 )
 def test_record_with_nothing_to_judge_says_so(z, q, r, word):

@@ -282,20 +282,11 @@ def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
         assert still_met(known, params, 0.02) == Request(noise=Noise(r=1.0))
 
 
-@each(
-    ("seconds", "words"),
-    [
-        (2e-7, "0.2 µs"),
-        (0.05, "50 ms"),
-        (2.0, "2000 ms"),
-        (30.0, "30 s"),
-        (1500.0, "25 min"),
-        (18000.0, "5 h"),
-        (86400.0, "1 day"),
-        (2.5 * 86400.0, "2.5 days"),
-        (31557600.0, "1 year"),
-    ],
-)
+LAGS = {2e-7: "0.2 µs", 0.05: "50 ms", 2.0: "2000 ms", 30.0: "30 s", 1500.0: "25 min", 18000.0: "5 h"}
+LAGS |= {86400.0: "1 day", 2.5 * 86400.0: "2.5 days", 31557600.0: "1 year"}
+
+
+@each(("seconds", "words"), LAGS.items())
 def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
