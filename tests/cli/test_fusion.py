@@ -206,21 +206,6 @@ def test_a_target_is_met_while_all_sensors_answer(
     assert said["r"] == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
 
 
-@pytest.mark.parametrize(
-    ("source", "lag", "said"),
-    [
-        (WALK, "20", "The best statistical fit would smooth more (q about"),
-        (WALK, "500", "The best statistical fit would follow faster (q about"),
-    ],
-)
-def test_a_goal_says_what_it_costs(source: str, lag: str, said: str, capsys: Captured) -> None:
-    assert run(["tune", source, "--fuse", "a,b", "--lag-ms", lag]) == 0
-    page = " ".join(capsys.readouterr().out.split())
-    assert f"You chose a lag of {lag} ms. " in page
-    assert said in page
-    assert "No movement can be identified" not in page
-
-
 @pytest.mark.slow
 def test_what_is_known_of_a_sensor_is_kept(capsys: Captured) -> None:
     assert tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1")["r"][1] == 1.1

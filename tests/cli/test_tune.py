@@ -330,7 +330,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--method", "als", "--r", "1"], "--method als must be used without --r"),
     (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
-    (["demo", "--overshoot", "5"], "--overshoot needs one of --lag-ms, --cutoff-hz, --noise-reduction-db"),
+    (["demo", "--overshoot", "5"], "overshoot needs a target such as a lag, and no momentum"),
     (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage of at least 0 and"),
     (["demo", "--overshoot", "30", "--lag-ms", "90"], "overshoot must be at most 20.56 % of a step with this"),
     (["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"], "overshoot needs a target such as a lag"),

@@ -63,10 +63,7 @@ class UnsetStart:
 
 @dataclass(frozen=True)
 class RecordLonger:
-    """Record again."""
-
-    samples: int
-    """Minimum number needed; 0 = not known."""
+    """Record again, for longer or while the signal moves."""
 
 
 Action = (

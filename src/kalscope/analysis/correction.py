@@ -178,11 +178,6 @@ class Correction:
     e: Array | None = None
     """Standardised innovations of the best fit, shape (n,), NaN where none; None where no fit was found."""
 
-    @property
-    def worth_it(self) -> bool:
-        """Whether a factor is large enough for a change."""
-        return any(abs(math.log(factor)) >= math.log(MIN_FACTOR) for factor in (self.q_factor, self.r_factor))
-
 
 def find_correction(record: Record) -> Correction:
     """The simplest change of q and r that the record does not reject, at the filter's momentum."""

@@ -175,7 +175,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     white = tests.correlation(e, h, fitted)
     nis_low, nis_high = tests.nis_band(n)
     variance_ratio, variance_ratio_p = tests.variance_change(scored)
-    skewness, excess, _, _ = tests.normality(scored)
+    skewness, excess = tests.shape_of(scored)
     slow_share, slow_p = tests.low_frequency_share(scored)
     evidence = find_evidence(run, seen, scored, spikes, refusals, h)
     return Diagnostics(

@@ -229,7 +229,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     """All findings, the most urgent first; an earlier one may explain the later ones."""
     if evidence.n < MIN_SAMPLES:
         few = f"too few samples to judge ({evidence.n} scored, {MIN_SAMPLES} needed)"
-        return [Finding("too_few", few, actions.RecordLonger(MIN_SAMPLES))]
+        return [Finding("too_few", few, actions.RecordLonger())]
     if evidence.constant:
         constant = Finding("constant", "the signal is constant: there is nothing to judge the filter by")
         return [_start(evidence) or constant]
@@ -315,7 +315,8 @@ def _spikes(evidence: Evidence, known: Known) -> Finding | None:
     if evidence.spikes > MAX_OUTLIERS * evidence.n:
         return Finding("bursts", f"{seen} are too many for outliers: one variance cannot describe such noise")
     if evidence.refused:
-        explained = evidence.correction.worth_it or evidence.refused_in_a_row >= GATE_LIMIT
+        best = evidence.correction
+        explained = any(map(_matters, (best.q_factor, best.r_factor))) or evidence.refused_in_a_row >= GATE_LIMIT
         explained = explained or (evidence.scale > NARROW and evidence.largest < SPIKE / NARROW)
         text = f"{seen} pass the outlier gate: narrow it to {evidence.gate:g} σ"
         return None if explained else Finding("spikes", text, actions.SetGate(evidence.gate))
@@ -513,15 +514,6 @@ def _ends(scale: actions.Scale, known: Known) -> bool:
     """Whether a change of q and r ends the choice: another q/r than chosen, or another r than given."""
     moved = (scale.q_factor / scale.r_factor if known.goal else 1.0, scale.r_factor if known.noise else 1.0)
     return any(map(_matters, moved))
-
-
-def cost_of_goal(request: Request, q_factor: float) -> str:
-    """What a goal costs, as sentences, where the best fit has a q this many times as large; "" where it is near."""
-    known = Known().with_request(request)
-    if not known.goal or (q_factor > 0.0 and not _matters(q_factor)):
-        return ""
-    one = _cost(known, actions.Scale(max(q_factor, 1e-12), 1.0), "the best statistical fit")
-    return as_sentences(one.text)
 
 
 def _cost(known: Known, best: actions.Scale, fit: str) -> Finding:

@@ -180,9 +180,9 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
         "no_noise": (("take r from a still stretch or the data sheet", GiveNoise()), (accept, ChooseFilter())),
         "no_movement": (
             (f"keep this r and {accept}", ChooseFilter()),
-            ("record while the signal moves", RecordLonger(0)),
+            ("record while the signal moves", RecordLonger()),
         ),
-        "too_few": (("record longer", RecordLonger(8)),),
+        "too_few": (("record longer", RecordLonger()),),
         "constant": (("record while the signal moves, or take r from the data sheet", GiveNoise()),),
         "irregular": (("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
     }

@@ -22,7 +22,7 @@ from kalscope.analysis.diagnostics import (
     residual_rows,
     without_residuals,
 )
-from kalscope.analysis.findings import as_sentences, cost_of_goal
+from kalscope.analysis.findings import as_sentences
 from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
@@ -58,16 +58,11 @@ from kalscope.tuning.tuning import ChannelTuning
 WIDTH = 96
 """Columns of the page; the lines on how the file was read may be wider."""
 
-MAX_OTHERS, MAX_NAME = 24, 24
-"""Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
+MAX_NAME = 24
+"""Characters of a sensor's name."""
 
 _WORDS = {"flat": "any ratio fits", "bad_unit": "numbers out of range", "copies": "two sensors move alike"}
 """Verdicts whose code does not explain itself."""
-
-
-def words_of(verdict: str) -> str:
-    """A verdict as it is shown."""
-    return _WORDS.get(verdict) or verdict.replace("_", " ")
 
 
 CHOSEN = "chosen"
@@ -129,7 +124,7 @@ class Answer:
     @property
     def verdict_words(self) -> str:
         """The verdict as it is shown."""
-        return words_of(self.verdict)
+        return _WORDS.get(self.verdict) or self.verdict.replace("_", " ")
 
 
 def answers_for(
@@ -349,9 +344,8 @@ def page_of(answers: list[Answer], details: bool) -> str:
     pages = [[*summary_of(one), *(["", *details_of(one)] if details else [])] for one in answers]
     others = [name for name in recording.names if name not in {name for one in answers for name in one.sensors}]
     if others:
-        more = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
-        words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others[:MAX_OTHERS]))}{more}"
-        pages[-1].append(words if details else textwrap.shorten(words, WIDTH, placeholder=" …"))
+        words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others))}"
+        pages[-1] += wrapped(words) if details else [textwrap.shorten(words, WIDTH, placeholder=" …")]
     between = f"\n{'-' * WIDTH}\n" if details else "\n\n"
     return "\n".join(reading_lines(recording)) + "\n" + between.join(map("\n".join, pages)) + "\n"
 
@@ -480,10 +474,8 @@ def _next(answer: Answer) -> Iterator[str]:
 
 
 def _about_sensors(answer: Answer) -> Iterator[str]:
-    """What a goal costs, what the record leaves open, and which sensors to look at."""
+    """What the record leaves open, and which sensors to look at."""
     fit, params, sensors = answer.range, answer.found.params, answer.judgement.sensors
-    if params is not None and (cost := cost_of_goal(answer.request, fit.q / params.q)):
-        yield f"Note: {cost}"
     if params is not None and fit.verdict != "ok" and not (answer.request.goal and fit.verdict == "no_movement"):
         yield f"Note: {fit.message}"
     yield from (f"Note: {note}" for note in fit.notes)

@@ -34,7 +34,7 @@ EXAMPLES = {
     actions.GiveNoise(): "Give the noise of the sensor",
     actions.ChooseFilter(): "Choose a lag",
     actions.UnsetStart(): "Start from the first sample",
-    actions.RecordLonger(500): "",
+    actions.RecordLonger(): "",
 }
 
 
@@ -172,7 +172,7 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     view.build_reasons(Widgets())
     advice = (
         Finding("spikes", "spikes: 3", actions.SetGate(4.0)),
-        Finding("too_few", "too few", actions.RecordLonger(20)),
+        Finding("too_few", "too few", actions.RecordLonger()),
     )
     bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))
