@@ -89,22 +89,17 @@ def spiking(z):
     z[50::150, 1] += 40.0
 
 
-def growing_louder(z):
+def louder(z):
     z[1500:, 0] += np.random.default_rng(9).normal(0.0, 3.0, 1500)
 
 
 FAULTS = [
     (drifting, "b", "drift", "b drifts against the others by 1.88 °C within the record (σ of its noise: 1.00 °C)."),
-    (
-        sticking,
-        "a",
-        "stuck",
-        "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there.",
-    ),
+    (sticking, "a", "stuck", "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there."),
     (ending, "c", "silent", "c has no reading for 1.67 min (rows 2\u202f000 to 2\u202f999)."),
     (spiking, "b", "spikes", "b has 20 spikes that no other sensor confirms: set an outlier gate."),
     (
-        growing_louder,
+        louder,
         "a",
         "noise",
         "The noise variance of a changes 14 × within the record: one r cannot fit all of it.",
