@@ -102,14 +102,16 @@ def spectrum(
         return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    rows = np.stack([raw, filtered, raw - filtered])
-    rows -= rows.mean(axis=1, keepdims=True)
-    frequency, densities = cast("tuple[Array, Array]", welch(rows, fs=1.0 / period, nperseg=piece))
+    found = [
+        cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
+        for y in (raw, filtered, raw - filtered)
+    ]
+    frequency = found[0][0][1:]
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
-        frequency[1:],
-        *densities[:, 1:],
-        response=magnitude_response(params, frequency[1:] * period),
+        frequency,
+        *(density[1:] for _, density in found),
+        response=magnitude_response(params, frequency * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
         samples=length,
