@@ -259,12 +259,13 @@ def expected_nis(d: Diagnostics) -> str:
 
 def residual_rows(d: Diagnostics) -> tuple[tuple[str, str, str], ...]:
     """Each test of the residuals: its name, what was measured, and what a filter that fits would show."""
+    jumps = f", {count(d.jumps)} of them jumps" if d.jumps else ""
     shape, change = f"{number(d.skewness)}, {number(d.excess_kurtosis)}", f"variance × {number(d.variance_ratio)}"
     return (
         ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
         ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
         ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
-        ("Spikes beyond 4 σ", f"{count(d.spikes)}, {count(d.jumps)} of them jumps", number(d.spikes_expected, 2)),
+        ("Spikes beyond 4 σ", f"{count(d.spikes)}{jumps}", f"about {number(d.spikes_expected, 2)}"),
         ("Low-frequency share", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
         ("Last third compared with first", f"{change}, {p_value(d.variance_ratio_p)}", "p above 0.05"),
         ("Skewness, excess kurtosis", shape, "0, 0"),
