@@ -186,10 +186,10 @@ def show(number: int, one: Record, *, details: bool) -> None:
     print(f"{number}. {one.name}: {one.truth}")
     channel = default_channel(one.recording)
     answer = answer_for(one.recording, channel, Request(), Progress(None))
-    lines = summary_of(answer, 5)
+    lines = summary_of(answer)
     print("\n".join(f"    {line}" for line in lines))
     if details:
-        print("\n".join(f"    | {line}" for line in details_of(answer).splitlines()))
+        print("\n".join(f"    | {line}" for line in details_of(answer)))
     print(f"    [{answer.judgement.status}] held out: {answer.judgement.held_out or 'not possible'}\n", flush=True)
 
 

@@ -58,7 +58,7 @@ def test_the_errors_are_those_of_the_settled_filters():
     )
     assert found.sensors[0].if_it_fails == (
         "If a drops out, the error is 0.291 °C, 47 % more than with it; the fused value is then 80 % b and 20 % c.",
-        "If a sticks at one value, the fused value ends 76 % of the way to it; leave it out then.",
+        "If a sticks at one value, the fused value goes 76 % of the way to it; leave it out then.",
     )
 
 
@@ -68,7 +68,7 @@ def test_the_pull_of_a_stuck_sensor_is_where_the_fused_value_ends(gate):
     z -= z.mean(axis=1, keepdims=True)
     z[500:, 0] = 70.0
     params = FilterParams(0.01, R, gate=gate)
-    assert judged(z, params=params).sensors[0].pull == pytest.approx(
+    assert judged(z, params=params).sensors[0].share == pytest.approx(
         fuse(z, params).x[1500:].mean() / 70.0, abs=0.03
     )
 
@@ -89,22 +89,17 @@ def spiking(z):
     z[50::150, 1] += 40.0
 
 
-def growing_louder(z):
+def louder(z):
     z[1500:, 0] += np.random.default_rng(9).normal(0.0, 3.0, 1500)
 
 
 FAULTS = [
     (drifting, "b", "drift", "b drifts against the others by 1.88 °C within the record (σ of its noise: 1.00 °C)."),
-    (
-        sticking,
-        "a",
-        "stuck",
-        "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there.",
-    ),
+    (sticking, "a", "stuck", "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there."),
     (ending, "c", "silent", "c has no reading for 1.67 min (rows 2\u202f000 to 2\u202f999)."),
     (spiking, "b", "spikes", "b has 20 spikes that no other sensor confirms: set an outlier gate."),
     (
-        growing_louder,
+        louder,
         "a",
         "noise",
         "The noise variance of a changes 14 × within the record: one r cannot fit all of it.",
@@ -167,7 +162,7 @@ def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
     z[2000:, 1] = 50.0
     found = judged(z)
     seen = found.prediction
-    assert found.headline.endswith("larger than the predicted 0.200 (1 σ). b is stuck.")
+    assert found.headline.startswith("The fused value has an error of 0.200 (1 σ, predicted). The next reading is")
     assert seen is not None
     assert seen.best == 0
     assert seen.fused > 2.0 * seen.single[0]

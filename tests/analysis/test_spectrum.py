@@ -60,7 +60,7 @@ def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
     assert np.all(magnitude_response(FilterParams(q=0.0, r=1.0), frequency) == 0.0)
 
 
-MOVING = [(0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
+MOVING = [(0.01, 0.0), (0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
 
 
 @each(("q", "momentum"), MOVING)
@@ -76,14 +76,6 @@ def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_
     cutoff = steady_state(params, 1.0).cutoff_hz
     if not math.isnan(cutoff):
         assert magnitude_response(params, cutoff) == pytest.approx(math.sqrt(0.5), rel=1e-9)
-
-
-@pytest.mark.parametrize("hertz", [0.2, 1.59, 20.0])
-def test_the_response_is_minus_three_decibel_at_the_cutoff(hertz):
-    ratio = ratio_for(cutoff_hz=hertz, sample_period=0.01)
-    found = spectrum(RNG.normal(size=4000), FilterParams(q=ratio, r=1.0), sample_period=0.01)
-    assert found.cutoff == pytest.approx(hertz)
-    assert magnitude_response(FilterParams(q=ratio, r=1.0), hertz * 0.01) == pytest.approx(math.sqrt(0.5))
 
 
 def test_a_tone_stands_where_it_is():
@@ -166,18 +158,6 @@ def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
     weights = np.repeat([-1.0 / size, 1.0 / size], size)
     expected = -0.25 * weights @ off @ weights + 3.0 / size
     assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
-
-
-@pytest.mark.slow
-def test_the_minimum_with_momentum_is_the_minimum_of_the_model():
-    for q, r, momentum in ((0.01, 1.0, 20.0), (1.0, 1.0, 1e3), (1e-3, 1.0, 1e5), (1e-4, 1.0, 0.01)):
-        best = best_average(q, r, momentum)
-        near = np.rint(best * np.array([0.8, 1.0, 1.25]))
-        assert np.argmin(allan_model(near, q, r, momentum)) == 1
-        assert best >= 0.9 * best_average(q, r)  # what keeps its direction moves less at first
-    assert best_average(0.0, 1.0, 5.0) == math.inf
-    said = allan_deviation(RNG.normal(size=5000), FilterParams(1e-4, 1.0, momentum=100.0)).message
-    assert "By the model, averaging longer than" in said
 
 
 def test_the_words_name_the_minimum_of_model_and_recording():

@@ -19,7 +19,7 @@ from verdict_states import SIGNALS, STATES, VerdictState, row_of
 from kalscope import FilterParams, estimate, kalman_filter, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.findings import KEEP, Known, request_in, still_met
+from kalscope.analysis.findings import KEEP, request_in, still_met
 from kalscope.analysis.judge import judge
 from kalscope.estimation.request import Noise, Request, find_parameters
 
@@ -72,20 +72,14 @@ def scaled(params, q=1.0, r=1.0):
 
 
 @every_state
-def test_no_friendly_word_where_a_test_fails_beyond_chance(state):
+def test_no_friendly_word_where_a_misfit_is_worth_correcting(state):
     one = row(state)
     if one.said.tone != "good":
         return
     for d in (one.whole, one.half):
-        off = abs(d.nis - 1.0) / math.sqrt(2.0 / d.n)
-        assert off < CHANCE or (one.said.word == "nearly fits" and 1 / 1.5 < d.nis < 1.5)
-    d = one.whole
-    if one.said.word == "fits":
-        assert abs(d.r1) < CHANCE / math.sqrt(d.n)
-        assert min(d.ljung_box_p, d.slow_p, d.variance_ratio_p) > 1e-3
-    else:
-        assert abs(d.r1) < 0.2
-        assert d.slow_share < 0.1
+        assert 1 / 1.5 < d.nis < 1.5 or abs(d.nis - 1.0) < CHANCE * math.sqrt(2.0 / d.n)
+    assert abs(one.whole.r1) < max(0.2, CHANCE / math.sqrt(one.whole.n))
+    assert one.whole.slow_share < 0.1
     assert one.said.findings == ()
 
 
@@ -120,13 +114,13 @@ def test_too_slow_and_too_fast_are_not_contradicted_by_the_half_that_was_not_fit
 def test_the_advised_q_and_r_predict_the_second_half_no_worse(state):
     for advice in row(state).said.findings:
         action = advice.action
-        if not isinstance(action, actions.Scale | actions.SetRatio):
+        if not isinstance(action, actions.Scale):
             continue
         advised = taken(state.params, action)
         before, after = (replace(one, gate=None) for one in (state.params, advised))
         assert worse(second_half(state.z, before)[1], second_half(state.z, after)[1]) < CHANCE
         words = advice.text
-        for name, factor in (("q", action.q_factor), ("r", action.r_factor)) if "_factor" in repr(action) else ():
+        for name, factor in (("q", action.q_factor), ("r", action.r_factor)):
             assert (f"raise {name} " in words) <= (factor > 1.0)
             assert (f"lower {name} " in words) <= (factor < 1.0)
 
@@ -157,9 +151,6 @@ def taken(params, action):
     match action:
         case actions.Scale(q_factor, r_factor):
             return scaled(params, q_factor, r_factor)
-        case actions.SetRatio(ratio, factor):
-            r = factor * (float(params.r) or float(params.q) / ratio)
-            return replace(params, q=ratio * r, r=r)
         case actions.SetGate(sigma):
             return replace(params, gate=None if sigma is None else sigma**2)
         case actions.UnsetStart():
@@ -269,7 +260,7 @@ def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, word
     assert said.status == "as_chosen"
     assert said.headline.startswith("You gave r from the data sheet. The best statistical fit has an r about ")
     assert said.headline.endswith(f"{words}: keep yours if you trust the data sheet.")
-    assert not any(isinstance(one.action, actions.Scale | actions.SetRatio) for one in said.findings)
+    assert not any(isinstance(one.action, actions.Scale) for one in said.findings)
 
 
 @each("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
@@ -291,25 +282,15 @@ def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
         assert still_met(known, params, 0.02) == Request(noise=Noise(r=1.0))
 
 
-@each(
-    ("seconds", "words"),
-    [
-        (2e-7, "0.2 µs"),
-        (0.05, "50 ms"),
-        (2.0, "2000 ms"),
-        (30.0, "30 s"),
-        (1500.0, "25 min"),
-        (18000.0, "5 h"),
-        (86400.0, "1 day"),
-        (2.5 * 86400.0, "2.5 days"),
-        (31557600.0, "1 year"),
-    ],
-)
+LAGS = {2e-7: "0.2 µs", 0.05: "50 ms", 2.0: "2000 ms", 30.0: "30 s", 1500.0: "25 min", 18000.0: "5 h"}
+LAGS |= {86400.0: "1 day", 2.5 * 86400.0: "2.5 days", 31557600.0: "1 year"}
+
+
+@each(("seconds", "words"), LAGS.items())
 def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
     assert request_in(how, 1.0).target == {"lag_s": pytest.approx(seconds)}
-    assert Known().with_request(Request(target={"lag_s": seconds})).faster == f"movement faster than {words}"
 
 
 def test_a_tuning_that_was_not_chosen_names_no_goal():

@@ -23,7 +23,7 @@ from kalscope.common import compiled
 from kalscope.common.compiled import Compiling
 from kalscope.common.progress import Progress
 from kalscope.errors import KalscopeError
-from kalscope.estimation.fit import METHODS, estimate
+from kalscope.estimation.fit import estimate
 from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning
@@ -71,15 +71,14 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
         lines[row] = "1000"
     bare.write_text("\n".join([*lines, ""]))
     said, kept = tuned(capsys, str(bare)), tuned(capsys, str(bare), "--no-robust")
-    assert said["set_aside"]["samples"] == [19, 39, 59, 79]
+    assert said["outliers"] == [19, 39, 59, 79]
     assert said["gate"] == 16.0
-    assert (said["set_aside"]["plain"]["q"], said["set_aside"]["plain"]["r"]) == (kept["q"], kept["r"])
-    assert kept["set_aside"] is None
+    assert (said["plain_q"], said["plain_r"], kept["outliers"]) == (kept["q"], kept["r"], None)
     assert kept["r"] > 100.0 * said["r"]
     assert run(["tune", str(bare), "--robust"]) == 0
     out = capsys.readouterr().out
     assert ", gate 4 σ, 4 spikes set aside\n" in out
-    assert "--no-robust keeps them" in " ".join(out.split())  # heartbeats look like spikes
+    assert "--no-robust keeps spikes" in " ".join(out.split())  # heartbeats look like spikes
 
 
 # ---- the page
@@ -94,7 +93,7 @@ def test_spikes_are_set_aside_counted_and_gated(bare: Path, capsys: Captured) ->
         *("{lost}", "{bare} --gain 0.2"),
     ],
 )
-def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost: Path, capsys: Captured) -> None:
+def test_the_answer_stands_in_a_few_lines(words: str, log: Path, bare: Path, lost: Path, capsys: Captured) -> None:
     argv = words.format(log=log, bare=bare, lost=lost).split()
     assert run(["tune", *argv]) == 0
     out, err = capsys.readouterr()
@@ -102,16 +101,16 @@ def test_the_answer_stands_in_six_lines(words: str, log: Path, bare: Path, lost:
     first, *rest = (line for line in out.splitlines() if not line.startswith("Assumed: "))
     assert " rows, " in first  # how it was read
     assert rest.pop(0).startswith("Read as ")
-    assert 3 <= len(rest) <= 5
+    assert 3 <= len(rest) <= 8
     assert max(len(line) for line in rest if not line.startswith("Warning: ")) <= 96
     said, page = tuned(capsys, *argv), " ".join(rest)
     assert f"{said['channel']}: {'no q and r' if said['q'] is None else 'q = '}" in page
     judged = said["judgement"]
     assert judged["headline"] in page
-    assert "Next" in page or judged["advice"]
-    for one in judged["advice"][:1]:
+    assert "Next" in page or said["advice"]
+    for one in said["advice"]:
         how = f", {'' if one['option'].startswith('without') else 'with '}{one['option']}" if one["option"] else ""
-        assert f"{'Next' if one['action'] else 'Note'}{how}: {one['text']}"[:80] in page
+        assert f"{'Note' if one['action'] == 'NoneType' else 'Next'}{how}: {one['text']}"[:80] in page
 
 
 @pytest.mark.slow
@@ -122,12 +121,10 @@ def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
     out, err = capsys.readouterr()
     assert err == ""
     assert out.startswith(summary)
-    assert "noise and ratio    σ = 123 1e8 m3, q/r = 0.0973\n" in out
     assert "how: maximum likelihood" in out
-    assert "lag (delay)      2.74 years (2.74 samples)" in out
+    assert "lag               2.74 years (2.74 samples)\n" in out
     assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
-    assert "Compare estimators" in out
-    assert "judged on the second: NIS" in out
+    assert "Second half, by a filter that has not seen it: squared errors are" in out
     assert max(map(len, out.removeprefix(summary).splitlines())) <= 96
 
 
@@ -140,7 +137,7 @@ def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: 
     assert run(["tune", str(log), "--all", "--details"]) == 0
     out = capsys.readouterr().out
     assert [name for name in ("noisy", "smooth", "stuck") if f"\n{name}: " in out] == ["noisy", "smooth", "stuck"]
-    assert out.count("samples            500\n") == 3
+    assert out.count("500 rows, readings: 500 ") == 3
     assert "Other channels" not in out
 
 
@@ -190,58 +187,42 @@ def test_json_says_what_the_library_says(log: Path, capsys: Captured) -> None:
     assert (said["q"], said["r"], said["verdict"]) == (best.q, best.r, "ok")
     assert (said["channel"], said["unit"], said["sample_period"]) == ("noisy", "V", recording.sample_period)
     assert said["ratio_interval"] == list(best.ratio_interval)
-    assert [one["method"] for one in said["opinions"]] == list(METHODS)
-    assert said["opinions"][0]["gain"] == pytest.approx(said["steady"]["gain"])
-    assert said["advice"]
-    assert said["residuals"]["nis"] == pytest.approx(1.0)
-    assert said["held_out"]["n"] == 250
+    assert said["judgement"]["residuals"]["nis"] == pytest.approx(1.0)
+    assert said["judgement"]["held_out"]["n"] == 250
     assert said["sha256"] == recording.sha256
 
 
 @pytest.mark.slow
 def test_json_of_an_edge_has_null_for_the_pair_and_inf_in_words(log: Path, capsys: Captured) -> None:
     said = tuned(capsys, str(log), "--channel", "smooth")
-    assert [said[name] for name in ("q", "r", "ratio", "steady", "advice", "held_out")] == [None] * 6
+    assert [said[name] for name in ("q", "r", "ratio", "steady")] == [None] * 4
+    assert said["judgement"]["residuals"] is None
     assert said["verdict"] == "no_noise"
     assert said["ratio_interval"][1] == "inf"
-    assert said["opinions"][0]["ratio"] == "inf"
 
 
 # ---- what the user knows and wishes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("option", "value", "field", "met"),
-    [
-        ("--lag-ms", "150", "lag_s", 0.15),
-        ("--cutoff-hz", "3", "cutoff_hz", 3.0),
-        ("--noise-reduction-db", "9", "noise_reduction_db", 9.0),
-        ("--gain", "0.25", "gain", 0.25),
-    ],
-)
-def test_a_wish_is_met_exactly(
-    option: str, value: str, field: str, met: float, log: Path, capsys: Captured
-) -> None:
+@pytest.mark.parametrize("wish", ["lag-ms 150 lag_s 0.15", "cutoff-hz 3 cutoff_hz 3", "gain 0.25 gain 0.25"])
+def test_a_wish_is_met_exactly(wish: str, log: Path, capsys: Captured) -> None:
+    option, value, field, met = wish.split()
     for channel in ("noisy", "smooth", "stuck"):
-        said = tuned(capsys, str(log), option, value, "--channel", channel)
-        assert said["steady"][field] == pytest.approx(met, rel=1e-9)
+        said = tuned(capsys, str(log), f"--{option}", value, "--channel", channel)
+        assert said["steady"][field] == pytest.approx(float(met), rel=1e-9)
         assert said["verdict"] == "chosen"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("option", "value", "field", "met"),
-    [("--lag-ms", "150", "lag_s", 0.15), ("--noise-reduction-db", "9", "noise_reduction_db", 9.0)],
-)
 @pytest.mark.parametrize("overshoot", ["8", "8%"])
 def test_an_overshoot_is_met_together_with_the_lag_and_saved(
-    option: str, value: str, field: str, met: float, overshoot: str, log: Path, tmp_path: Path, capsys: Captured
+    overshoot: str, log: Path, tmp_path: Path, capsys: Captured
 ) -> None:
     path = tmp_path / "t.toml"
-    asked = (str(log), option, value, "--overshoot", overshoot, "--channel", "noisy")
+    asked = (str(log), "--lag-ms", "150", "--overshoot", overshoot, "--channel", "noisy")
     said = tuned(capsys, *asked, "-o", str(path))
-    assert said["steady"][field] == pytest.approx(met, rel=1e-9)
+    assert said["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
     assert said["steady"]["overshoot"] == pytest.approx(0.08, rel=1e-6)
     assert said["how"].endswith("and 8 % overshoot")
     saved = load_tuning(path).channel("noisy")
@@ -249,7 +230,7 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     assert run(["tune", *asked, "--details"]) == 0
     out = capsys.readouterr().out
     assert ", momentum " in out
-    assert "overshoot (step) 8.0 %" in out
+    assert "overshoot (step)  8.0 %" in out
     assert "The best statistical fit would" not in out  # with momentum the record names no faster one
 
 
@@ -271,21 +252,6 @@ def test_a_still_stretch_is_given_in_the_time_of_the_recording(log: Path, bare: 
     by_sample = tuned(capsys, str(bare), "--still", "0:99")
     assert by_time["r"] == by_sample["r"] == expected.r
     assert by_time["how"] == "r from a still stretch, q by maximum likelihood"
-
-
-@pytest.mark.slow
-def test_a_still_stretch_is_found_where_the_recording_pauses(tmp_path: Path, capsys: Captured) -> None:
-    moving = np.where((np.arange(1200) > 400) & (np.arange(1200) < 800), 0.0, 1.0)
-    g = np.random.default_rng(0)
-    values = np.cumsum(moving * g.normal(0, 1, 1200)) + g.normal(size=1200)
-    path = tmp_path / "pause.csv"
-    path.write_text("v\n" + "".join(f"{value:.4f}\n" for value in values))
-    said = tuned(capsys, str(path), "--still", "auto")
-    assert said["r"] == pytest.approx(1.0, rel=0.3)
-    assert said["how"] == "r from a still stretch, q by maximum likelihood"
-    assert "r is the variance of the still stretch, samples 4" in said["message"]
-    assert run(["tune", "sample:nile", "--still", "auto"]) == 2
-    assert "must show a still stretch" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "5", "x:y", "11:10", "10:10", "1:2:3", "nan:11", "0:9.5", "99:100"])
@@ -326,17 +292,13 @@ def test_channels_without_a_pair_are_left_out_and_said(log: Path, tmp_path: Path
     assert err == ("kalscope: note: left out of the tuning: smooth: no noise; stuck: constant\n")
 
 
-@pytest.mark.parametrize(
-    ("argv", "says"),
-    [(["--channel", "smooth"], "give r (--still, --sigma) or choose"), (["--channel", "stuck"], "or choose")],
-)
-def test_an_edge_is_not_saved(argv: list[str], says: str, log: Path, tmp_path: Path, capsys: Captured) -> None:
+@pytest.mark.parametrize("channel", ["smooth", "stuck"])
+def test_an_edge_is_not_saved(channel: str, log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "tuning.toml"
-    assert run(["tune", str(log), *argv, "-o", str(path)]) == 2
+    assert run(["tune", str(log), "--channel", channel, "-o", str(path)]) == 2
     out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1
-    assert says in err
+    assert (out, len(err.splitlines())) == ("", 1)
+    assert "give r (--still, --sigma), record while it moves, or choose" in err
     assert not path.exists()
 
 
@@ -358,45 +320,20 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--channel", "flex", "--all"], "--all must be used without --channel"),
     (["demo", "--method", "magic"], "method must be one of ml"),
     (["demo", "--lag-ms", "x"], "--lag-ms must be a number above 0 (got 'x')"),
-    (["demo", "--lag-ms", "-5"], "--lag-ms must be a number above 0 (got '-5')"),
-    (["demo", "--r", "0"], "--r must be a number above 0"),
     (["demo", "--sigma", "nan"], "--sigma must be a number above 0"),
-    (["demo", "--ratio", "inf"], "--ratio must be a number above 0"),
     (["demo", "--sample-period", "0"], "--sample-period must be a number above 0"),
     (["demo", "--gain", "1"], "gain must lie between 0 and 1"),
     (["demo", "--cutoff-hz", "26"], "at most half the sample rate, 25 Hz"),
     (["demo", "--lag-ms", "5", "--gain", "0.1"], "can decide q/r (got --lag-ms and --gain)"),
-    (["demo", "--ratio", "1", "--gain", "0.1"], "can decide q/r (got --gain and --ratio)"),
     (["demo", "--r", "1", "--sigma", "1"], "can give r (got --sigma and --r)"),
-    (["demo", "--r", "1", "--still", "0:1"], "can give r (got --still and --r)"),
     (["demo", "--density", "1"], "given together (got only --density)"),
-    (["demo", "--bandwidth-hz", "1"], "given together (got only --bandwidth-hz)"),
     (["demo", "--method", "allan", "--r", "1"], "--method allan must be used without --r"),
     (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
-    (
-        ["demo", "--overshoot", "5"],
-        "--overshoot needs one of --lag-ms, --cutoff-hz, --noise-reduction-db, --gain (got",
-    ),
-    (["demo", "--overshoot", "5", "--ratio", "1"], "--overshoot needs one of --lag-ms"),
-    (
-        ["demo", "--overshoot", "x", "--gain", "0.1"],
-        "--overshoot must be a percentage of at least 0 and below 100 (got 'x')",
-    ),
-    (
-        ["demo", "--overshoot", "-1", "--gain", "0.1"],
-        "--overshoot must be a percentage of at least 0 and below 100 (got '-1')",
-    ),
-    (["demo", "--overshoot", "nan", "--gain", "0.1"], "--overshoot must be a percentage"),
-    (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage"),
-    (
-        ["demo", "--overshoot", "30", "--lag-ms", "90"],
-        "overshoot must be at most 20.56 % of a step with this target",
-    ),
-    (
-        ["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"],
-        "overshoot needs a target such as a lag, and",
-    ),
+    (["demo", "--overshoot", "5"], "overshoot needs a target such as a lag, and no momentum"),
+    (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage of at least 0 and"),
+    (["demo", "--overshoot", "30", "--lag-ms", "90"], "overshoot must be at most 20.56 % of a step with this"),
+    (["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"], "overshoot needs a target such as a lag"),
     (["demo", "-o", "missing/t.toml"], "'missing/t.toml': No such file or directory"),
 ]
 
@@ -469,21 +406,11 @@ def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytes
     assert terminal.getvalue().endswith(" \r")
 
 
-def test_ctrl_c_is_status_130_and_says_nothing(monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("kalscope.cli.tune_answer.compare_methods", interrupted)
-    assert run(["tune", "demo"]) == 130
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", "")
-
-
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
     change = (
         "import os, signal; from kalscope.cli import tune_answer as answer\n"
-        "answer.compare_methods = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "answer.find_parameters = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
     )
     with command("tune", "demo", change=change) as program:
         said = program.communicate(timeout=PATIENCE)

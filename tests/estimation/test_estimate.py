@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from signals import walk
 
 from kalscope import BadSetting
-from kalscope.analysis.estimators import compare_methods
 from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
+from kalscope_app.studies.comparisons import compare_methods
 
 # --- the instant ones -----------------------------------------------------------------------------------
 

@@ -948,9 +948,6 @@ def _applied(action: actions.Action, state: State, judged: State) -> State:
             )  # q/r stays, and so does a goal
             how = judged.tuning.how if chosen else "by hand"
             state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
-        case actions.SetRatio(ratio, factor):
-            r = r * factor if r > 0.0 else q * factor / ratio
-            state = state.with_tuning(q=_rounded(ratio * r), r=_rounded(r), how="by hand")
         case actions.SetGate(sigma):
             state = state.with_tuning(gate=None if sigma is None else sigma * sigma)
         case actions.UnsetStart():

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from kalscope.analysis.alternatives import Alternative
-from kalscope.analysis.filter_errors import MIN_OVERSHOOT, Difference
+from kalscope.analysis.filter_errors import Difference
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, decibels, frequency, lag_text, number, percent, squared
 from kalscope.filtering.steady import steady_state
@@ -57,8 +57,6 @@ NAMES: tuple[str, ...] = (
     "Exponential",
     "Median",
     "2nd-order Butterworth",
-    "Delayed Savitzky-Golay",
-    "Centred Savitzky-Golay",
     "One-euro",
     "Smoother (offline bound)",
 )
@@ -70,8 +68,8 @@ MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "n
 """Labels, and the values of the state."""
 
 COLOURS = {
-    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#8c6d31", "#6c7a99", "#7b4fc8", "#1b9e8a"),
-    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#c9a15a", "#a9b7d6", "#b79bff", "#3fd6bd"),
+    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#3fd6bd"),
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 
@@ -84,8 +82,8 @@ HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
 MAX_UNBROKEN = 13
 """Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
 
-AT_OVERSHOOT = 4
-"""Index of the overshoot column while the user's filter has momentum: after the noise."""
+AT_OVERSHOOT, MIN_OVERSHOOT = 4, 5e-4
+"""Index of the overshoot column while the user's filter has momentum, after the noise; smaller ones are none."""
 
 
 class AlternativesView:
@@ -184,7 +182,6 @@ def about_kalman(text: str) -> str:
     return (
         text.replace("your filter", "the Kalman filter")
         .replace("Your filter", "The Kalman filter")
-        .replace("Your outlier gate", "Its outlier gate")
         .replace("with yours", "with Kalman")
         .replace(" (present)", "")
     )
@@ -215,10 +212,7 @@ def described(one: Alternative) -> str:
     memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
     if one.memory == 1:
         memory = "remembers one number"
-    return (
-        f"**{one.name}.** {one.sentence} It {start}, {memory}, and its steps are {number(one.roughness)} of "
-        f"the raw ones. Where samples are missing it {one.gaps}."
-    )
+    return f"**{one.name}.** {one.sentence} It {start} and {memory}. Where samples are missing it {one.gaps}."
 
 
 def cells(one: Alternative, state: State) -> list[str]:

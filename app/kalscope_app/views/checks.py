@@ -12,12 +12,11 @@ import viser
 from kalscope.analysis import actions
 from kalscope.analysis.actions import Action
 from kalscope.analysis.correction import MIN_SAMPLES
-from kalscope.analysis.diagnostics import expected_nis
-from kalscope.analysis.estimators import compare_methods, comparison, is_within
+from kalscope.analysis.diagnostics import expected_nis, residual_rows
 from kalscope.analysis.findings import Finding, as_sentences, times
 from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
-from kalscope.common.text import correlation, count, lag_text, number, p_value, percent, trimmed
+from kalscope.common.text import count, lag_text, number, trimmed
 from kalscope.estimation.request import METHOD_NAMES, Noise, Request
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
@@ -33,6 +32,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks, Judged, MomentumProfile, momentum_profile
+from kalscope_app.studies.comparisons import compare_methods, comparison, is_within
 from kalscope_app.views.chart_tabs import log_axes
 from kalscope_app.views.charts import (
     DARK,
@@ -57,8 +57,6 @@ from kalscope_app.views.window import VERDICT
 def label_of(action: actions.Action | None, state: State) -> str:
     """The label of the button; "" where there is none, as for a new recording or a goal that is chosen already."""
     match action:
-        case actions.AllowMomentum():
-            words = "Allow momentum and fit again"
         case actions.EstimateAgain():
             words = "Fit again"
         case actions.SetSpikesAside():
@@ -69,8 +67,6 @@ def label_of(action: actions.Action | None, state: State) -> str:
             words = f"Use the still stretch {stretch_text(state, first, last)}"
         case actions.Scale(q, r):
             words = _scale_words(q, r)
-        case actions.SetRatio(ratio):
-            words = f"Set q/r to {trimmed(ratio, 2)}"
         case actions.GiveNoise():
             words = "Give the noise of the sensor"
         case actions.ChooseFilter():
@@ -107,7 +103,7 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             outcome = state.answers.outcome
             before = Request() if outcome is None or outcome.request is None else outcome.request
             return replace(before, robust=True)  # what was known about the noise still is
-        case actions.AllowMomentum() | actions.EstimateAgain():
+        case actions.EstimateAgain():
             return Request()
         case _:
             return None
@@ -278,20 +274,8 @@ def table(checks: Checks) -> str:
     if d.n < MIN_SAMPLES:
         return f"**{checks.judgement.headline}**"
     half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
-    rows = [
-        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
-        (half, number(checks.held_out.nis), expected_nis(checks.held_out)),
-        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
-        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
-        ("Spikes beyond 4 σ", count(d.spikes), f"about {number(d.spikes_expected, 2)}"),
-        ("Low-frequency share of residual power", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
-        (
-            "Last third compared with first",
-            f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}",
-            "p above 0.05",
-        ),
-        ("Normality (skewness, excess kurtosis)", f"{number(d.skewness)}, {number(d.excess_kurtosis)}", "0, 0"),
-    ]
+    size, *others = residual_rows(d)
+    rows = [size, (half, number(checks.held_out.nis), expected_nis(checks.held_out)), *others]
     head = (
         f"**{checks.judgement.headline}**\n\n"
         f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"

@@ -19,29 +19,11 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class SetRatio:
-    """Set both variances: λ = q/r instead of an edge, q = 0 or r = 0."""
-
-    ratio: float
-    """λ, above 0 and finite."""
-    factor: float = 1.0
-    """Factor for the variance that is not 0, 1e-12 … 1e12; the other one follows from λ."""
-
-
-@dataclass(frozen=True)
 class SetGate:
     """Set the outlier gate, or switch it off."""
 
     sigma: float | None
     """Residuals beyond this many σ are rejected (`FilterParams.gate` is its square); None = off."""
-
-
-@dataclass(frozen=True)
-class AllowMomentum:
-    """Estimate q, r and momentum together."""
-
-    momentum: float
-    """The approximate result, nominal sample periods, above 0."""
 
 
 @dataclass(frozen=True)
@@ -81,17 +63,12 @@ class UnsetStart:
 
 @dataclass(frozen=True)
 class RecordLonger:
-    """Record again."""
-
-    samples: int
-    """Minimum number needed; 0 = not known."""
+    """Record again, for longer or while the signal moves."""
 
 
 Action = (
     Scale
-    | SetRatio
     | SetGate
-    | AllowMomentum
     | EstimateAgain
     | SetSpikesAside
     | UseStillStretch

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
+from kalscope.analysis.filter_errors import Difference
 from kalscope.common.numbers import Array
 from kalscope.filtering import classic
 from kalscope.filtering.classic import Bench, Chain, OneEuro, Run, Stage
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady import settled_transfer
 
 HOLDS = "holds its output, then continues as if no time had passed"
 COUNTS = "holds its output; the next sample counts for the time since"
-BRIDGES = "needs a whole window: missing samples are interpolated linearly"
 
 SENTENCES: dict[type[Stage], str] = {
     classic.MovingAverage: "Simple to explain, but it must store its window, and a spike moves it twice.",
@@ -34,8 +32,8 @@ SENTENCES: dict[type[Stage], str] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
-    """One filter at one setting, and what a user reads about it."""
+class Alternative:
+    """One filter at one setting, what a user reads about it, and what it does to the stretch that is compared."""
 
     name: str
     """Its usual name."""
@@ -62,40 +60,46 @@ class Candidate:
     overshoot: float = 0.0
     """Overshoot of its step response, share of the step; NaN where that is not known."""
 
+    curve: Array = field(default_factory=lambda: np.empty(0))
+    """Filtered signal, unit, shape (last − first,); NaN before its first output."""
+    rmse: float | None = None
+    """RMS difference from the truth after the start, unit; None where the truth is not known."""
+    prediction: float | None = None
+    """RMS difference from the next sample, unit: an error that needs no truth; None if not causal."""
+    matched: bool = True
+    """Whether it filters at all, and is within 5 % or half a sample of the lag asked for, or 5 % of the noise."""
+    against: Difference | None = None
+    """Its error against that of the current filter; None for the current one and for those not causal."""
+
     @property
     def noise_reduction_db(self) -> float:
         """White noise, in to out, dB; on the recording's own noise for median and one-euro."""
         return math.inf if self.noise_gain == 0.0 else -10.0 * math.log10(self.noise_gain)
 
 
-def at_lag(lag: float, bench: Bench) -> tuple[Candidate, ...]:
+def at_lag(lag: float, bench: Bench) -> tuple[Alternative, ...]:
     """Every candidate at the setting whose lag is nearest to `lag` samples, > 0."""
-    window = _odd(2.0 * lag + 1.0, bench)
     # The bilinear transform keeps the delay at frequency 0: √2/Ω with Ω = 2 tan(π f).
     cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
 
     def lag_of(stage: Stage) -> float:
         return bench.lag(partial(run_stage, stage=stage))
 
-    return _all(
-        bench,
-        window,
+    stages = (
         classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
         classic.Exponential(1.0 / (1.0 + lag)),
-        classic.Median(_nearest_window(window, bench, lambda size: abs(lag_of(classic.Median(size)) - lag))),
+        classic.Median(_odd(2.0 * lag + 1.0, bench)),
         classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF)),
         one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
     )
+    return tuple(of_stage(stage, bench) for stage in stages)
 
 
-def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
+def at_noise(gain: float, bench: Bench) -> tuple[Alternative, ...]:
     """Every candidate at the setting that leaves a share nearest to `gain` of white noise, 0 … 1."""
 
     def gain_of(stage: Stage) -> float:
         return bench.noise_gain(partial(run_stage, stage=stage))
-
-    def missed(share: float) -> float:
-        return abs(math.log(max(share, 1e-300) / gain))
 
     # On Gaussian noise a median of N leaves about π/(2N); on the recording's own it is measured.
     guess = _odd(0.5 * math.pi / gain, bench)
@@ -103,29 +107,22 @@ def at_noise(gain: float, bench: Bench) -> tuple[Candidate, ...]:
     cutoff = _bisect(
         lambda one: classic.Butterworth(one).noise_gain - gain, classic.MIN_CUTOFF, classic.MAX_CUTOFF, 60
     )
-    return _all(
-        bench,
-        _nearest_window(2.25 / gain, bench, lambda size: missed(_parabola_noise(size))),
+    stages = (
         classic.MovingAverage(min(max(round(1.0 / gain), 1), bench.longest_window)),
         classic.Exponential(2.0 * gain / (1.0 + gain)),
-        classic.Median(_nearest_window(better, bench, lambda size: missed(gain_of(classic.Median(size))))),
+        classic.Median(_odd(better, bench)),
         classic.Butterworth(cutoff),
         one_euro(_bisect(lambda share: gain_of(one_euro(share, bench)) - gain, *EURO_SHARES), bench),
     )
+    return tuple(of_stage(stage, bench) for stage in stages)
 
 
-def _all(bench: Bench, parabola: int, *stages: Stage) -> tuple[Candidate, ...]:
-    """The classic filters; the one-euro filter comes last, after the parabolas over `parabola` samples."""
-    made = [of_stage(stage, bench) for stage in stages]
-    return *made[:-1], *parabolas(parabola), made[-1]
-
-
-def of_stage(stage: Stage, bench: Bench) -> Candidate:
+def of_stage(stage: Stage, bench: Bench) -> Alternative:
     """A classic filter; its lag and noise are measured where no formula gives them."""
     run = partial(run_stage, stage=stage)
     # The step response of a Butterworth filter peaks √2 π/Ω after the step.
     settles = math.ceil(4.0 / stage.slope) + 10 if isinstance(stage, classic.Butterworth) else 0
-    return Candidate(
+    return Alternative(
         name=stage.name,
         parameters=stage.words,
         chain=Chain(1, stage),
@@ -140,30 +137,6 @@ def of_stage(stage: Stage, bench: Bench) -> Candidate:
     )
 
 
-def parabolas(window: int) -> tuple[Candidate, Candidate]:
-    """A parabola through `window` samples, odd: available once the window is full, and without that delay."""
-    centred = partial(savitzky_golay, window=window)
-
-    def run(z: Array) -> Array:
-        return delayed(centred(z), window // 2)
-
-    late = Candidate(
-        name="Delayed Savitzky-Golay",
-        parameters=f"parabola over {window}",
-        run=run,
-        lag_samples=0.5 * (window - 1),
-        noise_gain=_parabola_noise(window),
-        start_samples=window,
-        memory=window,
-        overshoot=classic.step_overshoot(run, window),
-        sentence="Keeps peaks and slopes in shape, at the price of a pure delay of half its window.",
-        gaps=BRIDGES,
-    )
-    sentence = "The same curve without its delay: for recordings only, because it needs later samples."
-    name = "Centred Savitzky-Golay"
-    return late, replace(late, name=name, run=centred, lag_samples=0.0, sentence=sentence, causal=False)
-
-
 EURO_SHARES = 1e-4, 1e4, 12
 """Of the present cut-off, least and most that is tried for the one-euro filter, and how often that is halved."""
 
@@ -176,29 +149,9 @@ def one_euro(share: float, bench: Bench) -> OneEuro:
     return OneEuro(cutoff=share * cutoff, beta=share * cutoff / usual, speed_cutoff=cutoff)
 
 
-def _parabola_noise(window: float) -> float:
-    """Σh² is the middle coefficient, because fitting twice changes nothing: 3(3N² − 7)/(4N(N² − 4))."""
-    n = window
-    return 1.0 if n < 3 else 3.0 * (3.0 * n * n - 7.0) / (4.0 * n * (n * n - 4.0))
-
-
 def _odd(window: float, bench: Bench) -> int:
     """The odd window nearest to a length."""
     return min(max(2 * round(0.5 * (window - 1.0)) + 1, 1), bench.longest_window)
-
-
-def _nearest_window(guess: float, bench: Bench, miss: Callable[[int], float]) -> int:
-    """The best odd window near a guess: downhill from it, in steps that halve."""
-    best = _odd(guess, bench)
-    least, step = miss(best), max(2, 2 * round(0.02 * best))
-    while step >= max(2, 2 * (best // 500)):  # half a percent of a long window is close enough
-        near = [size for size in (best - step, best + step) if 1 <= size <= bench.longest_window]
-        nearest = min(((miss(size), size) for size in near), default=(math.inf, best))
-        if nearest[0] < least:
-            least, best = nearest
-        else:
-            step = 2 * (step // 4)
-    return best
 
 
 def _bisect(too_quick: Callable[[float], float], low: float, high: float, steps: int) -> float:
@@ -212,47 +165,3 @@ def _bisect(too_quick: Callable[[float], float], low: float, high: float, steps:
 def run_stage(z: Array, stage: Stage) -> Array:
     """A classic filter as a device runs it, evenly sampled."""
     return classic.RunningStage(stage).take(z, np.empty(0))
-
-
-def settled(z: Array, params: FilterParams) -> Array:
-    """The Kalman filter with the gains that it settles to, started at the first sample; it holds at gaps."""
-    from scipy.signal import lfilter
-
-    seen, out = np.flatnonzero(np.isfinite(z)), np.full(len(z), np.nan)
-    if len(seen):
-        gain, product, both = settled_transfer(params)
-        start = z[seen[0]]
-        x = lfilter([gain, product - gain], [1.0, product - both - 1.0, both], z[seen] - start)
-        out[seen[0] :] = np.repeat(x + start, np.diff(seen, append=len(z)))
-    return out
-
-
-def savitzky_golay(z: Array, window: int) -> Array:
-    """Centre of a parabola through `window` samples, odd; missing ones are interpolated linearly.
-
-    NaN before the first sample. The ends come from the parabola through the outermost window. By Fourier transform:
-    scipy's filter would take seconds for a long window.
-    """
-    from scipy.signal import oaconvolve, savgol_coeffs
-
-    seen, out = np.flatnonzero(np.isfinite(z)), np.full(len(z), np.nan)
-    if not len(seen):
-        return out
-    first = int(seen[0])
-    bridged: Array = np.interp(np.arange(first, len(z)), seen, z[seen])
-    if 3 <= window <= len(bridged):
-        half, level, place = window // 2, float(bridged.mean()), np.linspace(-1.0, 1.0, window)
-        begin, end = (
-            np.polynomial.Polynomial.fit(place, part, 2)(place) for part in (bridged[:window], bridged[-window:])
-        )
-        inner = oaconvolve(bridged - level, np.asarray(savgol_coeffs(window, 2)), "valid") + level
-        bridged = np.concatenate([begin[:half], inner, end[half + 1 :]])
-    out[first:] = bridged
-    return out
-
-
-def delayed(curve: Array, samples: int) -> Array:
-    """The curve `samples` later, as a device outputs it; NaN until then."""
-    late = np.full(len(curve), np.nan)
-    late[samples:] = curve[: len(curve) - samples]
-    return late

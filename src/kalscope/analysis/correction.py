@@ -1,11 +1,10 @@
 """A better q, r or momentum for a filter that does not fit its record, and what no q and r can remove.
 
-λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with λ changed by
-factors from 1/1000 to 1000; where the best λ is not among them, with all λ that the record can distinguish. Four
-corrections compete by their likelihood: q alone, r alone, both by one factor (which keeps the curve and corrects
-its variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised.
-Structure that then remains in the residuals cannot be removed by q and r: the model, at this momentum, does not
-describe the signal.
+λ is q/r, with momentum the variance of a step over r. The whole record is filtered again with all λ that it can
+distinguish. Two corrections compete by their likelihood: both by one factor (which keeps the curve and corrects its
+variance), or each by its own. The simplest one that a likelihood-ratio test does not reject is advised. Structure
+that then remains in the residuals cannot be removed by q and r: the model, at this momentum, does not describe the
+signal.
 """
 
 from __future__ import annotations
@@ -16,16 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share, normality
+from kalscope.analysis.residuals import ALARM, SPIKE, Run, correlation, dot, low_frequency_share
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.progress import Progress
 from kalscope.estimation.likelihood import Differences, differences
-from kalscope.estimation.momentum import concentrated, momentum_of, moving_sums, search, step_variance
+from kalscope.estimation.momentum import moving_sums, step_variance
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams
-
-PARTS, PART = 4, 10_000
-"""Stretches of a long record in which momentum is searched, and samples in each; the result is tested on all."""
 
 MAX_SCALE = 1e150
 """Changes larger than this many √r count as this large: their squares must fit a double."""
@@ -144,9 +139,6 @@ def _undo(run: Run) -> Array:
 LR_LIMIT = (6.635 / 2.0, 9.210 / 2.0)
 """Gain in log-likelihood that is significant at 1 %, for one and for two parameters: ½ χ²(0.99)."""
 
-TIE = 0.1
-"""Gain in log-likelihood below which two corrections are equally good."""
-
 MIN_FACTOR = 1.5
 """Smaller factors are not worth a change, however significant they are in a long record."""
 
@@ -156,14 +148,14 @@ MIN_SAMPLES = 20
 GRID_STEP = 2.0 * math.log(1000.0) / 28.0
 """Step of ln λ."""
 
-NEAR = 14
-"""Steps to either side that are tried first: factors from 1/1000 to 1000."""
+NEAR, MAX_STEPS = 14, 2000
+"""Steps to either side that are tried first, factors from 1/1000 to 1000; and at most."""
+
+CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
+"""ln λ within which these alone show where the best λ lies."""
 
 LOWEST, HIGHEST = math.log(1e-6), math.log(1e6)
 """ln λ between which any record can distinguish two filters; a long one also distinguishes smaller λ."""
-
-CLEARLY_INSIDE = math.log(1e-5), math.log(100.0)
-"""ln λ within which the near steps alone show where the best λ lies."""
 
 MAX_FACTOR, PLAINLY = 1e3, (1e-4, 100.0)
 """Where the best λ lies at an end of the grid, any beyond fits as well: the change of λ is limited to this factor,
@@ -171,9 +163,6 @@ or to the λ at which a filter is clearly at that end."""
 
 MAX_CHANGE = 1e12
 """Largest factor of a correction."""
-
-BETWEEN = np.linspace(0.0, 1.0, 200, endpoint=False)
-"""Where a likelihood is read between two steps, in steps."""
 
 
 @dataclass(frozen=True)
@@ -184,138 +173,70 @@ class Correction:
     """Multiply q by it, 1e-12 … 1e12; 1 = keep."""
     r_factor: float = 1.0
     """Multiply r by it, 1e-12 … 1e12; 1 = keep."""
-    instead_of_edge: float | None = None
-    """q/r that fits far better than the filter's q = 0 or r = 0; None where neither is 0, or where that fits."""
-    edge_factor: float = 1.0
-    """Multiply by it the variance that is not 0, together with `instead_of_edge`."""
+    leaves_edge: bool = False
+    """Whether another q/r fits clearly better than the filter's q = 0 or r = 0."""
     e: Array | None = None
     """Standardised innovations of the best fit, shape (n,), NaN where none; None where no fit was found."""
-
-    @property
-    def worth_it(self) -> bool:
-        """Whether a factor is large enough for a change."""
-        return any(abs(math.log(factor)) >= math.log(MIN_FACTOR) for factor in (self.q_factor, self.r_factor))
-
-
-@dataclass(frozen=True)
-class Profile:
-    """The record filtered with r = 1 at steps of ln λ, the filter's λ among them, and read between the steps."""
-
-    present: float
-    """ln λ of the filter."""
-    moves: Array
-    """ln λ less that, ascending, shape (places,)."""
-    log_chi2: Array
-    """ln Σ v²/s, shape (places,); −inf where the record does not move."""
-    logdet: Array
-    """Σ ln s, shape (places,)."""
-    m: float
-    """Scored innovations."""
-
-    @staticmethod
-    def of(record: Record, present: float, steps: Array) -> Profile:
-        """Filter the record at each of these steps from ln λ of the filter."""
-        chi2, logdet = record.sums(present + GRID_STEP * steps)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            log_chi2 = _between(np.log(chi2))
-        return Profile(present, GRID_STEP * _between(steps), log_chi2, _between(logdet), float(record.data.m))
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether the record does not move, or too little beside q and r for a double."""
-        return not np.isfinite(self.log_chi2).all()
-
-    @property
-    def at(self) -> int:
-        """The place of the highest likelihood with the best r of each λ."""
-        return int(np.argmax(-self.logdet - self.m * self.log_chi2))
-
-    @property
-    def is_open(self) -> bool:
-        """Whether that is the first or the last place, so that the best λ may lie beyond."""
-        return self.at in (0, len(self.moves) - 1)
-
-    def as_it_is(self) -> tuple[float, float, float]:
-        """Log-likelihood of the filter without its constant; with q and r times one factor; and this factor."""
-        here = int(np.argmin(np.abs(self.moves)))
-        chi2 = math.exp(self.log_chi2[here])
-        loglik, both = -0.5 * (float(self.logdet[here]) + chi2), chi2 / self.m
-        return loglik, loglik + 0.5 * self.m * (both - 1.0 - math.log(both)), both
-
-    def one_factor(self) -> tuple[float, float, float]:
-        """Log-likelihood and the factors for q and r of the best correction with one free parameter.
-
-        That of both wins where it is about as good as the others: it does not call the filter too slow or too fast.
-        """
-        _, scaled, both = self.as_it_is()
-        only_q = -0.5 * (self.logdet + np.exp(self.log_chi2))
-        # r alone moves λ the other way; exp is limited where r is far too small for any likelihood
-        only_r = -0.5 * (self.logdet - self.m * self.moves + np.exp(np.minimum(self.log_chi2 + self.moves, 700.0)))
-        i, j = int(only_q.argmax()), int(only_r.argmax())
-        factor_q, factor_r = math.exp(self.moves[i]), math.exp(-self.moves[j])
-        best = max((float(only_q[i]), factor_q, 1.0), (float(only_r[j]), 1.0, factor_r))
-        return best if best[0] > scaled + TIE else (scaled, both, both)
-
-    def cut(self, q_factor: float, r_factor: float) -> tuple[float, float]:
-        """Factors that go no farther than needed towards an end of the grid."""
-        moved = self.present + math.log(q_factor / r_factor)
-        least = min(self.present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
-        most = max(self.present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
-        if self.at == 0 and moved < least:
-            return q_factor * math.exp(least - moved), r_factor
-        if self.is_open and moved > most:
-            return q_factor, r_factor * math.exp(moved - most)
-        return q_factor, r_factor
-
-
-def _between(steps: Array) -> Array:
-    """A smooth curve read at `BETWEEN` after each step: the parabolas around both neighbours, by their nearness."""
-    a, b, c, d = (part[:, None] for part in (steps[:-3], steps[1:-2], steps[2:-1], steps[3:]))
-    after, before = BETWEEN, BETWEEN - 1.0
-    first = b + 0.5 * (c - a) * after + 0.5 * (a - 2.0 * b + c) * after * after
-    second = c + 0.5 * (d - b) * before + 0.5 * (b - 2.0 * c + d) * before * before
-    return np.concatenate([steps[:1], (second * after - first * before).ravel(), steps[-2:]])
 
 
 def find_correction(record: Record) -> Correction:
     """The simplest change of q and r that the record does not reject, at the filter's momentum."""
-    if record.data.m < MIN_SAMPLES:
+    m = record.data.m
+    if m < MIN_SAMPLES:
         return Correction()
-    profile = _profile(record)
-    if profile.is_constant:
-        return Correction(1e-3, 1e-3) if record.moves else Correction()
-    move = float(profile.moves[profile.at])
-    log_best = profile.present + move
-    chi2, logdet = (float(part[0]) for part in record.sums(np.array([log_best])))
-    scale = chi2 / profile.m
-    free = -0.5 * (logdet + profile.m * math.log(scale) + profile.m)
-    rest = record.residuals(log_best, record.momentum)
-    loglik, scaled, both = profile.as_it_is()
-    if record.ratio in (0.0, math.inf):
-        if free > scaled + LR_LIMIT[0] and (move > 0.0) == (record.ratio == 0.0):
-            factor = scale if record.ratio == 0.0 else scale * math.exp(move)
-            ratio = math.exp(log_best) / variance_of_step(record.momentum)
-            return Correction(instead_of_edge=ratio, edge_factor=_bounded(factor)[0], e=rest)
-        return Correction(*_bounded(both, both), e=rest) if scaled > loglik + LR_LIMIT[0] else Correction(e=rest)
-    if free <= loglik + LR_LIMIT[1]:
-        return Correction(e=rest)
-    likelihood, q_factor, r_factor = profile.one_factor()
-    if free > likelihood + LR_LIMIT[0]:
-        q_factor, r_factor = math.exp(move) * scale, scale
-    return Correction(*_bounded(*profile.cut(q_factor, r_factor)), e=rest)
-
-
-def _profile(record: Record) -> Profile:
-    """The steps near the filter's λ, or all where the best one is not among them."""
     edges = {0.0: _lowest(record), math.inf: HIGHEST}
     present = edges[record.ratio] if record.ratio in edges else math.log(record.ratio)
-    near = Profile.of(record, present, np.arange(-NEAR, NEAR + 1.0))
-    inside = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
-    if near.is_constant or (inside and not near.is_open):
-        return near
-    below = max(NEAR, math.ceil((present - _lowest(record)) / GRID_STEP))
-    above = max(NEAR, math.ceil((HIGHEST - present) / GRID_STEP))
-    return Profile.of(record, present, np.arange(-below, above + 1.0))
+    near = CLEARLY_INSIDE[0] < present < CLEARLY_INSIDE[1]
+    here, log_ratios, chi2, logdet = _scan(record, present, NEAR if near else MAX_STEPS)
+    if near and int(_heights(chi2, logdet, m).argmax()) in (0, len(chi2) - 1):
+        here, log_ratios, chi2, logdet = _scan(record, present, MAX_STEPS)
+    if not np.isfinite(chi2).all() or not chi2.all():  # it does not move, or too little beside q and r for a double
+        return Correction(1e-3, 1e-3) if record.moves else Correction()
+    heights = _heights(chi2, logdet, m)
+    at = int(heights.argmax())
+    is_open = at in (0, len(heights) - 1)  # the best λ may lie beyond
+    log_best = float(log_ratios[at]) + (0.0 if is_open else GRID_STEP * _top(*heights[at - 1 : at + 2].tolist()))
+    chi2_best, logdet_best = record.sums(np.array([log_best]))
+    free, scaled = float(_heights(chi2_best, logdet_best, m)[0]), float(heights[here])
+    loglik = -0.5 * float(logdet[here] + chi2[here])
+    scale, both, ratio = float(chi2_best[0]) / m, float(chi2[here]) / m, math.exp(log_best - present)
+    rest = record.residuals(log_best, record.momentum)
+    is_edge, moves_inwards = record.ratio in edges, (ratio > 1.0) == (record.ratio == 0.0)
+    if is_edge and moves_inwards and free > scaled + LR_LIMIT[0]:
+        return Correction(leaves_edge=True, e=rest)
+    if (scaled if is_edge else free) <= loglik + LR_LIMIT[0 if is_edge else 1]:
+        return Correction(e=rest)
+    if is_edge or free <= scaled + LR_LIMIT[0]:
+        return Correction(*_bounded(both, both), e=rest)
+    least = min(present - math.log(MAX_FACTOR), math.log(PLAINLY[0]))
+    most = max(present + math.log(MAX_FACTOR), math.log(PLAINLY[1]))
+    beyond = log_best - min(max(log_best, least), most) if is_open else 0.0
+    q_factor, r_factor = scale * ratio * math.exp(max(-beyond, 0.0)), scale * math.exp(max(beyond, 0.0))
+    return Correction(*_bounded(q_factor, r_factor), e=rest)
+
+
+def _scan(record: Record, present: float, farthest: int) -> tuple[int, Array, Array, Array]:
+    """The record filtered with r = 1 at up to `farthest` steps to either side of a ln λ.
+
+    Returns:
+        The place of that ln λ; and shape (places,) each: ln λ, ascending, Σ v²/s and Σ ln s.
+    """
+    room = (present - _lowest(record), HIGHEST - present)
+    here, above = (min(max(NEAR, math.ceil(span / GRID_STEP)), farthest) for span in room)
+    log_ratios: Array = present + GRID_STEP * np.arange(-here, above + 1.0)
+    return here, log_ratios, *record.sums(log_ratios)
+
+
+def _heights(chi2: Array, logdet: Array, m: int) -> Array:
+    """Log-likelihood of each λ with the best r of it, without its constant."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return -0.5 * (logdet + m * np.log(chi2 / m) + m)
+
+
+def _top(before: float, highest: float, after: float) -> float:
+    """Where the parabola through three neighbouring heights is highest, in steps from the middle one."""
+    bend = before - 2.0 * highest + after
+    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
 
 
 def _lowest(record: Record) -> float:
@@ -327,22 +248,14 @@ def _lowest(record: Record) -> float:
     return min(LOWEST, -math.log(100.0) - 2.0 * math.log(m) - math.log(min(max(record.momentum, 1.0), m)))
 
 
-def _bounded(*factors: float) -> tuple[float, ...]:
+def _bounded(q_factor: float, r_factor: float) -> tuple[float, float]:
     """Factors that fit a double together with any realistic q and r."""
-    return tuple(min(max(factor, 1.0 / MAX_CHANGE), MAX_CHANGE) for factor in factors)
+    low, high = 1.0 / MAX_CHANGE, MAX_CHANGE
+    return min(max(q_factor, low), high), min(max(r_factor, low), high)
 
 
 MIN_SHARE = 0.04
 """Share of the residuals' variance that must be predictable before a misfit of the model is reported."""
-
-LOG_RATIOS = np.linspace(-16.0, 16.0, 65)
-"""ln(q/r) at which the fit without momentum is searched: advice needs no precision."""
-
-MIN_LOGLIK_GAIN = 6.0
-"""Least gain in log-likelihood: the information criterion then wins by 10."""
-
-MIN_GAIN_A_SAMPLE = 0.02
-"""Least gain in log-likelihood a sample: 2 % of the error in predicting the next one."""
 
 MAX_PARTS, MIN_PART = 8, 50
 """Parts of the record whose variances are compared, and the residuals that each of them needs."""
@@ -351,52 +264,18 @@ MIN_CHANGE = 2.0
 """Ratio of the largest to the least of these variances that is worth reporting."""
 
 
-MAX_SKEWNESS, MIN_EXCESS = 0.7, -0.8
-"""Residuals more skewed than this, or flatter (a sine has −1.5), are a mixture of several kinds."""
+def find_structure(e: Array, lags: int) -> float | None:
+    """Whether the residuals e, shape (n,), NaN where not scored, are correlated; None where they are white.
 
-
-@dataclass(frozen=True)
-class Structure:
-    """Residuals that are not white."""
-
-    low_share: float
-    """Share of their power that low frequencies hold, beyond that of white noise; 0 = they are only correlated."""
-    momentum: float = 0.0
-    """Momentum that describes it or a part of it, sample periods; 0 = none does, or the filter has one."""
-    whole: bool = False
-    """Whether nothing is left with that momentum."""
-
-
-def find_structure(e: Array, lags: int) -> Structure | None:
-    """Low frequencies or correlation in the residuals e, shape (n,), NaN where not scored; None for neither."""
+    Returns:
+        Share of their power that low frequencies hold, beyond that of white noise; 0 = they are only correlated.
+    """
     e = calmed(e)
     share, p = low_frequency_share(finite(e))
     if p < ALARM and share >= MIN_SHARE:
-        return Structure(share)
+        return share
     left = correlation(e, lags, fitted=True)
-    scored = np.count_nonzero(np.isfinite(e))
-    return Structure(0.0) if left.p < ALARM and left.q >= MIN_SHARE * scored else None
-
-
-def find_free(record: Record) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """The best fits to a record, whatever the momentum of its filter.
-
-    Returns:
-        ln(step variance / r) and momentum with momentum; the same without; and what momentum adds to the
-        log-likelihood, below 0 where it fits worse.
-    """
-    searched = record.data
-    if searched.m > PARTS * PART:
-        firsts = np.linspace(0, searched.m + 1 - PART, PARTS).astype(int).tolist()
-        searched = searched.parts((first, first + PART) for first in firsts)
-    log_tau, log_moves = search(searched, Progress(None)).at.tolist()
-    heights = np.append(record.data.concentrated(LOG_RATIOS), record.data.random_walk()[0])
-    at = int(np.argmax(heights))
-    log_ratio = float(LOG_RATIOS[min(at, len(LOG_RATIOS) - 1)])
-    log_moves = min(log_moves, float(LOG_RATIOS[-1]))  # inf where r = 0 is likeliest
-    height, _ = concentrated(record.data, np.array([log_moves]), np.array([momentum_of(log_tau)]))
-    momentum = min(momentum_of(log_tau), float(record.data.m))  # the record cannot show how much longer it is
-    return (log_moves, momentum), (log_ratio, 0.0), float(height[0]) - float(heights[at])
+    return 0.0 if left.p < ALARM and left.q >= MIN_SHARE * np.count_nonzero(np.isfinite(e)) else None
 
 
 def find_change(e: Array) -> float:
@@ -420,17 +299,6 @@ def find_change(e: Array) -> float:
         return 1.0
     seen = np.array([(part**2).mean() for part in np.array_split(finite(e), count)])
     return float(seen.max()) / max(float(seen.min()), 1e-12 * float(seen.max()))
-
-
-def find_shape(e: Array) -> tuple[float, float]:
-    """Skewness and excess kurtosis of residuals, shape (N,), far from a normal distribution; else 0, 0.
-
-    Long tails on both sides do not count: they are reported as spikes.
-    """
-    if len(e) < MIN_PART:
-        return 0.0, 0.0
-    skewness, excess, _, p = normality(e)
-    return (skewness, excess) if p < ALARM and (abs(skewness) > MAX_SKEWNESS or excess < MIN_EXCESS) else (0.0, 0.0)
 
 
 def calmed(e: Array) -> Array:

@@ -18,7 +18,7 @@ from kalscope.analysis.correction import MIN_SAMPLES, finite
 from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
 from kalscope.analysis.residuals import Columns, Run, Spikes
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.text import number
+from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import FilterResult, was_rejected
 from kalscope.filtering.params import FilterParams, samples_of
@@ -165,7 +165,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     e, (k, v, s), refusals, prior = _scores(run)
     seen = np.flatnonzero(np.isfinite(e))
     n, scored = len(seen), _values_at(e, seen)
-    known = Known(estimated=fitted)
+    known = Known(estimated=fitted, momentum_searched=fitted and run.momentum > 0.0)
     if n < MIN_SAMPLES:
         few = Evidence(n, momentum=run.momentum > 0.0)
         return Diagnostics(e=e, n=n, advice=advice_text(findings_of(few, known)), evidence=few)
@@ -175,7 +175,7 @@ def diagnose_run(run: Run, lags: int | None = None, fitted: bool = False, *, fir
     white = tests.correlation(e, h, fitted)
     nis_low, nis_high = tests.nis_band(n)
     variance_ratio, variance_ratio_p = tests.variance_change(scored)
-    skewness, excess, _, _ = tests.normality(scored)
+    skewness, excess = tests.shape_of(scored)
     slow_share, slow_p = tests.low_frequency_share(scored)
     evidence = find_evidence(run, seen, scored, spikes, refusals, h)
     return Diagnostics(
@@ -255,3 +255,18 @@ def _scores(run: Run) -> tuple[Array, Array, Indices, bool]:
 def expected_nis(d: Diagnostics) -> str:
     """The 95 % band of the mean NIS in words."""
     return f"{number(d.nis_low)} to {number(d.nis_high)}" if d.nis_high < ANY_NIS else "any value: too few samples"
+
+
+def residual_rows(d: Diagnostics) -> tuple[tuple[str, str, str], ...]:
+    """Each test of the residuals: its name, what was measured, and what a filter that fits would show."""
+    jumps = f", {count(d.jumps)} of them jumps" if d.jumps else ""
+    shape, change = f"{number(d.skewness)}, {number(d.excess_kurtosis)}", f"variance × {number(d.variance_ratio)}"
+    return (
+        ("Size: mean of v²/s (NIS)", number(d.nis), expected_nis(d)),
+        ("Lag‑1 autocorrelation", correlation(d.r1), f"within ±{correlation(d.r1_bound)}"),
+        ("Ljung-Box over several lags", p_value(d.ljung_box_p), "p above 0.05"),
+        ("Spikes beyond 4 σ", f"{count(d.spikes)}{jumps}", f"about {number(d.spikes_expected, 2)}"),
+        ("Low-frequency share", f"{percent(d.slow_share)}, {p_value(d.slow_p)}", "p above 0.05"),
+        ("Last third compared with first", f"{change}, {p_value(d.variance_ratio_p)}", "p above 0.05"),
+        ("Skewness, excess kurtosis", shape, "0, 0"),
+    )

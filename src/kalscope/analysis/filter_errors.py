@@ -45,11 +45,6 @@ class Errors:
         """RMS error against the next sample."""
         return root_mean(((curve - self._next) ** 2)[self._first :])
 
-    def roughness(self, curve: Array) -> float:
-        """RMS step of the curve over that of the raw signal."""
-        rough = root_mean(np.diff(self.z) ** 2)
-        return root_mean(np.diff(curve[self._first :]) ** 2) / rough if rough > 0.0 else math.nan
-
 
 def spikes_in(z: Array) -> Mask:
     """Which samples lie far from the median of five around them, shape of z; a step or a slope never does.
@@ -84,9 +79,6 @@ MIN_BLOCKS = 8
 
 NEGLIGIBLE = 1e-4
 """A ratio this close to 1 makes no practical difference, however significant."""
-
-MIN_OVERSHOOT = 5e-4
-"""Smaller overshoots are not mentioned."""
 
 MAX_VALUE = 1e120
 """Fourth powers of larger values, or of values below its inverse, overflow or underflow a double."""
@@ -126,8 +118,8 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
     """Compare squared errors sample by sample, block by block.
 
     Errors are correlated for about as long as the filter lags, so the blocks are at least ten lags long; their
-    means then count as independent. The interval is Fieller's for the ratio of two paired means (1954, JRSS B
-    16, 175), with Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
+    means then count as independent. The interval is that of the ratio of two paired means (delta method), with
+    Student's t at a Bonferroni level; it excludes 1 where a paired t test would.
 
     Args:
         error: squared errors of one filter, shape (n,); NaN where it has none.
@@ -144,19 +136,12 @@ def difference(error: Array, present: Array, lag: float, comparisons: int = 1) -
         return Difference(math.sqrt(float(a.mean() / b.mean())), 0.0, math.inf)
     from scipy.stats import t
 
-    scale = 1.0 / b.mean()  # squares of squares must neither overflow nor vanish
-    means: list[Array] = [scale * np.array([part.mean() for part in np.array_split(row, blocks)]) for row in (a, b)]
-    a, b = means
-    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, blocks - 1)) ** 2 / blocks
     square = float(a.mean() / b.mean())
-    spread: Array = np.cov(a - square * b, b)  # around the ratio itself: two equal filters lose no digits
-    level = float(b.mean()) ** 2 - reach * float(spread[1, 1])
-    if level <= 0.0:  # the mean of b may be 0
-        return Difference(math.sqrt(square), 0.0, math.inf)
-    slant = reach * float(spread[0, 1])
-    root = math.sqrt(slant * slant + level * reach * float(spread[0, 0]))
-    low, high = (math.sqrt(max(0.0, square + (sign * root - slant) / level)) for sign in (-1.0, 1.0))
-    return Difference(math.sqrt(square), low, high)
+    apart = a / b.mean() - square * (b / b.mean())  # around the ratio itself: two equal filters lose no digits
+    means = np.array([part.mean() for part in np.array_split(apart, blocks)])
+    reach = float(t.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons, blocks - 1))
+    half = reach * float(means.std(ddof=1)) / math.sqrt(blocks)
+    return Difference(math.sqrt(square), math.sqrt(max(0.0, square - half)), math.sqrt(square + half))
 
 
 def block_of(lag: float) -> int:
@@ -205,20 +190,6 @@ def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag:
         worst = f"{lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
         parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}; worst {worst}.")
     return " ".join(parts)
-
-
-def overshoot_words(own: float, others: Sequence[tuple[str, float]]) -> str:
-    """A sentence on which filters overshoot a step, with a leading space; "" where the present one does not.
-
-    Args:
-        own: overshoot of the present filter, share of the step.
-        others: names and overshoots of the others.
-    """
-    if own < MIN_OVERSHOOT:
-        return ""
-    beyond = [f"{name} by {percent(share)}" for name, share in others if share >= MIN_OVERSHOOT]
-    parts = [f" Your filter overshoots a step by {percent(own)}", *([_listed(beyond)] if beyond else [])]
-    return "; ".join([*parts, *(["the others do not"] if len(beyond) < len(others) else [])]) + "."
 
 
 def percent_of(ratio: float) -> str:

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from kalscope.analysis import actions, correction
-from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record, Structure
-from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes, burst_of
+from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES, Correction, Record
+from kalscope.analysis.residuals import CLEAR, MAX_OUTLIERS, MAX_REFUSED, SPIKE, Run, Spikes
 from kalscope.common.numbers import Array, Indices
-from kalscope.common.text import DURATIONS, count, number, percent, plural, trimmed
+from kalscope.common.text import DURATIONS, count, number, percent, trimmed
 from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams
@@ -34,7 +35,7 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "constant": ("constant signal", "note", "The signal is constant: there is nothing to judge the filter by."),
     "start": ("wrong start", "bad", "The filter starts too far from the signal."),
     "spikes": ("spikes", "bad", "The record has spikes: single readings far from those around them."),
-    "bursts": ("noise bursts", "note", "Large errors are too many, or too close together, for single outliers."),
+    "bursts": ("noise bursts", "note", "Large errors are too many for single outliers."),
     "too_slow": ("too slow", "bad", "The filter is too slow for this record."),
     "too_fast": ("too fast", "bad", "The filter is too fast for this record: it lets too much noise through."),
     "band": ("wrong band", "bad", ""),
@@ -43,7 +44,7 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "changes": ("noise changes", "note", "The record changes as it goes on: one pair cannot fit all of it."),
     "steps": ("signal steps", "note", "The signal steps: no q both follows it and smooths well between the steps."),
     "gate": ("gate too narrow", "bad", "The outlier gate rejects more than single outliers."),
-    "shape": ("unusual noise", "note", "The errors of the filter are far from normally distributed."),
+    "shape": ("long tails", "note", "Large errors are more frequent than a normal distribution has them."),
     "no_pair": ("no result", "bad", ""),
     "fused": ("fused", "good", ""),
     "shared_noise": ("sensors share noise", "bad", ""),
@@ -122,9 +123,6 @@ class Evidence:
     """How far, in σ, the first sample lies from the given x0; 0 where none was given or that is not a misfit."""
     spikes: int = 0
     """Isolated spikes, where they are more than chance."""
-    burst: tuple[int, int] | None = None
-    """First and last sample of the short stretch that holds most of these spikes, or of the rejected samples, where
-    there is one."""
     jumps: int = 0
     """Jumps beyond 5 σ that stay, where spikes and jumps are more than chance."""
     scale: float = 1.0
@@ -133,18 +131,15 @@ class Evidence:
     """The largest residual, in σ as q and r predict it."""
     unchanged: float = 0.0
     """Share of the readings that equal the one before."""
-    skewness: float = 0.0
-    """Skewness of the residuals without spikes, where they are far from a normal distribution; else 0."""
-    excess: float = 0.0
-    """Excess kurtosis there, likewise."""
     refused: int = 0
     """Samples that the outlier gate rejected."""
     refused_in_a_row: int = 0
     """The longest run of them."""
     correction: Correction = field(default_factory=Correction)
     """Better q and r."""
-    structure: Structure | None = None
-    """What no q and r can remove; with momentum what the filter leaves."""
+    structure: float | None = None
+    """Share of the power that low frequencies hold in the residuals of the best q and r, 0 where these are only
+    correlated; None where they are white."""
     lag_costs: bool = False
     """Whether the filter has momentum, and a lag of five samples without it would add more error than the noise."""
     change: float = 1.0
@@ -175,56 +170,29 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     mostly_lone = spikes.lone > spikes.jumps
     spiky, steps = mostly_lone and spikes.too_many(n, lone=True), not mostly_lone and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
-    skewness, excess = correction.find_shape(np.delete(e, spikes.off))
     record = Record.of(run, seen[outliers])
     if not record.moves and not len(outliers):  # only the approach from a given x0 remains
         return replace(evidence, constant=True, start=abs(float(e[0])) if abs(float(e[0])) > SPIKE else 0.0)
     if record.unchanged > MAX_UNCHANGED and len(outliers):  # its steps are not outliers
         record, outliers = Record.of(run, seen[:0]), outliers[:0]
     better = correction.find_correction(record)
-    structure, change = _remains(better, record, lags, steps=steps)
+    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
+    structure = None if steps or better.e is None else correction.find_structure(better.e, lags)
+    comparable = better.e is not None and (structure is None or 0.0 < structure < MAX_SHARE)
     return replace(
         evidence,
         ratio=record.ratio,
         start=spikes.start,
         spikes=spikes.lone if spiky else 0,
-        burst=burst_of(seen[np.sort(spikes.at[~spikes.stays])] if spiky else refusals, len(e)),
         jumps=int(np.count_nonzero(spikes.size[spikes.stays] > CLEAR)) if steps else 0,
         scale=1.4826 * float(np.median(np.abs(e))) or 1.0,
         largest=float(np.abs(e).max()),
         unchanged=record.unchanged,
-        skewness=skewness,
-        excess=excess,
         correction=better,
         structure=structure,
         lag_costs=run.momentum > 0.0 and correction.lost_by_lag(record) > 1.0,
-        change=change,
+        change=correction.find_change(better.e) if comparable and better.e is not None else 1.0,
     )
-
-
-def _remains(better: Correction, record: Record, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
-    """Structure and change of variance in the residuals of the best fit; None and 1 where there is no fit."""
-    if better.e is None:
-        return None, 1.0
-    structure, change = _tested(better.e, lags, steps=steps)
-    if change == 1.0 and (structure is None or record.momentum):
-        return structure, change
-    moving, walk, gain = correction.find_free(record)
-    needed = max(correction.MIN_LOGLIK_GAIN, correction.MIN_GAIN_A_SAMPLE * record.data.m)
-    if structure is not None and not record.momentum and gain > needed:
-        rest = correction.find_structure(record.residuals(*moving), lags)
-        structure = replace(structure, momentum=moving[1], whole=rest is None)
-    if change > 1.0:  # that of a wrong momentum says nothing
-        change = min(change, _tested(record.residuals(*(moving if gain > 0.0 else walk)), lags, steps=steps)[1])
-    return structure, change
-
-
-def _tested(e: Array, lags: int, *, steps: bool) -> tuple[Structure | None, float]:
-    """Structure and change of variance in residuals."""
-    # Steps raise the best q, and so leave a correlation between them whatever the rest of the signal does.
-    structure = None if steps else correction.find_structure(e, lags)
-    comparable = structure is None or 0.0 < structure.low_share < MAX_SHARE
-    return structure, correction.find_change(e) if comparable else 1.0
 
 
 # --- the findings ---------------------------------------------------------------------------------------------
@@ -242,8 +210,6 @@ class Known:
     """Whether it looked for momentum."""
     goal: str = ""
     """What the user chose that fixes q/r, such as "a lag of 50 ms"; "" = nothing."""
-    faster: str = "fast movement"
-    """The movement that such a filter cannot follow, such as "movement faster than 50 ms"."""
     noise: str = ""
     """Where r was given, as in "from the data sheet"; "" = it was not."""
 
@@ -251,13 +217,7 @@ class Known:
         """The same with what the user decided about the filter."""
         if request is None:
             return self
-        faster, target = self.faster, request.target
-        if "cutoff_hz" in target:
-            faster = f"movement above {target['cutoff_hz']:.4g} Hz"
-        elif "lag_s" in target or "lag_samples" in target:
-            faster = f"movement faster than {request.goal.removeprefix('a lag of ').split(' and ')[0]}"
-        noise = "" if request.noise == Noise() else request.noise.origin
-        return replace(self, goal=request.goal, faster=faster, noise=noise)
+        return replace(self, goal=request.goal, noise="" if request.noise == Noise() else request.noise.origin)
 
     @property
     def chosen(self) -> str:
@@ -269,12 +229,14 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     """All findings, the most urgent first; an earlier one may explain the later ones."""
     if evidence.n < MIN_SAMPLES:
         few = f"too few samples to judge ({evidence.n} scored, {MIN_SAMPLES} needed)"
-        return [Finding("too_few", few, actions.RecordLonger(MIN_SAMPLES))]
+        return [Finding("too_few", few, actions.RecordLonger())]
     if evidence.constant:
         constant = Finding("constant", "the signal is constant: there is nothing to judge the filter by")
         return [_start(evidence) or constant]
     if evidence.unchanged > MAX_UNCHANGED:
         return _rounded(evidence, known)
+    if evidence.structure is not None and not known.estimated:  # another momentum may fit all parts
+        evidence = replace(evidence, change=1.0)
     spikes, change = _spikes(evidence, known), _change(evidence)
     fitted_again = spikes is not None and isinstance(spikes.action, actions.SetSpikesAside)
     fitted_again = fitted_again or (known.robust and evidence.spikes > 0)  # it has seen them, and kept them
@@ -304,7 +266,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     return found if shape is None else [shape]
 
 
-def advice_text(findings: list[Finding]) -> str:
+def advice_text(findings: Sequence[Finding]) -> str:
     """The two most urgent findings as sentences without capitals, or that there is no misfit."""
     return ". ".join(one.text for one in findings[:2]) or NO_FAULT
 
@@ -337,8 +299,6 @@ def _refused_share(evidence: Evidence) -> Finding | None:
 
 
 def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
-    if evidence.refused and evidence.burst and not evidence.spikes:
-        return _burst(f"the outlier gate rejected {plural(evidence.refused, 'sample')}", evidence.burst)
     if evidence.refused_in_a_row < GATE_LIMIT or known.robust:  # that fit has weighed what the gate delays
         return None
     text = (
@@ -348,21 +308,15 @@ def _refused_runs(evidence: Evidence, known: Known) -> Finding | None:
     return Finding("gate", text, actions.SetGate(None))
 
 
-def _burst(seen: str, burst: tuple[int, int]) -> Finding:
-    first, last = map(count, burst)
-    return Finding("bursts", f"{seen}, most of them in a burst, samples {first} to {last}")
-
-
 def _spikes(evidence: Evidence, known: Known) -> Finding | None:
     if not evidence.spikes or known.robust:  # that fit has looked from both sides, and chose the gate
         return None
     seen = f"spikes: {count(evidence.spikes)} beyond 4 σ"
     if evidence.spikes > MAX_OUTLIERS * evidence.n:
         return Finding("bursts", f"{seen} are too many for outliers: one variance cannot describe such noise")
-    if evidence.burst:
-        return _burst(seen, evidence.burst)
     if evidence.refused:
-        explained = evidence.correction.worth_it or evidence.refused_in_a_row >= GATE_LIMIT
+        best = evidence.correction
+        explained = any(map(_matters, (best.q_factor, best.r_factor))) or evidence.refused_in_a_row >= GATE_LIMIT
         explained = explained or (evidence.scale > NARROW and evidence.largest < SPIKE / NARROW)
         text = f"{seen} pass the outlier gate: narrow it to {evidence.gate:g} σ"
         return None if explained else Finding("spikes", text, actions.SetGate(evidence.gate))
@@ -398,15 +352,12 @@ def _change(evidence: Evidence) -> Finding | None:
 
 
 def _edge(evidence: Evidence) -> Finding | None:
-    best = evidence.correction.instead_of_edge
-    if best is None:
+    if not evidence.correction.leaves_edge:
         return None
-    action = actions.SetRatio(best, evidence.correction.edge_factor)
-    if evidence.ratio < 1.0:
-        text = f"q = 0 cannot follow this signal: q about {number(best, 1)} × r fits best"
-        return Finding("too_slow", text, action)
-    text = f"r = 0 lets all noise through: r about {number(1.0 / best, 1)} × q fits best"
-    return Finding("too_fast", text, action)
+    status, text = "too_slow", "q = 0 cannot follow this signal"
+    if evidence.ratio > 1.0:
+        status, text = "too_fast", "r = 0 lets all noise through"
+    return Finding(status, f"{text}: estimate q and r", actions.EstimateAgain())
 
 
 def _size(evidence: Evidence) -> Finding | None:
@@ -414,35 +365,32 @@ def _size(evidence: Evidence) -> Finding | None:
     q_off, r_off, ratio_off = map(_matters, (q, r, q / r))
     if not (q_off or r_off):
         return None
+    scale = actions.Scale(q if q_off else 1.0, r if r_off else 1.0)
     if q_off and r_off and not ratio_off:
         size = "small" if r > 1.0 else "large"
         edges = {0.0: "r is", math.inf: "q is"}
         names = edges.get(evidence.ratio, "q and r are both")
         text = f"{names} too {size} by about {times(r)}: this changes the band, not the curve"
-        return Finding("band", text, actions.Scale(q, r))
+        return Finding("band", text, scale)
     pace = "too slow" if q > r else "too fast"
     change_q, change_r = (
         f"{'raise' if f > 1.0 else 'lower'} {x} about {times(f)}" for x, f in (("q", q), ("r", r))
     )
-    if not q_off:
-        text = f"the band is too {'narrow' if r > 1.0 else 'wide'} and the filter {pace}: {change_r}"
-    elif not r_off:
-        text = f"{pace}: {change_q}"
-    else:
-        text = f"{pace}: {change_q} and {change_r}"
-        text += f", so that q/r becomes {larger(q / r)}" if (q > 1.0) == (r > 1.0) else ""
-    return Finding(pace.replace(" ", "_"), text, actions.Scale(q, r))
+    changes = [change for change, is_off in ((change_q, q_off), (change_r, r_off)) if is_off]
+    ratio = f", so that q/r becomes {larger(q / r)}" if q_off and r_off and (q > 1.0) == (r > 1.0) else ""
+    text = f"{pace}: {' and '.join(changes)}{ratio}"
+    return Finding(pace.replace(" ", "_"), text, scale)
 
 
 def _structure(evidence: Evidence, known: Known) -> Finding | None:
-    structure = evidence.structure
-    if structure is None:
+    share = evidence.structure
+    if share is None:
         return None
-    share = structure.low_share
     low = f"low frequencies hold {percent(share)} of the residual power" if share else ""
-    if evidence.momentum and not known.estimated:
-        text = f"{low or 'residuals stay correlated'} for any q and r {WITH_MOMENTUM}"
-        return Finding("structure", f"{text}; estimate q, r and momentum together", actions.EstimateAgain())
+    if not known.momentum_searched:
+        at = f" {WITH_MOMENTUM}" if evidence.momentum else ""
+        text = f"{low or 'residuals stay correlated'} for any q and r{at}; estimate q, r and momentum together"
+        return Finding("structure", text, actions.EstimateAgain())
     if low:
         text = f"{low}: the signal has a trend or waves that the model lacks"
     else:
@@ -451,10 +399,6 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
             f"residuals stay correlated{pair}: the signal has hum, trend, steps or coloured noise that a random "
             f"walk{walk} cannot describe"
         )
-    if structure.momentum and not known.momentum_searched:
-        size = f"a momentum of about {number(structure.momentum, 1)} samples"
-        text += f"; try {size}" if structure.whole else f"; {size} explains part of it"
-        return Finding("structure", text, actions.AllowMomentum(structure.momentum))
     if not known.estimated:
         return Finding("structure", text)
     if evidence.lag_costs:
@@ -463,17 +407,10 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
 
 
 def _shape(evidence: Evidence, known: Known) -> Finding | None:
-    if evidence.spikes and known.robust:
-        tails = f"{count(evidence.spikes)} of {count(evidence.n)} residuals lie beyond 4 σ"
-        return Finding("shape", f"{tails}: the noise has long tails, or two kinds of readings are mixed")
-    if not evidence.skewness and not evidence.excess:
+    if not evidence.spikes or not known.robust:
         return None
-    size = f"skewness {number(evidence.skewness, 2)}, excess kurtosis {number(evidence.excess, 2)}"
-    return Finding(
-        "shape",
-        f"the residuals are far from a normal distribution ({size}): if two kinds of readings are mixed, such as "
-        "echoes and misses, separate them before the filter",
-    )
+    tails = f"{count(evidence.spikes)} of {count(evidence.n)} residuals lie beyond 4 σ"
+    return Finding("shape", f"{tails}: the noise has long tails, or two kinds of readings are mixed")
 
 
 def _matters(factor: float) -> bool:
@@ -494,9 +431,6 @@ def larger(ratio: float) -> str:
 
 
 # --- a filter that was chosen ---------------------------------------------------------------------------------
-
-UNDOING = (actions.SetRatio, actions.AllowMomentum, actions.EstimateAgain)
-"""Actions that end a choice, as does a `Scale` that is large enough."""
 
 KEEPING = (actions.SetGate, actions.UnsetStart)
 """Actions that correct a filter and leave its q/r: they come before what the choice costs."""
@@ -567,7 +501,7 @@ def _as_chosen(found: list[Finding], known: Known, momentum: bool) -> list[Findi
             costs.append(_cost(known, action, fit))
         elif known.goal and one.status in ("too_slow", "too_fast"):  # a factor too small for a change
             continue
-        elif isinstance(action, UNDOING):
+        elif isinstance(action, actions.EstimateAgain):  # it would end the choice
             rest.append(Finding(one.status, one.text.split("; ")[0]))
         else:
             rest.append(one)
@@ -582,22 +516,13 @@ def _ends(scale: actions.Scale, known: Known) -> bool:
     return any(map(_matters, moved))
 
 
-def cost_of_goal(request: Request, q_factor: float) -> str:
-    """What a goal costs, as sentences, where the best fit has a q this many times as large; "" where it is near."""
-    known = Known().with_request(request)
-    if not known.goal or (q_factor > 0.0 and not _matters(q_factor)):
-        return ""
-    one = _cost(known, actions.Scale(max(q_factor, 1e-12), 1.0), "the best statistical fit")
-    return as_sentences(one.text)
-
-
 def _cost(known: Known, best: actions.Scale, fit: str) -> Finding:
     """What the best fit would do differently, as clauses of two sentences."""
     ratio = best.q_factor / best.r_factor
     if known.goal and _matters(ratio):
         change = f"({'q/r' if _matters(best.r_factor) else 'q'} {larger(ratio)})"
         if ratio > 1.0:
-            best_fit = f"follow faster {change}, so {known.faster} is smoothed away"
+            best_fit = f"follow faster {change}, so fast movement is smoothed away"
         else:
             best_fit = f"smooth more {change}, so noise that it would remove stays"
         return Finding("as_chosen", f"you chose {known.goal}. {fit} would {best_fit}")

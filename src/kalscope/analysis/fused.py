@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 
 from kalscope.analysis.actions import SetGate
 from kalscope.analysis.findings import STATUSES, Finding, Tone
-from kalscope.analysis.judge import BLOCKS, CLOSE, Judgement, Prediction, Stretch
+from kalscope.analysis.judge import CLOSE, Judgement, Prediction, Stretch
 from kalscope.analysis.residuals import SPIKE
 from kalscope.common.numbers import Array, Mask
-from kalscope.common.text import count, gate_text, lag_text, number, percent, plural
+from kalscope.common.text import count, lag_text, number, percent, plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.fusion import common_part, listed, shared_by_params
 from kalscope.estimation.result import Estimate, Shared
@@ -58,11 +58,8 @@ ones."""
 USUALLY_NEW = 2.0
 """Readings per value up to which a sensor usually gives new values."""
 
-CERTAIN = 2.0
-"""Standard errors of a mean beyond which it is not chance."""
-
-FAR, TRIED = 100.0, 1000
-"""A stuck sensor is simulated this many standard deviations away, for this many rows."""
+CERTAIN, BLOCKS = 2.0, 16
+"""Standard errors of a mean beyond which it is not chance, and the blocks from whose scatter they come."""
 
 SETTLED_AFTER = 0.1
 """Share of the rows that the start may take."""
@@ -129,22 +126,25 @@ def judge_fusion(
     readings = checked_readings(samples_of(z), params)
     steps = None if dt is None else steps_of(dt, len(readings))
     record = _Record(readings, steps, params, tuple(names), unit, sample_period)
-    half = len(readings) // 2
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
-        stuck = [_stuck_stretch(record, i) for i in range(params.sensors)]
-        alive = record.without(stuck)
-        sensors = _sensors(record, alive, stuck)
-        tested = params if fit is None else fit(readings[:half], None if steps is None else steps[:half])
-        seen = _predict_second_half(replace(record, params=tested), np.isfinite(alive.z))
-        shared = _shared_noise(alive) if found is None else found.shared
-    error = record.predicted_error(range(params.sensors))
+        return _judged(record, found, fit)
+
+
+def _judged(record: _Record, found: Estimate | None, fit: FusionFit | None) -> Judgement:
+    params, half = record.params, len(record.z) // 2
+    stuck = [_stuck_stretch(record, i) for i in range(params.sensors)]
+    alive = record.without(stuck)
+    sensors = _sensors(record, alive, stuck)
+    tested = params if fit is None else fit(record.z[:half], None if record.dt is None else record.dt[:half])
+    seen = _predict_second_half(replace(record, params=tested), np.isfinite(alive.z))
+    shared = _shared_noise(alive) if found is None else found.shared
+    error, several = record.predicted_error(range(params.sensors)), len(sensors) > 1
     odd = [one for one in sensors if one.findings]
     status = odd[0].status if odd else "shared_noise" if shared else "fused"
     word, tone, _ = WORDS[status]
     if odd:
         word = f"check {len(odd)} sensors" if len(odd) > 1 else f"{odd[0].name[:MAX_NAME]} {word}"
         tone = "bad" if "bad" in (WORDS[fault][1] for one in odd for fault in one.faults) else "note"
-    several = len(sensors) > 1
     return Judgement(
         status=status if odd or shared else "fits",
         headline=_headline(record, error, sensors, seen, shared),
@@ -229,33 +229,29 @@ def _headline(
     record: _Record, error: float, sensors: Sequence[Judgement], seen: Prediction | None, shared: Shared | None
 ) -> str:
     """What fusing brings; no comparison by predicted errors where the record contradicts them."""
-    stuck = next((f" {one.name} is stuck" for one in sensors if "stuck" in one.faults), "")
-    drift, wrong = max(one.drift for one in sensors), record.size(error)
     if math.isinf(error):
         return "No sensor has a reading after the start, so nothing can be said."
     if len(sensors) == 1:
-        return f"The filtered value of {record.names[0]} has an error of {wrong} (1 σ, predicted)."
-    if drift > error:
-        return (
-            f"The sensors drift apart by up to {record.size(drift)}, so the fused value may be wrong by as much; "
-            f"only if they read one quantity is its error the predicted {wrong} (1 σ)."
+        return f"The filtered value of {record.names[0]} has an error of {record.size(error)} (1 σ, predicted)."
+    drift = max(one.drift for one in sensors)
+    against = [f"{one.name} is stuck, so it can be larger" for one in sensors if "stuck" in one.faults]
+    if seen is not None and seen.saved < 0.0:
+        alone = f"{record.names[seen.best]} alone"
+        against.insert(
+            0, f"The next reading is predicted {percent(-seen.saved)} worse than by {alone}, so it is larger"
         )
     if shared is not None:
         who = common_part([record.names[i] for i in shared.sensors], shared.correlation)
-        return f"{who}, so the fused value can be worse than its predicted error of {wrong} (1 σ)."
-    if seen is not None and seen.saved < 0.0:
-        return (
-            f"The fused value predicts the next reading {percent(-seen.saved)} worse than "
-            f"{record.names[seen.best]} alone, so its error is larger than the predicted {wrong} (1 σ)."
-            f"{f'{stuck}.' if stuck else ''}"
-        )
+        against.insert(0, f"{who}, so it can be larger")
+    if drift > error:
+        against.insert(0, f"The sensors drift apart by up to {record.size(drift)}, so it may be as large")
+    fused = f"The fused value has an error of {record.size(error)} (1 σ, predicted)"
+    if against:
+        return f"{fused}. {against[0]}."
     best = min(sensors, key=lambda one: one.error)
     saved = 1.0 - error / best.error if best.error > 0.0 else 0.0
     than = "the same as" if saved < CLOSE else f"{percent(saved)} less than"
-    return (
-        f"The fused value has an error of {wrong} (1 σ, predicted), {than} the best single sensor, {best.name} "
-        f"({record.size(best.error)}).{f'{stuck}, so it can be larger.' if stuck else ''}"
-    )
+    return f"{fused}, {than} the best single sensor, {best.name} ({record.size(best.error)})."
 
 
 def _second_half(record: _Record, seen: Prediction, *, unseen: bool) -> str:
@@ -294,16 +290,14 @@ def _predict_second_half(record: _Record, counted: Mask) -> Prediction | None:
         return None
     weights = np.where(scored, params.shares, 0.0)
     fused, *single = (np.where(scored, one, 0.0) for one in squared)
-    means = [float((weights * one).sum() / weights.sum()) for one in single]
-    best = int(np.argmin(means))
+    means = np.array([float((weights * one).sum() / weights.sum()) for one in (fused, *single)])
+    best = int(np.argmin(means[1:]))
     gain = weights * (single[best] - fused)
     blocks = np.array([block.sum(axis=1).mean() for block in np.array_split(gain, BLOCKS)])
-    return Prediction(
-        fused=math.sqrt(float((weights * fused).sum() / weights.sum())),
-        single=np.sqrt(means),
-        best=best,
-        is_certain=abs(float(blocks.mean())) > CERTAIN * float(blocks.std(ddof=1)) / math.sqrt(BLOCKS),
-    )
+    errors = np.sqrt(means)
+    saved = 1.0 - float(errors[0] / errors[1 + best]) if errors[1 + best] > 0.0 else 0.0
+    is_certain = abs(float(blocks.mean())) > CERTAIN * float(blocks.std(ddof=1)) / math.sqrt(BLOCKS)
+    return Prediction(float(errors[0]), errors[1:], best, saved if is_certain and abs(saved) >= CLOSE else 0.0)
 
 
 def _shared_noise(alive: _Record) -> Shared | None:
@@ -344,7 +338,6 @@ def _sensors(record: _Record, alive: _Record, stuck: Sequence[Stretch]) -> tuple
             error=record.predicted_error([i]),
             error_without=record.predicted_error(others),
             shares_without=shares,
-            pull=_pull(params, i),
             drift=drifts.get(i, (0.0, ()))[0],
             noise_ratio=changes.get(i, (1.0, ()))[0],
             spikes=spikes[i],
@@ -353,7 +346,7 @@ def _sensors(record: _Record, alive: _Record, stuck: Sequence[Stretch]) -> tuple
         )
         pairs = [" and ".join(record.names[j] for j in odd.get(i, (0.0, ()))[1]) for odd in (drifts, changes)]
         found = tuple(_faults(record, i, one, *pairs))
-        one = replace(one, findings=found, if_it_fails=_failing(record, i, one, error))
+        one = replace(one, findings=found, if_it_fails=_failing(record, one, error))
         if not found:
             return one
         status, text = found[0].status, found[0].text
@@ -389,36 +382,20 @@ def _faults(record: _Record, sensor: int, one: Judgement, drifting: str, changin
             yield Finding("spikes", f"{seen}: set an outlier gate.", SetGate(SPIKE))
 
 
-def _failing(record: _Record, sensor: int, one: Judgement, error: float) -> tuple[str, str]:
+def _failing(record: _Record, one: Judgement, error: float) -> tuple[str, str]:
     """What happens when a sensor drops out, and when it sticks, which no filter can see in a single reading."""
-    name, gate, without = record.names[sensor], record.params.gate, one.error_without
+    name, without, share = one.name, one.error_without, one.share
     if math.isinf(without):
         return f"Without {name} no reading is left.", f"If {name} sticks at one value, the filter follows it."
     more = without / error - 1.0 if error > 0.0 else 0.0
     change = "as large as with it" if more < CLOSE else f"{percent(more)} more than with it"
-    change = "with it 0" if error == 0.0 < without else change
-    held = "" if gate is None else f", with the gate of {gate_text(gate)}"
-    end = percent(one.pull if one.pull > MIN_SHARE else 0.0)
+    far = "" if record.params.gate is None else "up to "
+    far += percent(share if share > MIN_SHARE else 0.0)
     return (
         f"If {name} drops out, the error is {record.size(without)}, {change}; "
         f"the fused value is then {record.parts(one.shares_without)}.",
-        f"If {name} sticks at one value, the fused value ends {end} of the way to it{held}; leave it out then.",
+        f"If {name} sticks at one value, the fused value goes {far} of the way to it; leave it out then.",
     )
-
-
-def _pull(params: FilterParams, sensor: int) -> float:
-    """How far the fused value goes, in the end, towards a sensor that sticks far away: 0 … 1.
-
-    Without a gate this is its share. A gate rejects it at first, but accepts a reading after a number of
-    rejections, to avoid lock-out, and then the others are far from the fused value. That is simulated without
-    noise.
-    """
-    if params.gate is None:
-        return float(params.shares[sensor])
-    away = FAR * math.sqrt(float(params.scaled_r.max()) + params.q)
-    z = np.tile(params.offset, (2 * TRIED, 1))
-    z[TRIED:, sensor] += params.gain[sensor] * away
-    return float(np.clip(fuse(z, params).x[-TRIED // 2 :].mean() / away, 0.0, 1.0))
 
 
 # --- a sensor by itself ---------------------------------------------------------------------------------------

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from kalscope.analysis.actions import Action, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, UseStillStretch
-from kalscope.analysis.correction import MIN_FACTOR, MIN_SAMPLES
+from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
     CHOOSE,
     KEEP,
-    NO_FAULT,
     STATUSES,
     WITH_MOMENTUM,
     Evidence,
@@ -23,9 +22,8 @@ from kalscope.analysis.findings import (
     as_sentences,
     findings_of,
 )
-from kalscope.analysis.residuals import ALARM, dot
 from kalscope.common.numbers import Array
-from kalscope.common.text import correlation, count, decibels, number
+from kalscope.common.text import count, decibels, number
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.verdict import below_step
@@ -39,15 +37,6 @@ MAX_ADVICE = 2
 
 FEW = 100
 """Residuals below which only gross misfits show."""
-
-CERTAIN = 4.0
-"""Standard errors by which the second half must differ before this is reported."""
-
-BLOCKS = 16
-"""Blocks of the second half from whose scatter the standard error of its mean v²/s comes."""
-
-BEYOND_CHANCE = 3.29
-"""Standard errors that chance exceeds once in a thousand, as `ALARM`."""
 
 
 CLOSE = 0.005
@@ -67,15 +56,8 @@ class Prediction:
     """The same of predictions by each sensor alone, shape (sensors,)."""
     best: int
     """The sensor that predicts best."""
-    is_certain: bool
-    """Whether fused and best single sensor differ by more than chance."""
-
-    @property
-    def saved(self) -> float:
-        """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
-        best = float(self.single[self.best])
-        less = 1.0 - self.fused / best if best > 0.0 else 0.0
-        return less if self.is_certain and abs(less) >= CLOSE else 0.0
+    saved: float
+    """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,9 +108,6 @@ class Judgement:
     """Error where it drops out and the others continue, unit; inf where it is the only one."""
     shares_without: Array = field(default_factory=lambda: np.zeros(1))
     """Shares of all sensors then, shape (sensors,): that of this one is 0."""
-    pull: float = 1.0
-    """How far the fused value in the end goes towards it where it sticks at one value, 0 … 1: its share, or as
-    tried out with an outlier gate."""
     drift: float = 0.0
     """By how much its difference from the others moves within the record, unit; 0 where not more than by chance."""
     noise_ratio: float = 1.0
@@ -194,12 +173,6 @@ def needs_noise(estimate: Estimate | None) -> bool:
     return estimate is not None and estimate.verdict in ("no_noise", "flat")
 
 
-def advice_words(judgement: Judgement) -> str:
-    """The findings as clauses without capitals; where there is none, that there is no misfit, or the headline."""
-    clauses = ". ".join(one.text for one in judgement.findings)
-    return clauses or (NO_FAULT if judgement.status == "fits" else judgement.headline.rstrip("."))
-
-
 def _without_pair(estimate: Estimate | None) -> Judgement:
     """What to do where the estimate gives no pair, by its verdict."""
     accept = "choose the lag or the cut-off that you can accept"
@@ -207,22 +180,18 @@ def _without_pair(estimate: Estimate | None) -> Judgement:
         "no_noise": (("take r from a still stretch or the data sheet", GiveNoise()), (accept, ChooseFilter())),
         "no_movement": (
             (f"keep this r and {accept}", ChooseFilter()),
-            ("record while the signal moves", RecordLonger(0)),
+            ("record while the signal moves", RecordLonger()),
         ),
-        "too_few": (("record longer", RecordLonger(8)),),
+        "too_few": (("record longer", RecordLonger()),),
         "constant": (("record while the signal moves, or take r from the data sheet", GiveNoise()),),
         "irregular": (("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
-    }
-    headlines = {
-        "no_noise": "No noise can be identified: every change looks like movement.",
-        "no_movement": "No movement can be identified: a constant plus noise explains this record best.",
     }
     if estimate is None:
         headline, advice = "There is no q and r to judge.", ()
     elif estimate.names:  # the message names the sensor, and says what to do
         headline, advice = estimate.message, by_verdict["no_noise"] if estimate.verdict == "no_noise" else ()
     else:
-        headline = headlines.get(estimate.verdict) or f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
+        headline = f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
         advice = by_verdict.get(estimate.verdict, ((accept, ChooseFilter()),))
     return _judgement("no_pair", headline, tuple(Finding("no_pair", *one) for one in advice))
 
@@ -246,12 +215,13 @@ def _of_pair(
         found = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
     else:
         found = findings_of(evidence, known)
-    found = found or _beyond_residuals(held_out, estimate)
+    if not found and estimate is not None and estimate.verdict == "flat":
+        found = [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
     if known.estimated and estimate is not None:
         found = _with_next_step(found, estimate, lag_costs=evidence.lag_costs)
     half = "" if held_out is None else _second_half(held_out)
     if not found:
-        return _without_misfit(residuals, held_out, known, half)
+        return _without_misfit(residuals, known, half)
     status = found[0].status
     headline = as_sentences(found[0].text) if status == "as_chosen" else _headline(status, evidence, known)
     findings = tuple(one for one in found if as_sentences(one.text) not in headline)[:MAX_ADVICE]
@@ -286,17 +256,6 @@ def _band(evidence: Evidence) -> str:
     return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
 
 
-def _beyond_residuals(held_out: Diagnostics | None, estimate: Estimate | None) -> list[Finding]:
-    """The evidence against a filter whose residuals on the whole record are white and of the right size."""
-    if estimate is not None and estimate.verdict == "flat":
-        return [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
-    if held_out is None or not halves_differ(held_out):
-        return []
-    size = f"{number(held_out.nis)} × what q and r predict, those of the first {number(held_out.nis_before)} ×"
-    text = f"the squared errors of the second half are {size}: the noise or the movement changes"
-    return [Finding("changes", text)]
-
-
 def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
     """The findings on the best fit, which end with an action where it may look worse than the previous filter."""
     if estimate.params is None or any(one.action or one.status in ("start", "constant") for one in found):
@@ -312,30 +271,14 @@ def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool
     return [*found[: MAX_ADVICE - 1], step]
 
 
-def _without_misfit(residuals: Diagnostics, held_out: Diagnostics | None, known: Known, half: str) -> Judgement:
+def _without_misfit(residuals: Diagnostics, known: Known, half: str) -> Judgement:
     """A filter without a misfit that is worth correcting."""
     n, refused = residuals.evidence.n, residuals.evidence.refused
-    misfit = _small_misfit(residuals, held_out)
+    without = f", {count(refused)} more rejected by the gate" if refused else ""
+    text = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
     if n < FEW:
         text = f"Nothing in the {count(n)} residuals contradicts the filter, but so few show only gross misfits."
-    elif misfit:
-        text = f"The filter nearly fits: {misfit}, more than chance and too little to correct."
-    else:
-        without = f", {count(refused)} more rejected by the gate" if refused else ""
-        text = f"The filter fits: no misfit worth correcting in {count(n)} residuals{without}."
-    return _judgement("fits", f"{known.chosen}{text}", (), half, "nearly fits" if misfit else "")
-
-
-def _small_misfit(whole: Diagnostics, held_out: Diagnostics | None) -> str:
-    """The first test that fails beyond chance though no misfit is worth correcting, as a clause; "" = none."""
-    for what, one in (("squared errors are", whole), ("squared errors of the second half are", held_out)):
-        if one is not None and abs(one.nis - 1.0) > BEYOND_CHANCE * math.sqrt(2.0 / max(one.n, 1)):
-            return f"{what} {number(one.nis)} × what q and r predict"
-    if whole.ljung_box_p < ALARM or abs(whole.r1) > BEYOND_CHANCE / 1.96 * whole.r1_bound or whole.slow_p < ALARM:
-        return f"neighbouring residuals are slightly correlated ({correlation(whole.r1)})"
-    if whole.variance_ratio_p < ALARM:
-        return f"their variance in the last third is {number(whole.variance_ratio)} × that in the first"
-    return ""
+    return _judgement("fits", f"{known.chosen}{text}", (), half)
 
 
 def _second_half(held_out: Diagnostics) -> str:
@@ -343,27 +286,4 @@ def _second_half(held_out: Diagnostics) -> str:
     if held_out.nis_low <= held_out.nis <= held_out.nis_high:
         return "squared errors are as large as q and r predict"
     size = f"squared errors are {number(held_out.nis)} × what q and r predict"
-    if halves_differ(held_out):
-        return f"{size}, on the first half {number(held_out.nis_before)} ×: the halves differ"
-    if 1.0 / MIN_FACTOR < held_out.nis < MIN_FACTOR:
-        return f"{size}, too little to matter"
-    return f"{size}, {'as on the first half' if _is_alike(held_out) else 'but they scatter too much to tell why'}"
-
-
-def _is_alike(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of both halves is the same within a factor that matters; both may be 0."""
-    return held_out.nis_before / MIN_FACTOR <= held_out.nis <= held_out.nis_before * MIN_FACTOR
-
-
-def halves_differ(held_out: Diagnostics) -> bool:
-    """Whether the mean v²/s of the halves differs by a factor that matters and by more than its own scatter.
-
-    The scatter is that of blocks, so heavy tails and changes within the half widen it; √2 because that of the first
-    half is as uncertain.
-    """
-    e = held_out.e[np.isfinite(held_out.e)]
-    if len(e) < 4 * BLOCKS or _is_alike(held_out):
-        return False
-    means = np.array([dot(part, part) / len(part) for part in np.array_split(e, BLOCKS)])
-    error = math.sqrt(2.0 * float(means.var(ddof=1)) / BLOCKS)
-    return abs(held_out.nis - held_out.nis_before) > CERTAIN * error
+    return f"{size}, on the first half {number(held_out.nis_before)} ×"

@@ -170,19 +170,16 @@ def variance_change(e: Array) -> tuple[float, float]:
     return ratio, float(min(1.0, 2.0 * min(fdtr(h, h, ratio), fdtrc(h, h, ratio))))
 
 
-def normality(e: Array) -> tuple[float, float, float, float]:
-    """Skewness S, excess kurtosis K, N (S²/6 + K²/24) and its p value from χ²₂ (Bowman & Shenton 1975)."""
+def shape_of(e: Array) -> tuple[float, float]:
+    """Skewness and excess kurtosis."""
     d = e - e.mean()
     largest = max(float(d.max()), -float(d.min()))
     if largest == 0.0:
-        return 0.0, 0.0, 0.0, 1.0
+        return 0.0, 0.0
     d /= largest  # fourth powers must neither overflow nor vanish
     d2 = d * d
     variance = float(d2.mean())
-    skewness = dot(d2, d) / len(e) / variance**1.5
-    excess = dot(d2, d2) / len(e) / variance**2 - 3.0
-    statistic = len(e) * (skewness**2 / 6.0 + excess**2 / 24.0)
-    return skewness, excess, statistic, math.exp(-0.5 * statistic)
+    return dot(d2, d) / len(e) / variance**1.5, dot(d2, d2) / len(e) / variance**2 - 3.0
 
 
 def low_frequency_share(e: Array) -> tuple[float, float]:
@@ -258,9 +255,6 @@ MAX_REFUSED = 0.2
 
 MIN_COUNT, CLEAR = 5, 5.0
 """Number of spikes that count whatever their size, and the size in σ from which fewer count."""
-
-MIN_BURST, MAX_BURST = 8, 0.1
-"""Spikes that make a burst, and the share of the record that it may be."""
 
 MAX_JOINED, SLOPE = 2, 50
 """Most jumps of one sign, each within this many samples of the one before, that may be steps; more are a slope."""
@@ -352,21 +346,6 @@ class Spikes:
         many = chance < ALARM and len(sizes) > 3.0 * expected
         many = many and (len(sizes) >= MIN_COUNT or bool(sizes.max() > CLEAR))
         return many or bool(np.any(sizes > 2.0 * SPIKE))
-
-
-def burst_of(at: Indices, n: int) -> tuple[int, int] | None:
-    """First and last of the shortest stretch with three quarters of the indices `at` among n; None if long.
-
-    Args:
-        at: indices, shape (spikes,), ascending.
-        n: how many there are.
-    """
-    if len(at) < MIN_BURST:
-        return None
-    held = math.ceil(0.75 * len(at))
-    spans = at[held - 1 :] - at[: len(at) - held + 1]
-    first = int(np.argmin(spans))
-    return (int(at[first]), int(at[first + held - 1])) if spans[first] <= MAX_BURST * n else None
 
 
 def _mark_excursions(kind: NDArray[np.int8], step: Array) -> Indices:

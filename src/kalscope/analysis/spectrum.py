@@ -102,16 +102,16 @@ def spectrum(
         return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    densities: list[Array] = []
-    frequency = np.empty(0)
-    for y in (raw, filtered, raw - filtered):
-        frequency, density = cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
-        densities.append(density[1:])
+    found = [
+        cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
+        for y in (raw, filtered, raw - filtered)
+    ]
+    frequency = found[0][0][1:]
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
-        frequency[1:],
-        *densities,
-        response=magnitude_response(params, frequency[1:] * period),
+        frequency,
+        *(density[1:] for _, density in found),
+        response=magnitude_response(params, frequency * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,
         samples=length,
@@ -145,12 +145,6 @@ def _bridged(part: Array) -> Array:
 SIZES_PER_OCTAVE = 3
 """Averaging lengths in each doubling."""
 
-
-CLOSED_FROM = 0.1
-"""Averages over more of the momentum than this have a closed form that loses no digits that matter."""
-
-FAR = 1e100
-"""Averaging lengths beyond which momentum changes nothing, and squares might not fit a double."""
 
 MAX_AVERAGED = 2_000_000
 """Samples used, the first ones of the record."""
@@ -202,14 +196,17 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     q, r, momentum = params.q, float(params.r), params.momentum
     deviation = np.sqrt(variance)
     spread = deviation / np.sqrt(2.0 * degrees)
-    best = best_average(q, r, momentum)
+    model = np.sqrt(allan_model(size, q, r, momentum))
+    best = best_average(q, r)
+    if momentum and q and len(size):  # later than that of the walk alone: the nearest of these lengths
+        best = float(size[int(model.argmin())])
     least = math.sqrt(float(allan_model(best, q, r, momentum))) if math.isfinite(best) else math.nan
     return AllanDeviation(
         size=size,
         tau=size * period,
         deviation=deviation,
         spread=spread,
-        model=np.sqrt(allan_model(size, q, r, momentum)),
+        model=model,
         best_size=best,
         in_seconds=sample_period is not None,
         message=_message(size, deviation, spread, best, least, sample_period),
@@ -220,48 +217,24 @@ def allan_model(size: ArrayLike, q: float, r: float, momentum: float = 0.0) -> A
     """Allan variance of white noise r and a random walk of q a sample, at averages over `size` samples, unit².
 
     r/M + q(2M² + 1)/(6M): Zhang (2008), Metrologia 45, 549; the same as `av_wn` and `av_rw` of R's avar. With
-    momentum τ the walk is off by q(k − τ(1 − eᵏ)) after k samples, in the mean square, and twice summed this gives
-    what `_kept_direction` takes away.
+    momentum τ the walk is off by q(k − τ(1 − exp(−k/τ))) after k samples, in the mean square.
     """
     m = np.asarray(size, dtype=np.float64)
-    walk = q * (2.0 * m * m + 1.0) / (6.0 * m)
-    if not momentum:
-        return r / m + walk
-    far = m >= CLOSED_FROM * momentum
-    with np.errstate(over="ignore", invalid="ignore"):
-        walk = walk - 0.5 * q * _kept_direction(np.where(far, m, momentum), momentum)
-    near = [0.5 * q * _near(float(each), momentum) for each in m[~far].flat]
-    walk = np.array(walk)
-    walk[~far] = near
-    return r / m + walk
+    if momentum:
+        return r / m + 0.5 * q * np.vectorize(_apart, [np.float64])(m, momentum)
+    return r / m + q * (2.0 * m * m + 1.0) / (6.0 * m)
 
 
-def _kept_direction(m: Array, tau: float) -> Array:
-    """How much less two averages over m samples differ in the mean square for the momentum τ, for q = 1."""
-    forgotten, left = -np.expm1(-1.0 / tau), np.exp(-m / tau)
-    e = 1.0 - forgotten
-    return tau / m * ((1.0 + e) / forgotten - e * -np.expm1(-m / tau) * (3.0 - left) / (m * forgotten * forgotten))
-
-
-def _near(m: float, tau: float) -> float:
-    """Mean squared difference of two averages over m samples, far fewer than τ, where the closed form cancels."""
+def _apart(m: float, tau: float) -> float:
+    """Mean squared difference of two averages over m samples with the momentum τ, for q = 1."""
     k = np.arange(1.0, 2.0 * round(m))
     weight = np.where(k <= m, 3.0 * k - 2.0 * m, 2.0 * m - k) / (m * m)
     return float(weight @ (k + tau * np.expm1(-k / tau)))
 
 
-def best_average(q: float, r: float, momentum: float = 0.0) -> float:
-    """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0.
-
-    With momentum the best of 1,200 log-spaced lengths: its minimum is usually later than that of the walk alone.
-    """
-    if q == 0.0:
-        return math.inf
-    plain = max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
-    if not momentum or plain > FAR:
-        return plain
-    lengths = np.unique(np.rint(np.geomspace(1.0, max(2.0, 10.0 * (plain + momentum)), 1200)))
-    return float(lengths[int(np.argmin(allan_model(lengths, q, r, momentum)))])
+def best_average(q: float, r: float) -> float:
+    """Averaging length in samples where the model's Allan deviation is least, ≥ 1: √(3r/q + ½); inf for q = 0."""
+    return math.inf if q == 0.0 else max(1.0, math.sqrt(3.0 * (r / q) + 0.5))
 
 
 def first_minimum(deviation: Array, spread: Array) -> int:
@@ -302,20 +275,18 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
             f"By the model, averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
         )
     at = first_minimum(deviation, spread)
+    stop = lag_in_full(float(size[at]), period)
     if not deviation.any():
         seen = "This recording is constant: averaging has nothing to remove."
     elif at == len(size) - 1:
-        longest = lag_in_full(float(size[-1]), period)
-        seen = f"In this recording it still helps at {longest}, the longest averaging time it allows."
-    elif at == 0 and float(deviation.min()) < float(deviation[0]):
+        seen = f"In this recording it still helps at {stop}, the longest averaging time it allows."
+    elif at:
+        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
+    elif float(deviation.min()) < float(deviation[0]):
         helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
-        why = "the signal oscillates, or its noise is correlated"
-        seen = f"In this recording averaging over less than {helps} does not help: {why}."
-    elif at == 0:
+        seen = f"In this recording averaging over less than {helps} does not help: signal or noise is correlated."
+    else:
         seen = (
             "In this recording averaging never helps: the signal changes more than its noise from sample to sample."
         )
-    else:
-        stop = lag_in_full(float(size[at]), period)
-        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
     return f"{model} {seen}"

@@ -25,7 +25,7 @@ def tune_command(
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
     details: Annotated[
-        bool, typer.Option("--details", help="Also print how it was found, the tests and two other methods.")
+        bool, typer.Option("--details", help="Also print how it was found, what the record allows, and the tests.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
     output: Annotated[

@@ -6,7 +6,7 @@ import json
 import math
 import textwrap
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,17 +15,21 @@ import numpy as np
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel, with_kinds
 from kalscope.analysis.correction import MIN_SAMPLES
-from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, expected_nis
-from kalscope.analysis.estimators import WITHOUT_NUMBERS, compare_methods, comparison, is_within
-from kalscope.analysis.findings import as_sentences, cost_of_goal
+from kalscope.analysis.diagnostics import (
+    Diagnostics,
+    diagnose_held_out,
+    diagnose_run,
+    residual_rows,
+    without_residuals,
+)
+from kalscope.analysis.findings import as_sentences
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, advice_words, judge, needs_noise
+from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
 from kalscope.cli.tune_options import SPECIFICATIONS, FusionOptions, save
 from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.common.text import (
-    correlation,
     count,
     decibels,
     duration,
@@ -41,10 +45,9 @@ from kalscope.common.text import (
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
-from kalscope.estimation.request import METHOD_NAMES, Found, Noise, Request, find_parameters, shows_no_noise
+from kalscope.estimation.request import Found, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.verdict import gain_of, lag_of
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -52,20 +55,14 @@ from kalscope.sources.reading import account
 from kalscope.tuning.choose import channels_to_fuse, for_each_sensor, name_of_fused, sensor_named, units_of
 from kalscope.tuning.tuning import ChannelTuning
 
-WIDTH, MAX_LINES = 96, 6
-"""Columns of the page; lines of the summary of one tuned channel, besides one or two on what it was read as.
-Those on its reading may be wider."""
+WIDTH = 96
+"""Columns of the page; the lines on how the file was read may be wider."""
 
-MAX_OTHERS, MAX_NAME = 24, 24
-"""Maximum number of other channels that are named, because a car sends hundreds; characters of a sensor's name."""
+MAX_NAME = 24
+"""Characters of a sensor's name."""
 
 _WORDS = {"flat": "any ratio fits", "bad_unit": "numbers out of range", "copies": "two sensors move alike"}
 """Verdicts whose code does not explain itself."""
-
-
-def words_of(verdict: str) -> str:
-    """A verdict as it is shown."""
-    return _WORDS.get(verdict) or verdict.replace("_", " ")
 
 
 CHOSEN = "chosen"
@@ -88,8 +85,8 @@ class Answer:
     """What the user wants and knows."""
     found: Found
     """The filter or why there is none."""
-    opinions: tuple[Estimate, ...]
-    """Of a channel: all methods side by side, maximum likelihood first."""
+    range: Estimate
+    """The estimate whose intervals say what the record allows."""
     judgement: Judgement
     """Whether the filter fits, and what to do next; `held_out` is of a pair found in the first half."""
 
@@ -127,18 +124,7 @@ class Answer:
     @property
     def verdict_words(self) -> str:
         """The verdict as it is shown."""
-        return words_of(self.verdict)
-
-    @property
-    def range(self) -> Estimate:
-        """The estimate whose intervals say what the record allows."""
-        return self.found.estimate or self.opinions[0]
-
-    @property
-    def set_aside(self) -> int:
-        """How many samples the fit set aside as spikes."""
-        fit = self.found.estimate
-        return 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
+        return _WORDS.get(self.verdict) or self.verdict.replace("_", " ")
 
 
 def answers_for(
@@ -178,31 +164,21 @@ def answer_for(
     """
     z, dt, period = recording.channel(channel), _steps(recording), recording.sample_period
     unit = recording.units[recording.index(channel)]
-    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.3))
+    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
     found = replace(found, params=_with_gate(found.params, gate))
-    opinions = compare_methods(_without_spikes(z, dt, request, found), dt, progress=progress.part(0.3, 0.7))
-    progress(0.7, "judging the answer")
+    allowed = found.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
+    progress(0.6, "judging the answer")
     residuals = held_out = None
     if found.params is not None:
         residuals = diagnose_run(Run.of_samples(z, found.params, dt), fitted=found.estimate is not None)
-        held_out = _held_out(z, dt, period, request, progress.part(0.8, 1.0))
+        held_out = _held_out(z, dt, period, request, progress.part(0.7, 1.0))
     still = find_still_stretch(z, dt) if needs_noise(found.estimate) else None
     judgement = judge(residuals, held_out, found.estimate, request, still, unit)
-    return Answer(recording, (channel,), unit, request, found, opinions, judgement)
+    return Answer(recording, (channel,), unit, request, found, allowed, judgement)
 
 
 def _steps(recording: Recording) -> Array | None:
     return recording.steps() if recording.gaps == "dt" else None
-
-
-def _without_spikes(z: Array, dt: Array | None, request: Request, found: Found) -> Array:
-    """The samples that the second opinions and the range of the record are to be found in: those of the answer."""
-    fit = found.estimate
-    if fit is None and request.robust is not False:  # the filter was chosen
-        fit = estimate(z, dt=dt, momentum=0.0, robust=request.robust)
-    if fit is None or fit.outliers is None or fit.verdict == "too_many_outliers":
-        return z
-    return np.where(fit.outliers, np.nan, z)
 
 
 def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams | None:
@@ -273,7 +249,7 @@ def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Pr
     noise = (options.r, options.sigma, options.density) != (None, None, None)
     origin = "r given" if noise else "r from a still stretch" if options.still is not None else ""
     how = ", ".join(filter(None, ("fused", request.goal, origin, "" if request.goal else "maximum likelihood")))
-    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), (), judgement)
+    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), fit, judgement)
 
 
 def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:
@@ -319,8 +295,6 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
     """The option that does it for this channel; "" where no option does, as for a new recording."""
     without, params = _without(answer.request), answer.found.params
     match action:
-        case actions.AllowMomentum():
-            words = ["--momentum auto", *without]
         case actions.SetSpikesAside():
             words = ["--robust", *without]
         case actions.EstimateAgain():
@@ -328,9 +302,8 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
         case actions.UseStillStretch(first, last):
-            words = [f"--still {_limits(answer.recording.time, first, last)}"]
-        case actions.SetRatio(ratio):
-            words = [f"--ratio {ratio:.3g}"]
+            start, end = answer.recording.time[[first, last - 1]].tolist()
+            words = [f"--still {start!r}:{end!r}"]
         case actions.Scale(q_factor, r_factor) if params is not None:
             q, r = params.q * q_factor, float(params.r) * r_factor
             words = [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
@@ -343,17 +316,6 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
     return " ".join(words)
 
 
-def _limits(time: Array, first: int, last: int) -> str:
-    """Samples `first` … `last` − 1 as FROM:TO, in as few digits as select the same ones."""
-    text = ""
-    for digits in range(3, 18):
-        start, end = (f"{float(time[at]):.{digits}g}" for at in (first, last - 1))
-        text = f"{start}:{end}"
-        if (time.searchsorted(float(start)), time.searchsorted(float(end), "right")) == (first, last):
-            break
-    return text
-
-
 def _without(request: Request) -> list[str]:
     """The options that keep q, r or momentum from being estimated: they must be left out."""
     noises = [name for name in ("still", "sigma", "density", "r") if getattr(request.noise, name) is not None]
@@ -362,6 +324,7 @@ def _without(request: Request) -> list[str]:
         *(f"--{name}" for name in ("ratio", "overshoot") if getattr(request, name) is not None),
         *(f"--{name}" for name in noises),
         *(["--method"] if request.method != "ml" else []),
+        *(["--momentum"] if request.momentum != "auto" else []),
     ]
     return [f"without {', '.join(given)}"] if given else []
 
@@ -376,22 +339,15 @@ def example(answer: Answer) -> str:
 
 
 def page_of(answers: list[Answer], details: bool) -> str:
-    """The summary of each answer, and its details below it; the other channels where a line is left for them."""
+    """The summary of each answer, and its details below it; then the other channels."""
     recording = answers[0].recording
-    head = reading_lines(recording)
-    lines = MAX_LINES - len(head) + len(account.read_as(recording))
-    pages = [summary_of(answer, lines) for answer in answers]
-    tuned = {name for answer in answers for name in answer.sensors}
-    others = [name for name in recording.names if name not in tuned]
-    room = len(answers) == 1 and len(pages[0]) < lines
-    if others and (room or details):
-        more = f" and {len(others) - MAX_OTHERS} more" if len(others) > MAX_OTHERS else ""
-        words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others[:MAX_OTHERS]))}{more}"
-        pages[-1].append(words if details else textwrap.shorten(words, WIDTH, placeholder=" …"))
-    if details:
-        pages = [[*page, "", *details_of(one).splitlines()] for page, one in zip(pages, answers, strict=True)]
+    pages = [[*summary_of(one), *(["", *details_of(one)] if details else [])] for one in answers]
+    others = [name for name in recording.names if name not in {name for one in answers for name in one.sensors}]
+    if others:
+        words = f"Other channels (--channel, --all): {', '.join(with_kinds(recording, others))}"
+        pages[-1] += wrapped(words) if details else [textwrap.shorten(words, WIDTH, placeholder=" …")]
     between = f"\n{'-' * WIDTH}\n" if details else "\n\n"
-    return "\n".join(head) + "\n" + between.join(map("\n".join, pages)) + "\n"
+    return "\n".join(reading_lines(recording)) + "\n" + between.join(map("\n".join, pages)) + "\n"
 
 
 def reading_lines(recording: Recording) -> list[str]:
@@ -401,20 +357,13 @@ def reading_lines(recording: Recording) -> list[str]:
     return [*lines, f"Warning: {'. '.join(warnings)}."] if warnings else lines
 
 
-def summary_of(answer: Answer, lines: int) -> list[str]:
-    """The answer in lines of the page.
-
-    A channel has at most `lines` of them, 4 or more: the last advice is cut where it is too long.
-    """
+def summary_of(answer: Answer) -> list[str]:
+    """The answer in lines of the page."""
     judged = answer.judgement
     texts = [_filter(answer), *_effect(answer), judged.headline, judged.second_half if answer.fuses else ""]
     page = [line for text in texts for line in wrapped(text)]
     page += _table(answer) if judged.sensors else []
-    for text in _next(answer):
-        room = 99 if answer.fuses else lines - len(page)
-        if room > 0:
-            page += textwrap.wrap(text, WIDTH, max_lines=room, placeholder=" … (--details)", break_on_hyphens=False)
-    return page
+    return page + [line for text in _next(answer) for line in wrapped(text)]
 
 
 def wrapped(text: str) -> list[str]:
@@ -431,13 +380,14 @@ def between(low: float, high: float, largest: float = math.inf, words: Callable[
 
 
 def _filter(answer: Answer) -> str:
-    params, period = answer.found.params, answer.sample_period
+    params, period, fit = answer.found.params, answer.sample_period, answer.found.estimate
     if params is None:
         return f"{answer.name}: no q and r to recommend ({answer.verdict_words})"
     r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
     momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
-    spikes = f", {plural(answer.set_aside, 'spike')} set aside" if answer.set_aside else ""
+    aside = 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
+    spikes = f", {plural(aside, 'spike')} set aside" if aside else ""
     return f"{answer.name}: q = {trimmed(params.q, 4)}{r} {squared(answer.unit)}, {momentum}, {gate}{spikes}"
 
 
@@ -448,11 +398,8 @@ def _effect(answer: Answer) -> Iterator[str]:
     lag = lag_in_full(steady.lag_samples, answer.sample_period).removesuffix(")")
     bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
     noise = f"{decibels(-steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
-    yield f"lag {lag}{bracket}, noise {noise}, {_overshoot(steady) or 'no overshoot'}"
-
-
-def _overshoot(steady: SteadyState) -> str:
-    return f"overshoot {percent(steady.overshoot)}" if steady.overshoot else ""
+    overshoot = f"overshoot {percent(steady.overshoot)}" if steady.overshoot else "no overshoot"
+    yield f"lag {lag}{bracket}, noise {noise}, {overshoot}"
 
 
 def _allowed(answer: Answer) -> str:
@@ -471,17 +418,16 @@ def _lags(answer: Answer) -> str:
 
 
 def _table(answer: Answer) -> Iterator[str]:
-    """A row a sensor: noise, offset, share, and what is left without it."""
+    """A row a sensor: noise, offset, gain, share, and what is left without it."""
     params = answer.found.params
     if params is None:
         return
-    gains = bool(np.any(params.gain != 1.0))
     rows = [("sensor", "noise σ", "r", "offset", "gain", "share", "error alone", "without it")]
     for i, (one, unit) in enumerate(zip(answer.judgement.sensors, _units(answer), strict=True)):
         r = float(params.sensor_r[i])
         rows.append(
             (
-                one.name if len(one.name) <= MAX_NAME else f"{one.name[: MAX_NAME - 1]}…",
+                textwrap.shorten(one.name, MAX_NAME, placeholder="…"),
                 _with_unit(math.sqrt(r), unit),
                 f"{number(r)} {squared(unit)}",
                 _with_unit(float(params.offset[i]), unit),
@@ -491,11 +437,7 @@ def _table(answer: Answer) -> Iterator[str]:
                 _with_unit(one.error_without, answer.unit),
             )
         )
-    columns = [column for column in zip(*rows, strict=True) if gains or column[0] != "gain"]
-    widths = [max(map(len, column)) for column in columns]
-    for first, *rest in zip(*columns, strict=True):
-        cells = (f"  {cell:>{width}}" for cell, width in zip(rest, widths[1:], strict=True))
-        yield f"  {first:<{widths[0]}}{''.join(cells)}"
+    yield from _columns(*rows)
 
 
 def _with_unit(value: float, unit: str) -> str:
@@ -520,25 +462,20 @@ def _next(answer: Answer) -> Iterator[str]:
     about = list(_about_sensors(answer)) if answer.fuses else []
     yield from about
     due = [one for one in advice if one.action or not answer.fuses]  # that a sensor was silent leaves nothing to do
-    if params is None and answer.fuses:
-        pass  # the message says what to do
-    elif params is None and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
-        yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
+    if params is None:
+        if not answer.fuses and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
+            yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
     elif not due and not any(text.startswith("Next") for text in about):
         nothing = "nothing to correct; " if not advice and answer.verdict in ("ok", CHOSEN) else ""
-        yield (
-            "Next: nothing to correct if the spikes are errors; if they belong to the signal, such as heartbeats, "
-            "--no-robust keeps them"
-            if answer.set_aside
-            else f"Next: {nothing}-o tuning.toml saves it, --details shows more"
-        )
+        fit = answer.found.estimate
+        if fit is not None and fit.outliers is not None and fit.outliers.any():
+            nothing += "--no-robust keeps spikes that belong to the signal, such as heartbeats; "
+        yield f"Next: {nothing}-o tuning.toml saves it, --details shows more"
 
 
 def _about_sensors(answer: Answer) -> Iterator[str]:
-    """What a goal costs, what the record leaves open, and which sensors to look at."""
+    """What the record leaves open, and which sensors to look at."""
     fit, params, sensors = answer.range, answer.found.params, answer.judgement.sensors
-    if params is not None and (cost := cost_of_goal(answer.request, fit.q / params.q)):
-        yield f"Note: {cost}"
     if params is not None and fit.verdict != "ok" and not (answer.request.goal and fit.verdict == "no_movement"):
         yield f"Note: {fit.message}"
     yield from (f"Note: {note}" for note in fit.notes)
@@ -550,69 +487,62 @@ def _about_sensors(answer: Answer) -> Iterator[str]:
         yield f"Next: look at {listed([one.name for one in odd])}{more}"
 
 
-# What --details adds: how the filter was found, what it does, what the record allows, second opinions, tests.
-
-
-def details_of(answer: Answer) -> str:
-    """All that the summary leaves out, as one text."""
-    parts = _origin(answer), _meaning(answer), _opinions(answer), _trust(answer)
-    return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part))) + "\n"
-
-
-def _origin(answer: Answer) -> Iterator[str]:
-    z, params = answer.z, answer.found.params
-    missing = int(np.isnan(z).all(axis=1).sum())
-    yield f"samples            {count(len(z))}{f', {count(missing)} of them missing' if missing else ''}"
-    if params is not None:
-        if not answer.fuses:
-            sigma = f"σ = {number(math.sqrt(float(params.r)))} {answer.unit or 'unit'}"
-            yield f"noise and ratio    {sigma}, q/r = {number(params.ratio)}"
+def details_of(answer: Answer) -> Iterator[str]:
+    """What the summary leaves out: how the filter was found, what it does, what the record allows, tests."""
+    z, fit, judged = answer.z, answer.range, answer.judgement
+    readings = [f"{count(n)} {name}" for n, name in zip(np.isfinite(z).sum(axis=0), answer.sensors, strict=True)]
+    yield f"{count(len(z))} rows, readings: {', '.join(readings)}"
+    if answer.found.params is not None:
         yield f"how: {answer.found.how}"
-    yield ""
     yield from wrapped(answer.found.message)
+    yield from _meaning(answer)
+    yield ""
+    yield from wrapped(f"The record allows (95 %): {_interval(answer)}")
+    for i, (name, unit) in enumerate(zip(answer.sensors if answer.fuses else (), _units(answer), strict=False)):
+        offset, gain = (
+            " to ".join(map(number, ends[i])) for ends in (fit.offset_interval, fit.sensor_gain_interval)
+        )
+        noise = f"r {between(*fit.r_interval[i])} {squared(unit)}"
+        gains = f", gain {gain}" if np.any(fit.gain != 1.0) else ""
+        yield from wrapped(f"  {name}: {noise}, {f'offset {offset} {unit}'.rstrip()}{gains}")
+    for one in judged.sensors:
+        yield from wrapped(" ".join(one.if_it_fails))
+    if judged.residuals is not None:
+        yield ""
+        yield from _columns(("residuals", "measured", "expected (95 %)"), *residual_rows(judged.residuals))
+        half = judged.second_half or "not possible, one half of the record has too little data"
+        yield from wrapped(f"Second half, by a filter that has not seen it: {half}")
 
 
 def _meaning(answer: Answer) -> Iterator[str]:
     steady, params, period = answer.steady, answer.found.params, answer.sample_period
-    if steady is not None and params is not None:
-        yield f"What this filter does{' while all sensors answer' if answer.fuses else ''}"
-        hertz = scalar(steady_state(params.as_single, period or 1.0).cutoff_hz)
-        cutoff = frequency(hertz) if period else f"{number(hertz)} × the sample rate"
-        yield f"  gain             {number(steady.gain)}"
-        yield f"  lag (delay)      {lag_in_full(steady.lag_samples, period)}"
-        if steady.overshoot:
-            yield f"  overshoot (step) {percent(steady.overshoot)}"
-        yield f"  noise reduction  {decibels(steady.noise_reduction_db)}"
-        none = "none: it attenuates no frequency by 3 dB"
-        yield f"  cut-off (−3 dB)  {none if math.isnan(hertz) else cutoff}"
-        yield f"  settling to 1 %  {lag_in_full(steady.settle_samples, period)}"
-    if answer.fuses:
-        yield from _sensor_ranges(answer)
+    if steady is None or params is None:
         return
-    yield from wrapped(f"The record allows (95 %): {_interval(answer)}.")
-    if answer.judgement.status == "as_chosen":
-        yield from wrapped(answer.judgement.headline)
+    yield ""
+    yield f"What this filter does{' while all sensors answer' if answer.fuses else ''}"
+    hertz = scalar(steady_state(params.as_single, period or 1.0).cutoff_hz)
+    cutoff = frequency(hertz) if period else f"{number(hertz)} × the sample rate"
+    yield from _columns(
+        ("gain", number(steady.gain)),
+        ("lag", lag_in_full(steady.lag_samples, period)),
+        ("overshoot (step)", percent(steady.overshoot)),
+        ("noise reduction", decibels(steady.noise_reduction_db)),
+        ("cut-off (−3 dB)", "none: it attenuates no frequency by 3 dB" if math.isnan(hertz) else cutoff),
+        ("settling to 1 %", lag_in_full(steady.settle_samples, period)),
+    )
 
 
-def _sensor_ranges(answer: Answer) -> Iterator[str]:
-    """What the record allows for each sensor, and what happens where one fails."""
-    fit, readings = answer.range, np.isfinite(answer.z).sum(axis=0).tolist()
-    yield f"The record allows (95 %): q {between(*fit.q_interval)} {squared(answer.unit)}"
-    for i, (name, unit) in enumerate(zip(answer.sensors, _units(answer), strict=True)):
-        offset, gain = (
-            " to ".join(map(number, ends[i])) for ends in (fit.offset_interval, fit.sensor_gain_interval)
-        )
-        gains = f", gain {gain}" if np.any(fit.gain != 1.0) else ""
-        noise = f"r {between(*fit.r_interval[i])} {squared(unit)}"
-        offset = f"offset {offset} {unit}".rstrip()
-        rows = f"{count(readings[i])} readings of {count(len(answer.z))}"
-        yield from wrapped(f"  {name}: {noise}, {offset}{gains}; {rows}")
-    for one in answer.judgement.sensors:
-        yield from wrapped(" ".join(one.if_it_fails))
+def _columns(*rows: tuple[str, ...]) -> Iterator[str]:
+    """Rows of cells in columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 def _interval(answer: Answer) -> str:
     limits = answer.range
+    if answer.fuses:
+        return f"q {between(*limits.q_interval)} {squared(answer.unit)}"
     if limits.ratio_interval == (0.0, math.inf):
         return "any q/r; it sets no limits"
     gain, lag = between(*limits.gain_interval, largest=1.0), between(*limits.lag_interval)
@@ -620,46 +550,7 @@ def _interval(answer: Answer) -> str:
     return f"q/r {between(*limits.ratio_interval)}, gain {gain}, lag {lag} samples{seconds}"
 
 
-def _opinions(answer: Answer) -> Iterator[str]:
-    if not answer.opinions:
-        return
-    fit = answer.found.params or answer.found.estimate
-    momentum = 0.0 if fit is None else fit.momentum
-    without = " without momentum" if momentum else ""
-    yield f"Compare estimators{without} (q and r in {squared(answer.unit)}, lag in samples)"
-    yield _row("method", "q", "r", "lag", "in 95 %", "verdict")
-    for one in answer.opinions:
-        cells = ("–", "–", "–", "–")
-        if one.verdict not in WITHOUT_NUMBERS:
-            inside = {True: "yes", False: "no", None: "–"}[is_within(one, answer.opinions[0])]
-            cells = number(one.q), number(one.r), number(lag_of(one.ratio)), inside
-        yield _row(METHOD_NAMES[one.method], *cells, words_of(one.verdict))
-    yield from wrapped(comparison(answer.opinions, momentum))
-
-
-def _row(method: str, q: str, r: str, lag: str, inside: str, verdict: str) -> str:
-    return f"  {method:<32}{q:>12}{r:>12}{lag:>11}{inside:>9}  {verdict}"
-
-
-def _trust(answer: Answer) -> Iterator[str]:
-    judged, held = answer.judgement.residuals, answer.judgement.held_out
-    if judged is None:
-        return
-    yield from wrapped(f"Advice: {as_sentences(advice_words(answer.judgement))}")
-    if answer.judgement.status != "too_few":
-        jumps = f", {judged.jumps} of them jumps that stay" if judged.jumps else ""
-        spikes = f"{judged.spikes} beyond 4 σ{jumps} (chance: {number(judged.spikes_expected, 2)})"
-        white = f"lag-1 autocorrelation {correlation(judged.r1)} (white: within ±{correlation(judged.r1_bound)})"
-        yield from wrapped(f"Residuals: {white}; {spikes}.")
-    if held is None:
-        yield "Held-out test: not possible, one half of the record has too little data."
-        return
-    band = f"{number(held.nis)}, expected {expected_nis(held)}"
-    test = "On the second half" if answer.verdict == CHOSEN else "Tuned on the first half, judged on the second"
-    yield from wrapped(f"{test}: NIS {band}: {answer.judgement.second_half}.")
-
-
-# Everything, in values that JSON can hold.
+# Everything, in values that JSON can hold, under the names that Python has for it.
 
 
 def json_of(answers: list[Answer], every: bool) -> str:
@@ -671,113 +562,38 @@ def json_of(answers: list[Answer], every: bool) -> str:
 
 
 def as_plain(answer: Answer) -> dict[str, Any]:
-    """The answer as one object; None for what is missing."""
-    params, names = answer.found.params, "q momentum gate" if answer.fuses else "q r ratio momentum gate"
-    common = {
+    """The estimate, the filter, what it does, and the judgement with the option of each finding."""
+    fit, params, judged, z = answer.range, answer.found.params, answer.judgement, answer.z
+    spikes = fit.spikes if answer.fuses else None if fit.outliers is None else fit.outliers.nonzero()[0]
+    tests = {name: getattr(judged, name) for name in ("residuals", "held_out")}
+    tests = {name: one and without_residuals(one) for name, one in tests.items()}
+    names = "q r momentum gate offset gain shares" if answer.fuses else "q r ratio momentum gate"
+    advice = [
+        {"text": one.text, "action": type(one.action).__name__, "option": option_for(one.action, answer)}
+        for one in judged.findings
+    ]
+    return {
+        **vars(fit),
+        "outliers": spikes,
+        **{name: None if params is None else getattr(params, name) for name in names.split()},
+        **({"fused": answer.sensors} if answer.fuses else {"channel": answer.name}),
         "unit": answer.unit,
         "sample_period": answer.sample_period,
-        **_fields(params, names),
+        "samples": len(z),
+        "missing": int(np.isnan(z).sum()),
         "verdict": answer.verdict,
         "message": answer.found.message,
         "how": answer.found.how,
-        "steady": None if answer.steady is None else asdict(answer.steady),
+        "steady": answer.steady,
+        "judgement": replace(judged, **tests),
+        "advice": advice,
     }
-    return common | (_plain_fusion(answer) if answer.fuses else _plain_channel(answer))
-
-
-def _fields(one: object, names: str) -> dict[str, Any]:
-    """Attributes by their names, None where there is no object."""
-    return {name: None if one is None else getattr(one, name) for name in names.split()}
-
-
-def _plain_channel(answer: Answer) -> dict[str, Any]:
-    limits, judged, fit = answer.range, answer.judgement, answer.found.estimate
-    intervals = "ratio_interval gain_interval lag_interval momentum_interval prediction_gain"
-    aside = None
-    if fit is not None and fit.outliers is not None:
-        plain = {"q": fit.plain_q, "r": fit.plain_r, "momentum": fit.plain_momentum}
-        aside = {"samples": fit.outliers.nonzero()[0], "share": fit.outlier_share, "plain": plain}
-    return {
-        "channel": answer.name,
-        "samples": len(answer.z),
-        "missing": int(np.isnan(answer.z).sum()),
-        **_fields(limits, intervals),
-        "set_aside": aside,
-        "opinions": [_opinion(one, answer.opinions[0]) for one in answer.opinions],
-        "advice": None if judged.residuals is None else advice_words(judged),
-        "judgement": {
-            "status": judged.status,
-            "headline": judged.headline,
-            "advice": [
-                {
-                    "text": one.text,
-                    "action": one.action and {"name": type(one.action).__name__, **asdict(one.action)},
-                    "option": option_for(one.action, answer),
-                }
-                for one in judged.findings
-            ],
-        },
-        "residuals": _tested(judged.residuals),
-        "held_out": _tested(judged.held_out),
-    }
-
-
-def _opinion(one: Estimate, best: Estimate) -> dict[str, Any]:
-    ratio = float(one.ratio)
-    values = {"name": METHOD_NAMES[one.method], "gain": gain_of(ratio), "lag_samples": lag_of(ratio)}
-    values |= _fields(one, "method q r ratio q_se r_se loglik verdict message")
-    return {**values, "within_interval": is_within(one, best)}
-
-
-def _tested(judged: Diagnostics | None) -> dict[str, Any] | None:
-    white = "n advice nis nis_low nis_high r1 r1_bound ljung_box ljung_box_p"
-    more = "spikes spikes_expected jumps variance_ratio variance_ratio_p q_factor r_factor"
-    return judged and _fields(judged, f"{white} {more}")
-
-
-def _plain_fusion(answer: Answer) -> dict[str, Any]:
-    fit, params, judged, shared = answer.range, answer.found.params, answer.judgement, answer.range.shared
-    z, units, names = answer.z, _units(answer), answer.sensors
-    sensors: list[dict[str, Any]] = [
-        {
-            "name": name,
-            "unit": units[i],
-            "readings": int(np.isfinite(z[:, i]).sum()),
-            "r": params and params.sensor_r[i],
-            "offset": params and params.offset[i],
-            "gain": params and params.gain[i],
-            "share": params and params.shares[i],
-            "r_interval": fit.r_interval[i],
-            "offset_interval": fit.offset_interval[i],
-            "gain_interval": fit.sensor_gain_interval[i],
-            "spikes": fit.spikes[i] if fit.spikes else [],
-            "judgement": _plain_sensor(judged.sensors[i]) if judged.sensors else None,
-        }
-        for i, name in enumerate(names)
-    ]
-    return {
-        "fused": names,
-        "rows": len(z),
-        "shared_noise": shared
-        and {"sensors": [names[i] for i in shared.sensors], "correlation": shared.correlation},
-        "notes": fit.notes,
-        "q_interval": fit.q_interval,
-        "loglik": fit.loglik,
-        "error": judged.error if judged.sensors else None,
-        "held_out": judged.prediction and asdict(judged.prediction),
-        "judgement": judged.sentences if judged.sensors else [],
-        "sensors": sensors,
-    }
-
-
-def _plain_sensor(one: Judgement) -> dict[str, Any]:
-    role = "name share answered error error_without shares_without pull"
-    sentences = [*(fault.text for fault in one.findings), *one.if_it_fails]
-    return _fields(one, f"{role} drift noise_ratio spikes stuck silent faults") | {"sentences": sentences}
 
 
 def finite(value: Any) -> Any:
-    """The value without numbers that JSON cannot hold; numpy types become Python's."""
+    """The value without numbers that JSON cannot hold; dataclasses and types of numpy become plain ones."""
+    if is_dataclass(value):
+        return finite(vars(value))
     if isinstance(value, dict):
         return {key: finite(item) for key, item in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):
@@ -804,13 +620,13 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
                 found.append(ChannelTuning.of_params(name, unit, single, how))
         elif params is not None:
             found.append(ChannelTuning.of_params(one.name, one.unit, params, how))
-    without = [f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None]
+    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None)
     if not found:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
-        first = {"no_noise": "give r (--still, --sigma)", "irregular": "take --method ml"}
-        instead = f"{first.get(answers[0].verdict, 'record while it moves')} or choose a filter"
-        advice = answers[0].found.message if answers[0].fuses else f"{instead} (--lag-ms, --cutoff-hz, --gain)"
-        none = f"-o needs a usable q and r, and the record gives none ({'; '.join(without)})"
-        raise BadSetting(f"{lost}{none}: {advice}")
-    notes = [f"left out of the tuning: {'; '.join(without)}"] if without else []
+        advice = (
+            "give r (--still, --sigma), record while it moves, or choose a filter (--lag-ms, --cutoff-hz, --gain)"
+        )
+        advice = answers[0].found.message if answers[0].fuses else advice
+        raise BadSetting(f"{lost}-o needs a usable q and r, and the record gives none ({without}): {advice}")
+    notes = [f"left out of the tuning: {without}"] if without else []
     return notes + save(recording, found, {name for one in answers for name in one.sensors}, output, fusion)

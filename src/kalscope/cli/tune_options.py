@@ -102,8 +102,6 @@ class TuneOptions:
             if several and self.method != "ml":
                 got = f"--method {self.method} must be used without {several[0]}"
                 raise BadSetting(f"{got}, which decides instead (got both)")
-        if self.overshoot is not None and all(self._value(option) is None for option in SPECIFICATIONS):
-            raise BadSetting(f"--overshoot needs one of {', '.join(SPECIFICATIONS)} (got none)")
         if (self.density is None) != (self.bandwidth_hz is None):
             alone = "--bandwidth-hz" if self.density is None else "--density"
             raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")

@@ -15,22 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kalscope.analysis.alternatives import Comparison, compare_alternatives
-from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, expected_nis, without_residuals
-from kalscope.analysis.findings import as_sentences, request_in, still_met
+from kalscope.analysis.diagnostics import diagnose_run, residual_rows, without_residuals
+from kalscope.analysis.findings import advice_text, as_sentences, request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import advice_words, judge
+from kalscope.analysis.judge import judge
 from kalscope.analysis.residuals import Run
 from kalscope.common.charts import Line, Panel, document, draw_svg, markup_of_table
 from kalscope.common.numbers import Array
 from kalscope.common.text import (
-    correlation,
     count,
     decibels,
     frequency,
     lag_in_full,
     lag_text,
     number,
-    p_value,
     percent,
     program,
     sample_rate,
@@ -102,20 +100,6 @@ def meaning(steady: SteadyState, result: FilterResult, period: float | None, err
     if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
         rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
     return tuple(rows)
-
-
-def residual_tests(d: Diagnostics) -> Rows:
-    """What the residuals show beside what a fitting filter would show."""
-    return (
-        ("mean NIS", f"{number(d.nis)}, expected: {expected_nis(d)}"),
-        ("lag-1 autocorrelation", f"{correlation(d.r1)}, expected: within ±{correlation(d.r1_bound)}"),
-        ("Ljung-Box test", f"{p_value(d.ljung_box_p)}, expected: above 0.05"),
-        (
-            "beyond 4 σ",
-            f"{count(d.spikes)}, {count(d.jumps)} of them jumps; expected {number(d.spikes_expected, 2)}",
-        ),
-        ("last third over first third", f"variance × {number(d.variance_ratio)}, {p_value(d.variance_ratio_p)}"),
-    )
 
 
 def simpler_filters(found: Comparison) -> ReportTable:
@@ -300,12 +284,15 @@ def _judged(entry: ChannelTuning, z: Array, dt: Array | None, period: float | No
     checks = without_residuals(diagnose_run(Run.of_samples(z, entry.params, dt)))
     found = compare_alternatives(z, entry.params, dt=dt, truth=truth)
     judgement = judge(checks, request=still_met(request_in(entry.how, entry.r), entry.params, period))
-    advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
+    advice = as_sentences(advice_text(judgement.findings)) if judgement.findings else ""
     texts = (
         ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
         ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
     )
-    return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
+    return (
+        ReportTable("Residuals", residual_rows(checks), ("", "measured", "expected")),
+        simpler_filters(found),
+    ), texts
 
 
 def _subtitle(recording: Recording, z: Array) -> str:

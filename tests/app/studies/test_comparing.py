@@ -127,8 +127,6 @@ def test_with_momentum_the_table_has_the_overshoot_of_each_filter():
 def test_while_a_chain_runs_every_sentence_names_the_kalman_filter():
     chained = {"chain": Chain(3)}
     cases = {
-        "The Kalman filter overshoots a step by": state_of().with_tuning(momentum=20.0, **chained),
-        "Its outlier gate rejected": state_of().with_tuning(gate=4.0, **chained),
         "the errors of the Kalman filter are correlated over": state_of(300).with_tuning(**chained),
         "The Kalman filter passes the signal unchanged": state_of(300).with_tuning(r=1e-30, **chained),
         "The lag of the Kalman filter, ": state_of(100).with_tuning(q=1e-9, **chained),

@@ -26,17 +26,15 @@ EXAMPLES = {
     actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
     actions.Scale(172.0, 1.0): "Raise q 200 ×",  # as the advice words it
     actions.Scale(5000.0, 0.02): "Raise q 1000 × or more and lower r 50 ×",
-    actions.SetRatio(0.25): "Set q/r to 0.25",
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
-    actions.AllowMomentum(50.0): "Allow momentum and fit again",
     actions.EstimateAgain(): "Fit again",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
     actions.GiveNoise(): "Give the noise of the sensor",
     actions.ChooseFilter(): "Choose a lag",
     actions.UnsetStart(): "Start from the first sample",
-    actions.RecordLonger(500): "",
+    actions.RecordLonger(): "",
 }
 
 
@@ -93,9 +91,8 @@ def test_the_values_are_those_of_the_advice(state):
         take(action, state, session, Searches(state))
         return session.apply_requests()[0].tuning
 
-    scaled, ratio = tuned(actions.Scale(10.0, 0.5)), tuned(actions.SetRatio(0.2))
+    scaled = tuned(actions.Scale(10.0, 0.5))
     assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
-    assert (ratio.q, ratio.r) == (1.0, 5.0)
     assert tuned(actions.SetGate(4.0)).gate == 16.0
     assert (tuned(actions.UnsetStart()).p0, tuned(actions.UnsetStart()).x0) == (None, None)
 
@@ -103,7 +100,7 @@ def test_the_values_are_those_of_the_advice(state):
 def test_advice_on_another_recording_is_not_taken(state):
     other = opened(Recording(np.arange(50.0), ("b",), ("",), np.ones((50, 1)), 1.0))
     session, searches = Session(other), Searches(other)
-    for action in (actions.Scale(2.0, 2.0), actions.AllowMomentum(3.0)):
+    for action in (actions.Scale(2.0, 2.0), actions.EstimateAgain()):
         take(action, state, session, searches)
     assert session.apply_requests()[0] is other
     assert searches.requests == [None]
@@ -175,7 +172,7 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     view.build_reasons(Widgets())
     advice = (
         Finding("spikes", "spikes: 3", actions.SetGate(4.0)),
-        Finding("too_few", "too few", actions.RecordLonger(20)),
+        Finding("too_few", "too few", actions.RecordLonger()),
     )
     bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))

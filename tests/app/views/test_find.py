@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, estimate, open_source, steady_state
-from kalscope.analysis.estimators import compare_methods
 from kalscope.analysis.findings import as_sentences
 from kalscope.cli.tune_answer import answer_for
 from kalscope.cli.tune_options import TuneOptions
@@ -21,6 +20,7 @@ from kalscope_app.session.changes import apply_found, select_channel, set_method
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
+from kalscope_app.studies.comparisons import compare_methods
 from kalscope_app.views.checks import comparison_text, correlation_lines, samples_to_compare, table
 from kalscope_app.views.goal import (
     GOALS,

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from kalscope.analysis.estimators import compare_methods, comparison, is_within
 from kalscope.errors import Cancelled
+from kalscope_app.studies.comparisons import compare_methods, comparison, is_within
 
 UK_DRIVERS = """
 1687 1508 1507 1385 1632 1511 1559 1630 1579 1653 2152 2148 1752 1765 1717 1558
