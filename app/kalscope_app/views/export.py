@@ -303,10 +303,7 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
 THIS, ALL = "this channel", "all channels"
 MORE = "more …"
 
-TARGET_HINT = (
-    "Where it will run; more … lists every target. SimpleKalmanFilter and GyverFilters use q differently: "
-    "take the Arduino sketch."
-)
+TARGET_HINT = "Where it will run; more … lists every target."
 
 
 class CodeView:

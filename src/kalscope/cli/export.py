@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, esphome, bachagas, kalmanjs"
+CHOICES = "arduino, c, python, matlab, javascript, json, esphome"
 """The targets; repeated here, so that --help need not import the filter."""
 
 

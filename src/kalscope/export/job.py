@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from string import Template
 
@@ -115,11 +115,6 @@ class ExportJob:
         """How code takes offset and gain out of a reading; `tuning` precedes the name of each."""
         offset = f"readings[i] - {tuning}offset[i]"
         return f"({offset}) / {tuning}gain[i]" if self.fusion.has_gains else offset
-
-    @property
-    def as_single(self) -> ExportJob:
-        """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
-        return replace(self, channels=tuple(one.as_channel for one in self.channels))
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels; while all of its sensors answer."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import zlib
 
 import numpy as np
 
-from kalscope.common.text import plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.noise import SPIKE
 from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
@@ -21,16 +21,13 @@ from kalscope.export.float32 import (
     without_momentum,
 )
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
-from kalscope.export.limits import not_in_counts
 from kalscope.export.names import comment_text
 from kalscope.export.targets.stages import (
     KALMAN_FIELDS,
     MOMENTUM_FIELDS,
-    channel_bytes,
     code_in_c,
     tuning_fields,
     tuning_values,
-    windows_of,
 )
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.tuning.tuning import ChannelTuning
@@ -38,17 +35,14 @@ from kalscope.tuning.tuning import ChannelTuning
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
 
-MAX_MEASURED_WITH_MOMENTUM = 5
-"""Channels with momentum in a sketch that measures r: 1,838 of the 2,048 bytes of an Uno."""
-
 DEFAULT_PERIOD_US = 5000
 """Where the tuning has no sample period: 200 samples a second."""
 
 MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() wraps around."""
 
-UNO_FREE = 1400
-"""Bytes of 2,048 that an Uno has for filters and constants; the sketch, its port and the stack need the rest."""
+COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
+"""Units of what analogRead() returns."""
 
 UNIT_CHECK = """\
 #ifndef KALSCOPE_UNITS_DONE
@@ -69,8 +63,6 @@ def files(job: ExportJob) -> dict[str, str]:
         _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
         return {"KalscopeFusion.h": _header(job), "kalscope_fusion.ino": _sketch(job)}
     _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    if job.has_chain:
-        _check_memory(job)
     return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
 
 
@@ -81,9 +73,6 @@ def calibrated_files(job: ExportJob) -> dict[str, str]:
         BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno does not have the memory.
     """
     _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    if job.has_momentum:
-        words = "with momentum that measure r, for which an Uno has memory"
-        _check_pins(len(job.channels), f"channels {words}", "choose one", MAX_MEASURED_WITH_MOMENTUM)
     ratios = _ratios(job)
     values = [f"const KalscopeTuning  = {{{_fields(job, channel, _held(channel))}}};" for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
@@ -192,7 +181,7 @@ def _header(job: ExportJob) -> str:
 
 def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     marks = job.marks.union(["calibration"] if calibration else [])
-    names, foreign = job.identifiers, not_in_counts(job.channels)
+    names, foreign = job.identifiers, any(map(is_not_in_counts, job.channels))
     read = job.sensor_identifiers if job.fuses else names
     columns, units = "raw,filtered", ", ".join(f"{name} in {_unit(one.unit)}" for name, one in job.named_channels)
     if job.fuses:
@@ -235,19 +224,9 @@ def _check_pins(count: int, what: str, instead: str, most: int) -> None:
         raise BadSetting(f"the sketch must read 1 to {most} {what} (got {count}): {instead}")
 
 
-def _check_memory(job: ExportJob) -> None:
-    """Refuse windows for which an Uno has no memory; the message has the longest that fits."""
-    count, windows = len(job.channels), windows_of(job)
-    if count * channel_bytes(job) <= UNO_FREE:
-        return
-    fitting = range(max(windows.values()), 0, -1)
-    most = next((n for n in fitting if count * channel_bytes(job, n) <= UNO_FREE), 0)
-    fits = f"Windows of up to {most} samples fit" if most else "Choose fewer channels"
-    raise BadSetting(
-        f"the filters must fit {UNO_FREE:,} bytes of an Uno's memory (got {count * channel_bytes(job):,}: each of"
-        f" {plural(count, 'channel')} has room for every filter and the longest windows). {fits}; or export c,"
-        " for a board with more"
-    )
+def is_not_in_counts(channel: ChannelTuning) -> bool:
+    """Whether its unit is one such as g or V, which analogRead() does not return; an unknown unit may be counts."""
+    return channel.unit != "" and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", channel.unit.lower()))
 
 
 def _unit(unit: str) -> str:

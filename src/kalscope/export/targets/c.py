@@ -42,10 +42,8 @@ def files(job: ExportJob) -> dict[str, str]:
         "declarations": "\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
         "tunings": "\n".join(_constant(job, *named) for named in job.named_channels),
     }
-    folder, name = ("fused", "kalscope_fusion") if job.fuses else ("c", "kalscope_filter")
-    return {
-        f"{name}.{ending}": fill_template(f"{folder}/{name}.{ending}", job.marks, **texts) for ending in ("h", "c")
-    }
+    name = "kalscope_fusion" if job.fuses else "kalscope_filter"
+    return {f"{name}.{ending}": fill_template(f"c/{name}.{ending}", job.marks, **texts) for ending in ("h", "c")}
 
 
 def _commented(lines: tuple[str, ...]) -> str:

@@ -6,7 +6,6 @@ how to start it, and what it does with a sample.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -29,9 +28,6 @@ KALMAN_FIELDS = ("q", "r", "p0", "x0", "gate", "settled_gain")
 """Numbers of a Kalman filter in the tuning."""
 MOMENTUM_FIELDS = ("momentum", "e", "f", "q11", "q12", "q22", "w0")
 """The others of one with momentum."""
-REAL, WHOLE_NUMBER = 4, 2
-"""Bytes of a float and of an int on an AVR board."""
-_FIELD = re.compile(r"^    (int|kalscope_real) ([^;]*);", re.MULTILINE)
 WHOLE = frozenset(("filter", "median", "window"))
 """Fields of a tuning that are whole numbers."""
 
@@ -126,29 +122,6 @@ def windows_of(job: ExportJob) -> dict[str, int]:
         "window": max((stage.window for stage in last), default=1),
         "ordered": max((stage.window for stage in last if isinstance(stage, Median)), default=1),
     }
-
-
-def channel_bytes(job: ExportJob, longest: int | None = None) -> int:
-    """Bytes of memory that a channel takes on an AVR board: the filter, the tuning in it, and the constant.
-
-    Args:
-        job: an export with a chain.
-        longest: as if no window were longer, samples; None = as they are.
-    """
-    tuning, filter_ = map(_struct_bytes, code_in_c(job).types.split("} kalscope_tuning;"))
-    windows = windows_of(job)
-    less = {name: n - min(n, longest or n) for name, n in windows.items()}
-    return 2 * tuning + filter_ - REAL * (2 * less["first_window"] + less["window"] + less["ordered"])
-
-
-def _struct_bytes(code: str) -> int:
-    """Bytes of the fields of a struct; those of another struct are not counted."""
-    sizes = {"int": WHOLE_NUMBER, "kalscope_real": REAL}
-    return sum(
-        sizes[kind] * int(n or 1)
-        for kind, names in _FIELD.findall(code)
-        for n in re.findall(r"\w+(?:\[(\d+)\])?", names)
-    )
 
 
 def _merged(pieces: Iterable[str]) -> str:
