@@ -236,7 +236,7 @@ def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, loa
 
 def test_esphome_refuses_what_it_cannot_hold(shared):
     for name in ("minute", "huge"):
-        with pytest.raises(BadSetting, match="q must be a variance that float32 holds, for ESPHome"):
+        with pytest.raises(BadSetting, match=f"q of {name} per ms, for ESPHome, must fit float32"):
             export_tuning(shared.tuning, "esphome", channel=name)
     unknown = Tuning((ChannelTuning("a", "V", 1.0, 1.0),))
     with pytest.raises(BadSetting, match="sample_period of the tuning must be known"):

@@ -12,23 +12,10 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.noise import SPIKE
 from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
 from kalscope.export.board import LAST_POWER
-from kalscope.export.float32 import (
-    Float32Params,
-    Floats,
-    float32_text,
-    float32_tuning,
-    to_float32,
-    without_momentum,
-)
+from kalscope.export.float32 import Float32Params, float32_text, float32_tuning, to_float32
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text
-from kalscope.export.targets.stages import (
-    KALMAN_FIELDS,
-    MOMENTUM_FIELDS,
-    code_in_c,
-    tuning_fields,
-    tuning_values,
-)
+from kalscope.export.targets.stages import code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.tuning.tuning import ChannelTuning
 
@@ -106,21 +93,9 @@ def _held(channel: ChannelTuning) -> Float32Params | None:
 
 
 def _fields(job: ExportJob, one: ChannelTuning, held: Float32Params | None) -> str:
-    """The fields of one constant in their order, 0 where the filter of this channel has none."""
-    numbers = {} if held is None else vars(held) | vars(held.momentum or without_momentum(held.q))
-    if one.sensors:
-        momentum = MOMENTUM_FIELDS if job.has_momentum else ()
-        names = ("q", "p0", "x0", "gate", *momentum, "r", "offset", *(("gain",) if one.has_gains else ()))
-        return ", ".join(_text(numbers[name]) for name in names)
-    kalman = {name: _text(numbers[name]) for name in (*KALMAN_FIELDS, *MOMENTUM_FIELDS)} if numbers else {}
-    values = tuning_values(job, one, kalman, lambda value: float32_text(np.float32(value)))
-    return ", ".join(values.get(field, "0") for field in tuning_fields(job))
-
-
-def _text(value: np.float32 | Floats) -> str:
-    if isinstance(value, np.ndarray):
-        return f"{{{', '.join(map(float32_text, value))}}}"
-    return float32_text(value)
+    gain = np.float32(0.0) if held is None else held.settled_gain
+    values = tuning_values(job, one, float32_text(gain), lambda value: float32_text(np.float32(value)))
+    return ", ".join(values.values())
 
 
 def _ratios(job: ExportJob) -> str:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
 
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import Float32Params, float32_text, float32_tuning, runs_kalman
-from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template, start_of
+from kalscope.export.float32 import float32_text, float32_tuning
+from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import number_text
-from kalscope.export.targets.stages import WHOLE, code_in_c, tuning_values
+from kalscope.export.targets.stages import code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
-from kalscope.filtering.steady import step_constants
 from kalscope.tuning.tuning import ChannelTuning
 
 MAX_SENSORS = 32
@@ -53,34 +52,19 @@ def _commented(lines: tuple[str, ...]) -> str:
 def _constant(job: ExportJob, name: str, one: ChannelTuning) -> str:
     """The constant of one filter. A double rounded to float by the compiler is the float of `float32_params`."""
     kind, real = ("fusion_tuning", "kalscope_fusion_real") if job.fuses else ("tuning", "kalscope_real")
-    held, guard = None, ""
+    gain, guard = "0.0", ""
     try:
         held = float32_tuning(one)
+        if held is not None and held.settled_gain > 0:
+            gain = f"(sizeof({real}) == sizeof(float) ? ({real}){float32_text(held.settled_gain)} : 0)"
     except BadSetting:
         guard = f'#ifdef KALSCOPE_FLOAT\n#error "float cannot hold the values of {name}: use double"\n#endif\n'
-    kalman = _kalman(job, one, held) if runs_kalman(one) else {}
-    values = {
-        field: value if field in WHOLE else f"({real}){value}"
-        for field, value in tuning_values(job, one, kalman, number_text).items()
-    }
-    for field, each in job.sensor_values.items() if job.fuses else ():
-        if field != "gain" or one.has_gains:
-            values[field] = f"{{{', '.join(f'({real}){number_text(value)}' for value in each)}}}"
-    fields = "".join(f"    .{field} = {value},\n" for field, value in values.items())
-    said = _commented(about_channel(job, one))
-    return f"{said}\n{guard}const kalscope_{kind} kalscope_{kind}_{name} = {{\n{fields}}};\n"
 
+    def number(value: float) -> str:
+        word = "NAN" if math.isnan(value) else "INFINITY" if math.isinf(value) else number_text(value)
+        return f"({real}){word}"
 
-def _kalman(job: ExportJob, one: ChannelTuning, held: Float32Params | None) -> dict[str, str]:
-    """The numbers of a Kalman filter; `held` is what float makes of them, None where it cannot."""
-    unset = {"p0": "INFINITY", "x0": "NAN", "gate": "0.0"}
-    values = {name: number_text(value, unset.get(name, "")) for name, value in start_of(one).items()}
-    if not one.sensors:
-        values["settled_gain"] = "0.0"
-        if held is not None and held.settled_gain > 0:
-            gain = float32_text(held.settled_gain)
-            values["settled_gain"] = f"(sizeof(kalscope_real) == sizeof(float) ? (kalscope_real){gain} : 0)"
-    if job.has_momentum:
-        step = asdict(step_constants(one.q, one.momentum))
-        values |= {field: number_text(value) for field, value in step.items()}
-    return values
+    values = tuning_values(job, one, f"({real}){gain}", number)
+    fields = "".join(f"    .{field} = {value},\n" for field, value in values.items() if value != "0")
+    head = _commented(about_channel(job, one))
+    return f"{head}\n{guard}const kalscope_{kind} kalscope_{kind}_{name} = {{\n{fields}}};\n"

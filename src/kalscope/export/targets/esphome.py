@@ -7,11 +7,9 @@ clock, and computes in float32.
 from __future__ import annotations
 
 import math
-import sys
-
-import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.export.float32 import to_float32
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text, number_text
 from kalscope.tuning.tuning import ChannelTuning
@@ -57,7 +55,8 @@ def _combination(job: ExportJob, word: str, one: ChannelTuning) -> str:
             "sample_period of the tuning must be known for ESPHome, which counts q per second (got none)"
         )
     process = math.sqrt(one.q) / math.sqrt(job.sample_period)  # q/T alone might overflow
-    _check("q", one.name, one.q, process, 0.001)
+    name = comment_text(one.name)
+    to_float32(f"q of {name} per ms, for ESPHome,", 0.001 * process * process)
     scaled, sources = "", ""
     words = job.sensor_identifiers if one.sensors else (word,)
     each = zip(
@@ -68,7 +67,7 @@ def _combination(job: ExportJob, word: str, one: ChannelTuning) -> str:
         if not is_raw:
             scaled += _SCALED.format(word=name, offset=number_text(-offset), factor=number_text(1.0 / gain))
         error = math.sqrt(r)
-        _check("r", name if one.sensors else one.name, r, error, 1.0)
+        to_float32(f"r of {name}, for ESPHome,", r)
         source, remark = (name, _RAW) if is_raw else (f"{name}_scaled", "")
         sources += _SOURCE.format(source=source, remark=remark, error=number_text(error))
     ending = "" if one.sensors else " filtered"
@@ -79,15 +78,3 @@ def _combination(job: ExportJob, word: str, one: ChannelTuning) -> str:
         process=number_text(process),
         sources=sources,
     )
-
-
-def _check(name: str, owner: str, variance: float, deviation: float, factor: float) -> None:
-    """Refuse a variance that float32 loses; `factor` is what ESPHome multiplies it by."""
-    with np.errstate(over="ignore", under="ignore"):
-        held = float(np.float32(deviation) * np.float32(deviation) * np.float32(factor))
-    smallest, largest = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-    if deviation > 0.0 and not smallest <= held <= largest:
-        raise BadSetting(
-            f"{name} must be a variance that float32 holds, for ESPHome (got {variance!r} of"
-            f" {comment_text(owner)}, {deviation * min(deviation, sys.float_info.max) * factor:.3g} inside)"
-        )

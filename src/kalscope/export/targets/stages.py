@@ -6,12 +6,23 @@ how to start it, and what it does with a sample.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
 
 from kalscope.export.float32 import runs_kalman
-from kalscope.export.job import ExportJob, fill_sections, fill_template
-from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo, Stage
+from kalscope.export.job import ExportJob, fill_sections, fill_template, start_of
+from kalscope.filtering.classic import (
+    Butterworth,
+    Exponential,
+    Median,
+    MovingAverage,
+    OneEuro,
+    PowerOfTwo,
+    Stage,
+)
+from kalscope.filtering.steady import step_constants
 from kalscope.tuning.tuning import ChannelTuning
 
 _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
@@ -24,12 +35,7 @@ _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
 }
 """Each filter's piece of code, and the numbers of its tuning."""
 
-KALMAN_FIELDS = ("q", "r", "p0", "x0", "gate", "settled_gain")
-"""Numbers of a Kalman filter in the tuning."""
-MOMENTUM_FIELDS = ("momentum", "e", "f", "q11", "q12", "q22", "w0")
-"""The others of one with momentum."""
-WHOLE = frozenset(("filter", "median", "window"))
-"""Fields of a tuning that are whole numbers."""
+_FIELD = re.compile(r"^    (?:int|kalscope_real) +(\w+);", re.MULTILINE)
 
 _TUNING_CHANGES = "q, r and gate may be changed at any time"
 _WITH_MOMENTUM_CHANGES = "r and gate may be changed at any time"
@@ -130,34 +136,37 @@ def _merged(pieces: Iterable[str]) -> str:
 
 
 def tuning_values(
-    job: ExportJob, channel: ChannelTuning, kalman: Mapping[str, str], number: Callable[[float], str]
+    job: ExportJob, one: ChannelTuning, settled_gain: str, number: Callable[[float], str]
 ) -> dict[str, str]:
-    """The fields of the tuning of a channel as texts; those that are left out are 0.
+    """The fields of the tuning of one filter in their order as texts; "0" where a filter beside it has this field.
 
     Args:
         job: the export.
-        channel: one of its channels.
-        kalman: the numbers of its Kalman filter; {} where it has none.
+        one: a channel of it, or the fusion.
+        settled_gain: gain to use where float is too coarse to find it.
         number: how the language writes a number that is not whole.
     """
+    values = _kalman_values(job, one, settled_gain, number) if runs_kalman(one) else {"x0": number(math.nan)}
     if not job.has_chain:
-        return dict(kalman)
-    chain, values = channel.chain, {"filter": f"KALSCOPE_{piece_of(channel).upper()}"}
-    if job.has_median:
-        values["median"] = str(1 if chain is None else chain.median)
-    if runs_kalman(channel):
-        return values | dict(kalman)
-    if job.has_kalman:
-        values["x0"] = "NAN"
-    numbers = {} if chain is None or chain.then is None else numbers_of(chain.then)
-    return values | {name: str(n) if isinstance(n, int) else number(n) for name, n in numbers.items()}
+        return values
+    median, last = (1, None) if one.chain is None else (one.chain.median, one.chain.then)
+    values |= {"filter": f"KALSCOPE_{piece_of(one).upper()}", "median": str(median)}
+    if last is not None:
+        values |= {name: str(n) if isinstance(n, int) else number(n) for name, n in numbers_of(last).items()}
+    fields = code_in_c(job).types.partition("} kalscope_tuning;")[0]
+    return {field: values.get(field, "0") for field in _FIELD.findall(fields)}
 
 
-def tuning_fields(job: ExportJob) -> tuple[str, ...]:
-    """All fields of a tuning in their order."""
-    kalman = KALMAN_FIELDS + (MOMENTUM_FIELDS if job.has_momentum else ())
-    if not job.has_chain:
-        return kalman
-    fields = dict(_PIECES.values()) | {"kalman": kalman}
-    first = ("filter", "median") if job.has_median else ("filter",)
-    return tuple(dict.fromkeys((*first, *(field for name in used_pieces(job) for field in fields[name]))))
+def _kalman_values(
+    job: ExportJob, one: ChannelTuning, settled_gain: str, number: Callable[[float], str]
+) -> dict[str, str]:
+    unset = {"p0": math.inf, "x0": math.nan, "gate": 0.0}
+    values = {name: number(unset[name] if value is None else value) for name, value in start_of(one).items()}
+    if not one.sensors:
+        values["settled_gain"] = settled_gain
+    if job.has_momentum:
+        values |= {name: number(value) for name, value in asdict(step_constants(one.q, one.momentum)).items()}
+    for name, each in job.sensor_values.items() if one.sensors else ():
+        if name != "gain" or one.has_gains:
+            values[name] = f"{{{', '.join(map(number, each))}}}"
+    return values
