@@ -13,11 +13,11 @@ from functools import cache
 import pytest
 import yaml
 from hostile_names import CODE, LETTERS, TERMINAL, WORDS
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
-from kalscope.export.names import comment_text, identifier, identifiers
+from kalscope.export.names import comment_text, identifier, identifiers, number_text
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets.arduino import UNIT_CHECK
 
@@ -167,6 +167,18 @@ def test_a_comment_is_one_harmless_line(text):
     shown = comment_text(text)
     assert re.fullmatch(r"[A-Za-z0-9 _.,:;()+=@%^/<>-]{0,60}", shown)
     assert comment_text(shown) == shown
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+@example(1.0)
+@example(1e16)
+@example(1e22)
+@example(1e-5)
+@example(5e-324)
+def test_a_number_comes_back_and_is_never_an_integer_or_an_exponent_without_a_point(number):
+    text = number_text(number)
+    assert re.fullmatch(r"-?[0-9]+\.[0-9]+(e[-+][0-9]+)?", text)
+    assert float(text).hex() == number.hex()
 
 
 def test_a_comment_keeps_what_a_person_needs():

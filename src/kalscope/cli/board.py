@@ -345,9 +345,9 @@ def send_lines(client: socket.socket, lines: BoardLines, stop: threading.Event) 
     with suppress(OSError):  # the client disconnected
         client.sendall(b"# kalscope demo-board\r\n")
         while not stop.is_set():
-            found, due = lines.between(sent, time.monotonic() - start)
-            sent += len(found)
-            client.sendall(b"".join(found))
+            due_lines, due = lines.between(sent, time.monotonic() - start)
+            sent += len(due_lines)
+            client.sendall(b"".join(due_lines))
             stop.wait(max(0.0, min(start + due - time.monotonic(), _TICK_S)))
 
 

@@ -178,12 +178,8 @@ def _momentum(q: float, momentum: float) -> Float32Momentum | None:
     """The constants, computed in double and rounded; None without momentum."""
     if momentum == 0.0:
         return None
-    held = asdict(step_constants(q, momentum))
-    begin = {"momentum": np.float32(momentum), "w0": to_float32("q / (2 momentum)", held["w0"])}
-    rest = {
-        name: to_float32(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin
-    }
-    return Float32Momentum(**begin, **rest)
+    constants = asdict(step_constants(q, momentum)).items()
+    return Float32Momentum(**{name: to_float32(f"{name} of q and momentum", value) for name, value in constants})
 
 
 @compiled()

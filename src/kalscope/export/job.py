@@ -154,7 +154,7 @@ def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
     A line after `@momentum` or another mark of `ExportJob.marks` appears only in an export with that mark.
     """
     text = (TEMPLATES / name).read_text(encoding="utf-8")
-    chosen = _MARKED.sub(lambda found: found[2] if found[1] in marks else "", text)
+    chosen = _MARKED.sub(lambda line: line[2] if line[1] in marks else "", text)
     return Template(chosen).substitute(texts)
 
 

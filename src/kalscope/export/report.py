@@ -114,16 +114,16 @@ def residual_tests(d: Diagnostics) -> Rows:
     )
 
 
-def simpler_filters(found: Comparison) -> ReportTable:
+def simpler_filters(comparison: Comparison) -> ReportTable:
     """Side by side."""
     rows: list[tuple[str, ...]] = []
-    for one in (found.present, *found.others):
+    for one in (comparison.present, *comparison.others):
         error = one.prediction if one.rmse is None else one.rmse
         noise = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
         overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
         rows.append((one.name, number(one.lag_samples), noise, overshoot, "–" if error is None else number(error)))
-    columns = ("", "lag", "dB", "overshoot", "next sample" if found.present.rmse is None else "RMSE")
-    return ReportTable("Simpler filters, at this lag", tuple(rows) if found.others else (), columns)
+    columns = ("", "lag", "dB", "overshoot", "next sample" if comparison.present.rmse is None else "RMSE")
+    return ReportTable("Simpler filters, at this lag", tuple(rows) if comparison.others else (), columns)
 
 
 def pinned_settings(
@@ -282,14 +282,14 @@ def _judged(entry: ChannelTuning, z: Array, dt: Array | None, period: float | No
     if entry.chain is not None:
         return (), (("Does the filter fit?", UNJUDGED),)
     checks = without_residuals(diagnose_run(Run.of_samples(z, entry.params, dt)))
-    found = compare_alternatives(z, entry.params, dt=dt, truth=truth)
+    comparison = compare_alternatives(z, entry.params, dt=dt, truth=truth)
     judgement = judge(checks, request=still_met(request_in(entry.how, entry.r), entry.params, period))
     advice = as_sentences(advice_words(judgement)) if judgement.findings else ""
     texts = (
         ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
-        ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
+        ("Is there a simpler filter?", f"{comparison.verdict} {comparison.identity}".strip()),
     )
-    return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(found)), texts
+    return (ReportTable("Residuals", residual_tests(checks)), simpler_filters(comparison)), texts
 
 
 def _subtitle(recording: Recording, z: Array) -> str:

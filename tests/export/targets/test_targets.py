@@ -17,7 +17,6 @@ from ruamel.yaml import YAML
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
-from kalscope.export.float32 import filter_float32
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 from kalscope.filtering.classic import Chain, PowerOfTwo
@@ -147,37 +146,6 @@ def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*either.x.shape, 2)
     np.testing.assert_array_equal(numbers[..., 0], either.x)
     np.testing.assert_array_equal(numbers[..., 1], either.k)
-
-
-@needs("g++")
-def test_the_arduino_header_is_the_float32_filter_bit_for_bit(either_float32, tmp_path):
-    """On the host; tests/device runs the sketch in a simulated Uno."""
-    for start in range(0, len(either_float32.names), 6):  # the sketch reads at most six channels
-        part = either_float32.only(either_float32.names[start : start + 6])
-        x, k = arduino_answers(part, tmp_path)
-        for i, channel in enumerate(part.tuning.channels):
-            z = part.recording.values[:, i]
-            np.testing.assert_array_equal(x[:, i], filter_float32(z, channel.params), err_msg=channel.name)
-            np.testing.assert_allclose(x[:, i], part.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
-            np.testing.assert_allclose(k[:, i], part.k[:, i], rtol=1e-3, atol=1e-6)
-
-
-def arduino_answers(part, folder):
-    header = export_tuning(part.tuning, "arduino")["KalscopeFilter.h"]
-    constants = re.findall(r"^const KalscopeTuning (\w+) = ", header, re.MULTILINE)
-    filters = ", ".join(f"KalscopeFilter({name})" for name in constants)
-    loop = 'for (auto &f : filters) { scanf("%f", &z); f.update(z); printf("%a %a\\n", f.x, f.k); }'
-    head = '#include <cstdio>\n#include "KalscopeFilter.h"\n'
-    program = f"{head}int main() {{ float z; KalscopeFilter filters[] = {{{filters}}};"
-    (folder / "KalscopeFilter.h").write_text(header)
-    (folder / "main.cpp").write_text(f"{program}\nfor (int i = 0; i < {len(part.x)}; i++) {loop} }}\n")
-    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2")
-    run("g++", *flags, "main.cpp", "-o", "main", cwd=folder)
-    samples = part.recording.values.astype(np.float32).tolist()  # one rounding, not scanf's of the decimals
-    lines = "".join(" ".join(map(repr, row)) + "\n" for row in samples)
-    out = run(folder / "main", stdin=lines)
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*part.x.shape, 2)
-    return numbers[..., 0], numbers[..., 1]
 
 
 JAVASCRIPT_DRIVER = """\

@@ -129,11 +129,11 @@ def _header(job: ExportJob) -> str:
     kind, opening = ("KalscopeFusionTuning", "{\n  ") if job.fuses else ("KalscopeTuning", "{")
     parts: list[str] = []
     for word, one in job.named_channels:
-        held, said = _held(one), about_channel(job, one)
+        held, lines = _held(one), about_channel(job, one)
         if held is not None and held.settled_gain > 0:
-            said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
+            lines += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
         constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one, held)}}};"
-        parts.append(f"{commented(said, '//')}{constant}\n")
+        parts.append(f"{commented(lines, '//')}{constant}\n")
     code, count = code_in_c(job, "static "), len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
     name = "KalscopeFusion" if job.fuses else "KalscopeChain" if job.has_chain else "KalscopeFilter"
@@ -164,7 +164,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     elif len(names) > 1:
         columns = ",".join(f"{name},{name}_filtered" for name in names)
     pins = [f"A{i}" for i in range(len(read))]
-    period_us, said = _period(job)
+    period_us, period_words = _period(job)
     letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
     constants = [_constant_name(job, word) for word, _ in job.named_channels]
     ratio_names = ", ".join(map(_ratio_name, names))
@@ -175,7 +175,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         pin_words=" ".join(pins),
         columns=columns,
         period_us=str(period_us),
-        period_words=said,
+        period_words=period_words,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
         commands=fill_template(

@@ -81,11 +81,11 @@ def code_in_c(job: ExportJob, linkage: str = "") -> Code:
     """
     marks, windows = job.marks, {name: str(n) for name, n in windows_of(job).items()}
     if not job.has_chain:
-        parts = [fill_sections("c/stages/kalman.c", marks, own="", update="kalscope_real kalscope_update")]
+        parts = [fill_sections("c/stages/kalman.c", marks, prefix="", update="kalscope_real kalscope_update")]
         changing = _WITH_MOMENTUM_CHANGES if job.has_momentum else _TUNING_CHANGES
     else:
         update = "static kalscope_real kalscope_kalman"
-        texts = {"own": "kalscope_", "update": update, **windows}
+        texts = {"prefix": "kalscope_", "update": update, **windows}
         parts = [fill_sections(f"c/stages/{name}.c", marks, **texts) for name in _files(job)]
         changing = _CHAIN_CHANGES
     kinds = [f"KALSCOPE_{name.upper()}" for name in used_pieces(job)]

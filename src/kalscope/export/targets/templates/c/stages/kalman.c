@@ -30,7 +30,7 @@
 === update
 @momentum 
 @momentum /* The velocity gain of a sample; the variance w and the covariance g shrink by it. */
-@momentum static kalscope_real ${own}velocity_gain(kalscope_filter *filter, kalscope_real s)
+@momentum static kalscope_real ${prefix}velocity_gain(kalscope_filter *filter, kalscope_real s)
 @momentum {
 @momentum     const kalscope_real gain = filter->g / s;
 @momentum     filter->w = filter->w - gain * filter->g;
@@ -62,7 +62,7 @@ $update(kalscope_filter *filter, kalscope_real z)
     } else if (isnan(filter->x)) { /* p0 is known, the first sample is the start */
         filter->k = s > 0 ? predicted / s : 0;
         filter->p = filter->k * tuning->r;
-@momentum         if (s > 0) ${own}velocity_gain(filter, s);
+@momentum         if (s > 0) ${prefix}velocity_gain(filter, s);
         filter->x = z;
     } else if (s > 0) {
         const kalscope_real v = z - filter->x;
@@ -72,7 +72,7 @@ $update(kalscope_filter *filter, kalscope_real z)
         }
         filter->k = predicted / s;
         filter->p = filter->k * tuning->r;
-@momentum         filter->velocity = filter->velocity + ${own}velocity_gain(filter, s) * v;
+@momentum         filter->velocity = filter->velocity + ${prefix}velocity_gain(filter, s) * v;
         if (tuning->settled_gain > 0 && filter->p == before) filter->k = tuning->settled_gain;
         filter->x = filter->x + filter->k * v;
     } else {
