@@ -96,7 +96,7 @@ class ExportJob:
         """Marks of the lines of a template that this export needs."""
         has = {
             "momentum": self.has_momentum,
-            "plain": not self.has_momentum,
+            "plain": self.has_kalman and not self.has_momentum,
             "chain": self.has_chain,
             "median": self.has_median,
             "kalman": self.has_kalman,

@@ -134,7 +134,7 @@ def _header(job: ExportJob) -> str:
             lines += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
         constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one, held)}}};"
         parts.append(f"{commented(lines, '//')}{constant}\n")
-    code, count = code_in_c(job, "static "), len(job.fusion.sensors)
+    count = len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
     name = "KalscopeFusion" if job.fuses else "KalscopeChain" if job.has_chain else "KalscopeFilter"
     return fill_template(
@@ -145,8 +145,7 @@ def _header(job: ExportJob) -> str:
         tunings="\n".join(parts),
         gate_limit=str(GATE_LIMIT),
         set_momentum=momentum,
-        types=code.types,
-        functions=code.functions,
+        **code_in_c(job, "static "),
         words=", ".join(job.sensor_identifiers),
         all_bits="1" * (count - 1) + "0",
         count=str(count),

@@ -27,7 +27,6 @@ def files(job: ExportJob) -> dict[str, str]:
     names, count = job.identifiers, len(job.fusion.sensors)
     if count > MAX_SENSORS:
         raise BadSetting(f"a fusion in C must have at most {MAX_SENSORS} sensors (got {count}): fuse fewer")
-    code = code_in_c(job)
     texts = {
         "about": _commented(about(job)),
         "first": names[0],
@@ -36,8 +35,7 @@ def files(job: ExportJob) -> dict[str, str]:
         "count": str(count),
         "reading": job.reading("tuning->"),
         "gate_limit": str(GATE_LIMIT),
-        "types": code.types,
-        "functions": code.functions,
+        **code_in_c(job),
         "declarations": "\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),
         "tunings": "\n".join(_constant(job, *named) for named in job.named_channels),
     }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 from kalscope.export.float32 import runs_kalman
 from kalscope.export.job import ExportJob, fill_sections, fill_template, start_of
@@ -37,20 +37,6 @@ _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
 
 _FIELD = re.compile(r"^    (?:int|kalscope_real) +(\w+);", re.MULTILINE)
 
-_TUNING_CHANGES = "q, r and gate may be changed at any time"
-_WITH_MOMENTUM_CHANGES = "r and gate may be changed at any time"
-_CHAIN_CHANGES = "the numbers of this copy may be changed at any time, except median, filter and window"
-
-
-@dataclass(frozen=True)
-class Code:
-    """Filters in C, in the parts that a header and a source are made of."""
-
-    types: str
-    """The tuning and the state."""
-    functions: str
-    """Start and update."""
-
 
 def piece_of(channel: ChannelTuning) -> str:
     """The piece of code that is the last filter of a channel."""
@@ -72,51 +58,40 @@ def used_pieces(job: ExportJob) -> tuple[str, ...]:
     return tuple(name for name in order if name in used)
 
 
-def code_in_c(job: ExportJob, linkage: str = "") -> Code:
-    """The filters of an export.
+def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
+    """The filters of an export: the `types` of the tuning and the state, and the `functions` start and update.
 
     Args:
         job: the export.
         linkage: what precedes the two functions that a user calls: "static " in a header.
     """
-    marks, windows = job.marks, {name: str(n) for name, n in windows_of(job).items()}
+    used, prefix, update = used_pieces(job), "kalscope_", "static kalscope_real kalscope_kalman"
     if not job.has_chain:
-        parts = [fill_sections("c/stages/kalman.c", marks, prefix="", update="kalscope_real kalscope_update")]
-        changing = _WITH_MOMENTUM_CHANGES if job.has_momentum else _TUNING_CHANGES
-    else:
-        update = "static kalscope_real kalscope_kalman"
-        texts = {"prefix": "kalscope_", "update": update, **windows}
-        parts = [fill_sections(f"c/stages/{name}.c", marks, **texts) for name in _files(job)]
-        changing = _CHAIN_CHANGES
-    kinds = [f"KALSCOPE_{name.upper()}" for name in used_pieces(job)]
+        prefix, update = "", "kalscope_real kalscope_update"
+    first = ("first_median",) if job.has_median else ()
+    middle = ("middle",) if job.has_median or "median" in used else ()
+    windows = {name: str(n) for name, n in windows_of(job).items()}
+    parts = [
+        fill_sections(f"c/stages/{name}.c", job.marks, prefix=prefix, update=update, **windows)
+        for name in (*first, *middle, *used)
+    ]
     types = fill_template(
         "c/types.h",
-        marks,
-        kinds=", ".join(kinds),
+        job.marks,
+        kinds=", ".join(f"KALSCOPE_{name.upper()}" for name in used),
         tuning_fields=_merged(part.get("tuning", "") for part in parts),
         state_fields=_merged(part.get("state", "") for part in parts),
-        changing=changing,
     )
     functions = fill_template(
         "c/functions.c",
-        marks,
+        job.marks,
         linkage=linkage,
         starts=_merged(part.get("start", "") for part in parts),
         updates="".join(part.get("update", "") for part in parts).removesuffix("\n"),
         before="".join(part.get("before", "") for part in parts),
-        cases="".join(
-            f"    case {kind}: return kalscope_{name}(filter, z);\n"
-            for kind, name in zip(kinds, used_pieces(job), strict=True)
-        ),
+        cases="".join(f"    case KALSCOPE_{name.upper()}: return kalscope_{name}(filter, z);\n" for name in used),
     )
-    return Code(types, functions)
-
-
-def _files(job: ExportJob) -> tuple[str, ...]:
-    used = used_pieces(job)
-    first = ("first_median",) if job.has_median else ()
-    middle = ("middle",) if job.has_median or "median" in used else ()
-    return (*first, *middle, *used)
+    return {"types": types, "functions": functions}
 
 
 def windows_of(job: ExportJob) -> dict[str, int]:
@@ -153,7 +128,7 @@ def tuning_values(
     values |= {"filter": f"KALSCOPE_{piece_of(one).upper()}", "median": str(median)}
     if last is not None:
         values |= {name: str(n) if isinstance(n, int) else number(n) for name, n in numbers_of(last).items()}
-    fields = code_in_c(job).types.partition("} kalscope_tuning;")[0]
+    fields = code_in_c(job)["types"].partition("} kalscope_tuning;")[0]
     return {field: values.get(field, "0") for field in _FIELD.findall(fields)}
 
 
