@@ -13,7 +13,7 @@ from waiting import PATIENCE
 
 from kalscope.cli.app import run
 from kalscope.estimation.noise import noise_from_still
-from kalscope.export.board import Calibrated, Calibrating, NotCalibrated, read_calibration
+from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
 from kalscope.export.job import ExportJob
 from kalscope.export.targets.arduino import calibrated_files
@@ -114,8 +114,8 @@ def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts
     board, _ = talk(*four_channels)
     measure = compiled_rule(tmp_path)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
-    begun = [read_calibration(text) for _, text in board.said[-4:]]
-    assert begun == [Calibrating(channel.name, ROWS) for channel in FOUR]
+    begun = [text for _, text in board.said[-4:]]
+    assert begun == [f"# {channel.name} calibrating rows={ROWS}" for channel in FOUR]
     first = board.said[-1][0]
     board.until(" calibrated r=", 4)
     answers = {

@@ -7,7 +7,6 @@ import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from queue import Empty, Queue
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +17,7 @@ from kalscope.common.text import count, number, percent, plural, squared
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.estimation.noise import StillNoise, noise_from_still
 from kalscope.export.float32 import Float32Momentum, Float32Params, filter_float32
+from kalscope.sources.live.commands import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -174,23 +174,12 @@ MAX_LETTERS = 200
 """Maximum length of an answer that is read, characters; a live source cuts its lines there."""
 
 _NAME, _COUNT = r"# ([A-Za-z_]\w*)", r"(\d{1,9})"
-_STARTED = re.compile(rf"{_NAME} calibrating rows={_COUNT}", re.ASCII)
 _REFUSED = re.compile(rf"{_NAME} not calibrated: (.+)", re.ASCII)
 _MEASURED = re.compile(
     rf"{_NAME} calibrated r=\S+ q=\S+ n={_COUNT} spikes={_COUNT} missing={_COUNT} step=\S+"
     rf" bits={_BITS},{_BITS},{_BITS}",
     re.ASCII,
 )
-
-
-@dataclass(frozen=True)
-class Calibrating:
-    """The board measures from the next sample on."""
-
-    name: str
-    """Identifier of the channel."""
-    rows: int
-    """Samples that it takes."""
 
 
 @dataclass(frozen=True)
@@ -248,13 +237,11 @@ def calibration_command(seconds: float | None, channel: int | None = None) -> st
     return f"{'' if channel is None else f'{channel} '}c {seconds or 0.0:.6g}"
 
 
-def read_calibration(line: str) -> Calibrating | Calibrated | NotCalibrated | None:
-    """What a line says of a calibration; None for any other line: a sample, another remark, a damaged answer."""
+def read_calibration(line: str) -> Calibrated | NotCalibrated | None:
+    """What a line says of the end of a calibration; None for any other line, such as a damaged answer."""
     line = line.rstrip()
     if len(line) > MAX_LETTERS or not (line.isascii() and line.isprintable()):
         return None
-    if match := _STARTED.fullmatch(line):
-        return Calibrating(match[1], int(match[2]))
     if match := _REFUSED.fullmatch(line):
         return NotCalibrated(match[1], match[2])
     if match := _MEASURED.fullmatch(line):
@@ -338,14 +325,8 @@ def _is_answer(remark: str) -> bool:
 # Let a connected board measure its own noise, and measure the same samples here.
 
 
-MAX_SILENCE_S, MAX_SILENT_PERIODS = 5.0, 5.0
-"""Time without a sample after which a board is taken to have stopped: the longer of both, s and sample periods."""
-MAX_LATE_ROWS = 200
-"""Samples after the end within which the answer must have come: those missing at the start make it later."""
 _CANCEL_S = 1.0
 """Timeout for its confirmation that it has stopped, s: Ctrl+C ends a command within 2 s."""
-_TICK = 0.1
-"""Seconds between two reports of the progress."""
 
 CANNOT = (
     "the sketch on this board cannot measure by itself: export the Arduino sketch with self-calibration"
@@ -359,8 +340,6 @@ _CANCELLED = "the measurement was cancelled"
 class Measurement:
     """What a board found of one channel, and what the same rule finds here."""
 
-    channel: str
-    """The measured channel, as the live record calls it."""
     answer: Calibrated | NotCalibrated
     """What the board says."""
     here: StillNoise | None = None
@@ -387,21 +366,61 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     snapshot = source.snapshot()
     if snapshot is None:
         raise BadDevice("the board has not sent a sample yet")
+    filters = [answer.name for answer in values_in_use(source, check=lambda: progress(0.0, "asking the board"))]
+    number, channels = _measured_channels(snapshot.recording.names, filters, channel)
+    command, start = calibration_command(seconds, number), time.monotonic()
+    answers: dict[str, Calibrated | NotCalibrated] = {}
+
+    def is_last(line: str) -> bool:
+        answer = read_calibration(line)
+        if answer is not None and answer.name in channels:
+            answers[answer.name] = answer
+        return is_refusal(line) or len(answers) == len(channels)
 
     def wait() -> None:
-        progress(0.0, "waiting for the board")
+        progress((time.monotonic() - start) / seconds, "the board measures")
 
-    filters = [answer.name for answer in values_in_use(source, check=wait)]
-    number, channels = _measured_channels(snapshot.recording.names, filters, channel)
-    command = calibration_command(seconds, number)
+    timeout = ANSWER_S + 2.0 * seconds  # it takes longer where it leaves samples out
     with source.commands.listen() as remarks:
-        run = _Run(source, remarks, channels)
         try:
-            source.commands.send(command, check=wait)
-            run.until_done(progress)
+            replies = source.commands.send(command, timeout, is_reply=is_last, check=wait)
         except Cancelled:
-            raise Cancelled(run.cancel(number)) from None
-    return tuple(run.done[name] for name in channels)
+            raise Cancelled(_cancel(source, number, answers)) from None
+    if any(map(is_refusal, replies)):
+        raise BadDevice(CANNOT)
+    received = [remarks.get() for _ in range(remarks.qsize())]
+    last = {read_calibration(remark.text): remark for remark in received}
+    return tuple(
+        Measurement(answers[name], _noise_here(source, here, answers[name], last.get(answers[name])))
+        for name, here in channels.items()
+    )
+
+
+def _cancel(source: LiveSource, number: int | None, answers: dict[str, Calibrated | NotCalibrated]) -> str:
+    """Cancel the measurement on the board; returns which values the board then uses, in words."""
+    try:
+        source.send(calibration_command(None, number), _CANCEL_S)
+    except BadDevice:
+        return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
+    measured = [name for name, answer in answers.items() if isinstance(answer, Calibrated)]
+    if measured:
+        return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
+    return f"{_CANCELLED}: the board keeps its values"
+
+
+def _noise_here(
+    source: LiveSource, channel: str, answer: Calibrated | NotCalibrated, remark: Remark | None
+) -> StillNoise | None:
+    """The noise of the samples before the board's answer."""
+    snapshot = source.snapshot()
+    if isinstance(answer, NotCalibrated) or snapshot is None or remark is None:
+        return None
+    if snapshot.generation != remark.generation:
+        return None
+    last = remark.row - snapshot.first
+    with suppress(BadSetting):
+        z = snapshot.recording.channel(channel)[max(last - answer.rows, 0) : last]
+        return noise_from_still(z, float(answer.step) or None)
 
 
 def _measured_channels(
@@ -442,87 +461,6 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
         raise BadDevice(CANNOT)
     if answer.startswith(failed):
         raise BadDevice(f"the board could not store its values: {answer.removeprefix(failed)[:100]}")
-
-
-class _Run:
-    """One measurement: the answers on each channel, and how many samples have arrived since."""
-
-    def __init__(self, source: LiveSource, remarks: Queue[Remark], channels: dict[str, str]) -> None:
-        """Args: the board; its remarks; the channels by the board's names."""
-        self._source, self._remarks, self._channels = source, remarks, channels
-        self.done: dict[str, Measurement] = {}
-        """What was found, by the board's names."""
-        self._started: dict[str, tuple[int, int]] = {}  # the row, and how many rows it takes
-        self._reconnects = source.status().reconnects
-        self._first = self._row = self._rows_received()
-        self._row_at = time.monotonic()
-
-    def until_done(self, progress: Progress) -> None:
-        """Wait for the answers; the arguments and errors of `measure`."""
-        while waiting := self._channels.keys() - self.done.keys():
-            row = self._rows_received()
-            shares = [
-                (row - first) / max(rows, 1) for name, (first, rows) in self._started.items() if name in waiting
-            ]
-            progress(min(shares, default=0.0), "the board measures")
-            self._check(row)
-            self._read_remarks(_TICK)
-
-    def cancel(self, number: int | None) -> str:
-        """Cancel the measurement on the board; returns which values the board then uses, in words."""
-        try:
-            self._source.send(calibration_command(None, number), _CANCEL_S)
-        except BadDevice:
-            return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
-        self._read_remarks(0.0)
-        measured = [name for name, one in self.done.items() if isinstance(one.answer, Calibrated)]
-        if measured:
-            return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
-        return f"{_CANCELLED}: the board keeps its values"
-
-    def _read_remarks(self, seconds: float) -> None:
-        """Process the remarks that are queued, or the first one within `seconds`; more may keep arriving."""
-        with suppress(Empty):
-            for _ in range(max(self._remarks.qsize(), 1)):
-                self._take(self._remarks.get(timeout=seconds))
-
-    def _take(self, remark: Remark) -> None:
-        if is_refusal(remark.text):
-            raise BadDevice(CANNOT)
-        answer = read_calibration(remark.text)
-        if answer is None or answer.name not in self._channels.keys() - self.done.keys():
-            return
-        if isinstance(answer, Calibrating):
-            self._started[answer.name] = remark.row, answer.rows
-        elif isinstance(answer, NotCalibrated) or answer.rows <= self._started.get(answer.name, (0, 0))[1]:
-            channel = self._channels[answer.name]
-            self.done[answer.name] = Measurement(channel, answer, self._noise_here(channel, answer, remark))
-
-    def _noise_here(self, channel: str, answer: Calibrated | NotCalibrated, remark: Remark) -> StillNoise | None:
-        """The noise of the samples before the board's answer."""
-        snapshot = self._source.snapshot()
-        if isinstance(answer, NotCalibrated) or snapshot is None or snapshot.generation != remark.generation:
-            return None
-        last = remark.row - snapshot.first
-        z = snapshot.recording.channel(channel)[max(last - answer.rows, 0) : last]
-        with suppress(BadSetting):
-            return noise_from_still(z, float(answer.step) or None)
-
-    def _rows_received(self) -> int:
-        snapshot = self._source.snapshot()
-        return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
-
-    def _check(self, row: int) -> None:
-        """Stop waiting where no answer can arrive any more; `row` samples have arrived."""
-        status, now = self._source.status(), time.monotonic()
-        if status.word != "connected" or status.reconnects != self._reconnects:
-            raise BadDevice("the board was disconnected while it measured. Connect it and measure again")
-        if row != self._row:
-            self._row, self._row_at = row, now
-        silence = max(MAX_SILENCE_S, MAX_SILENT_PERIODS * (status.period or 0.0))
-        last = max(map(sum, self._started.values()), default=self._first)
-        if now - self._row_at > silence or row > last + MAX_LATE_ROWS:
-            raise BadDevice("the board did not say what it measured. Reset it and measure again")
 
 
 def measured_text(measured: Measurement, unit: str) -> str:

@@ -173,11 +173,11 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
     assert fails("cancelled: the board keeps its values", "1000", cancel)["good"]
     wait_until(lambda: desk.text == "")
     another = once_it_measures(lambda: desk.session.request(lambda state: opened(state.recording, state)))
-    fails("The board was disconnected while it measured", "1000", another)
+    fails("The board was disconnected before it answered", "1000", another)
     assert not desk.view._folder.visible
     desk.session.request(undo)
     wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
     desk.board.refuses = ""
 
-    fails("The board was disconnected while it measured", "1000", once_it_measures(desk.board.unplug))
+    fails("The board was disconnected before it answered", "1000", once_it_measures(desk.board.unplug))
     fails("is not connected", "4")

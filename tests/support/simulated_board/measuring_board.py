@@ -62,7 +62,6 @@ class MeasuringBoard:
         self.mute: tuple[str, ...] = ()  # channels that never say what they measured
         self.remark = ""  # said with every row
         self.asked: list[str] = []
-        self.excess = 0  # samples that it claims on top
         self.kept = self.worn = False
         self.used = {name: (np.float32(0.5), np.float32(20.0)) for name in names}
         self._rate, self._period, self._rng = rate, period, np.random.default_rng(seed)
@@ -147,7 +146,7 @@ class MeasuringBoard:
         q = RATIO * r
         self.used[name] = q, r
         bits = ",".join(f"{one.view(np.uint32):08X}" for one in (r, q, np.float32(STEP)))
-        counts = f"n={found.samples + self.excess} spikes={len(z) - found.samples} missing=0"
+        counts = f"n={found.samples} spikes={len(z) - found.samples} missing=0"
         self._say(f"# {name} calibrated r={r:.6e} q={q:.6e} {counts} step={STEP:.6f} bits={bits}")
 
     def _obey(self) -> None:
