@@ -22,7 +22,7 @@ from kalscope.cli.options import Source, number_option
 from kalscope.cli.options import number as cli_number
 from kalscope.common.progress import Progress
 from kalscope.common.stopping import said_at_stop, stop_signals
-from kalscope.common.text import count, escaped, number, one_line, plain
+from kalscope.common.text import escaped, number, one_line, plain
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.recording import Recording
 from kalscope.sources.port.registry import address_examples
@@ -146,13 +146,9 @@ class StatusLine(TerminalLine):
         problems = [recorder.error, recorder.warning, status.hint]
         problems += [status.word] if status.word not in ("connected", status.hint) else []
         problem = "; ".join(" ".join(text.split()) for text in problems if text)
-        counts = recorder.counts
         if self.visible:
-            self.show(
-                f"{count(counts.written)} lines written, {number(status.lines_per_s)} lines/s,"
-                f" {count(counts.rejected)} rejected, {count(counts.dropped)} dropped"
-                + (f"; {problem}" if problem else "")
-            )
+            rate = f"{number(status.lines_per_s)} lines/s"
+            self.show("; ".join(filter(None, (str(recorder.counts), rate, problem))))
         elif (kind := _COUNTS.sub("", problem)) != self._problem:
             self._problem = kind
             with suppress(OSError):  # whatever reads stderr may be gone; the recording goes on
