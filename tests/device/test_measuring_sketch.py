@@ -16,7 +16,7 @@ from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
 from kalscope.export.job import ExportJob
-from kalscope.export.targets.arduino import calibrated_files
+from kalscope.export.targets.arduino import files
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
@@ -32,7 +32,7 @@ def measuring(workshop, *channels, edits=FAST):
     """The firmware of a sketch that measures."""
     folder = workshop.folder / f"measuring-{abs(hash(channels)):x}"
     folder.mkdir(exist_ok=True)
-    for name, text in calibrated_files(ExportJob(tuple(channels), sample_period=0.005)).items():
+    for name, text in files(ExportJob(tuple(channels), sample_period=0.005), calibration=True).items():
         (folder / name).write_text(text, encoding="ascii")
     return workshop.sketch(folder / "kalscope_filter.ino", *edits, include=[EEPROM])
 
@@ -265,7 +265,7 @@ def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start
     firmware = measuring(workshop, channel, edits=())
     assert firmware.flash == pytest.approx(15092, rel=0.05)
     assert firmware.ram == pytest.approx(494, rel=0.05)
-    header = calibrated_files(ExportJob((channel,)))["KalscopeCalibration.h"]
+    header = files(ExportJob((channel,)), calibration=True)["KalscopeCalibration.h"]
     (tmp_path / "KalscopeCalibration.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)

@@ -155,7 +155,7 @@ class DeviceNotes:
 
 def has_calibration(target: str) -> bool:
     """Whether a target has code that measures r itself."""
-    return TARGETS[target].calibration is not None
+    return TARGETS[target].can_calibrate
 
 
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:

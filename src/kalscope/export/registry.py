@@ -76,7 +76,7 @@ def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> s
 class Target:
     """One entry of the registry."""
 
-    files: Callable[[ExportJob], dict[str, str]]
+    files: Callable[..., dict[str, str]]
     """Writes it: the texts by file name."""
     title: str
     """Its name on screen, a few words."""
@@ -86,8 +86,8 @@ class Target:
     """What its filters cannot have."""
     is_float32: bool = False
     """Whether it computes in float32, at least on an AVR board."""
-    calibration: Callable[[ExportJob], dict[str, str]] | None = None
-    """Writes the filter and what measures r on the device; None = the target has no such option."""
+    can_calibrate: bool = False
+    """Whether it has code that measures r on the device, `files(job, calibration=True)`."""
     is_common: bool = False
     """Whether it is in the short list that is shown first."""
 
@@ -99,7 +99,7 @@ TARGETS = MappingProxyType(
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
             is_float32=True,
-            calibration=arduino.calibrated_files,
+            can_calibrate=True,
             is_common=True,
         ),
         "c": Target(c.files, "C99", "The filter in C99, in double or float.", is_common=True),
@@ -176,14 +176,11 @@ def export_tuning(
         if need in job.marks and need in TARGETS[target].lacks:
             able = ", ".join(name for name, each in TARGETS.items() if need not in each.lacks)
             raise BadSetting(f"target must support {words} (got {target}): choose {able}, or {instead}")
-    write = TARGETS[target].files
-    if calibration:
-        write = TARGETS[target].calibration
-        if write is None or job.fuses:
-            able = " or ".join(name for name, each in TARGETS.items() if each.calibration)
-            got = "fused sensors" if job.fuses else target
-            raise BadSetting(f"calibration must be for {able} and the filters of channels (got {got})")
-    files = write(job)
+    if calibration and (job.fuses or not TARGETS[target].can_calibrate):
+        able = " or ".join(name for name, each in TARGETS.items() if each.can_calibrate)
+        got = "fused sensors" if job.fuses else target
+        raise BadSetting(f"calibration must be for {able} and the filters of channels (got {got})")
+    files = TARGETS[target].files(job, **({"calibration": True} if calibration else {}))
     if vectors is not None:
         files |= vector_files(job, vectors)
     return files

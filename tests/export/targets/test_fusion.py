@@ -317,7 +317,7 @@ def test_other_refusals_say_what_helps(tmp_path):
     with pytest.raises(BadSetting, match="sample_period of the tuning must be known for ESPHome"):
         export_tuning(replace(tuned(PAIR), sample_period=None), "esphome")
     many = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
-    with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): fuse fewer, or export c"):
+    with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): take fewer, or export c"):
         export_tuning(tuned(many), "arduino")
     with pytest.raises(BadSetting, match=r"at most 32 sensors \(got 33\)"):
         export_tuning(tuned(many), "c")

@@ -39,37 +39,35 @@ UNIT_CHECK = """\
 """Stops the compiler until the sketch reads what its filter was tuned for; constant, without names from outside."""
 
 
-def files(job: ExportJob) -> dict[str, str]:
+def files(job: ExportJob, *, calibration: bool = False) -> dict[str, str]:
     """`KalscopeFilter.h` and `kalscope_filter.ino`, or `KalscopeFusion.h` and `kalscope_fusion.ino`.
+
+    Args:
+        job: The filters, or a fusion.
+        calibration: With a sketch that measures r itself, and `KalscopeCalibration.h`; not for a fusion.
 
     Raises:
         BadSetting: float32 cannot hold a value, an Uno does not have enough analogue pins, or the period is out of
-            the range that it can count.
+            the range that it can count; r of a channel is 0, so that calibration has no ratio of q to it.
     """
-    if job.fuses:
-        _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
-        return {"KalscopeFusion.h": _header(job), "kalscope_fusion.ino": _sketch(job)}
-    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
+    count, what = (len(job.fusion.sensors), "sensors") if job.fuses else (len(job.channels), "channels")
+    if count > ANALOGUE_PINS:
+        raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): take fewer, or export c")
+    name = "Fusion" if job.fuses else "Filter"
+    sketch = _sketch(job, calibration=calibration)
+    return {
+        f"Kalscope{name}.h": _header(job),
+        f"kalscope_{name.lower()}.ino": sketch,
+        **({"KalscopeCalibration.h": _calibration(job)} if calibration else {}),
+    }
 
 
-def calibrated_files(job: ExportJob) -> dict[str, str]:
-    """The same with a sketch that measures r itself, and `KalscopeCalibration.h`.
-
-    Raises:
-        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno does not have the memory.
-    """
-    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    ratios = _ratios(job)
+def _calibration(job: ExportJob) -> str:
     values = [f"const KalscopeTuning  = {{{_fields(job, channel, _held(channel))}}};" for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
-    return {
-        "KalscopeFilter.h": _header(job),
-        "kalscope_filter.ino": _sketch(job, calibration=True),
-        "KalscopeCalibration.h": fill_template(
-            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
-        ),
-    }
+    return fill_template(
+        "arduino/KalscopeCalibration.h", ratios=_ratios(job), stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
+    )
 
 
 def _limits_of_stillness() -> dict[str, str]:
@@ -191,11 +189,6 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         units=units,
         unit_check=UNIT_CHECK if foreign else "",
     )
-
-
-def _check_pins(count: int, what: str, instead: str, most: int) -> None:
-    if count > most:
-        raise BadSetting(f"the sketch must read 1 to {most} {what} (got {count}): {instead}")
 
 
 def is_not_in_counts(channel: ChannelTuning) -> bool:
