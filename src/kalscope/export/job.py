@@ -111,11 +111,6 @@ class ExportJob:
         fusion = self.fusion
         return {"r": tuple(fusion.params.scaled_r.tolist()), "offset": fusion.offset, "gain": fusion.gain}
 
-    def reading(self, tuning: str) -> str:
-        """How code takes offset and gain out of a reading; `tuning` precedes the name of each."""
-        offset = f"readings[i] - {tuning}offset[i]"
-        return f"({offset}) / {tuning}gain[i]" if self.fusion.has_gains else offset
-
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels; while all of its sensors answer."""
         return steady_state(channel.params, self.sample_period)

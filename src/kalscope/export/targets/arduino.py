@@ -134,9 +134,8 @@ def _header(job: ExportJob) -> str:
         parts.append(f"{commented(lines, '//')}{constant}\n")
     count = len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
-    name = "KalscopeFusion" if job.fuses else "KalscopeChain" if job.has_chain else "KalscopeFilter"
     return fill_template(
-        f"arduino/{name}.h",
+        f"arduino/Kalscope{'Fusion' if job.fuses else 'Filter'}.h",
         job.marks,
         about=commented(about(job), "//").rstrip(),
         first=_constant_name(job, job.named_channels[0][0]),
@@ -147,7 +146,6 @@ def _header(job: ExportJob) -> str:
         words=", ".join(job.sensor_identifiers),
         all_bits="1" * (count - 1) + "0",
         count=str(count),
-        reading=job.reading("tuning."),
     )
 
 

@@ -33,7 +33,6 @@ def files(job: ExportJob) -> dict[str, str]:
         "name": names[-1],
         "words": ", ".join(job.sensor_identifiers),
         "count": str(count),
-        "reading": job.reading("tuning->"),
         "gate_limit": str(GATE_LIMIT),
         **code_in_c(job),
         "declarations": "\n".join(f"extern const kalscope_tuning kalscope_tuning_{name};" for name in names),

@@ -65,9 +65,13 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
         job: the export.
         linkage: what precedes the two functions that a user calls: "static " in a header.
     """
+    if job.fuses:
+        offset = "readings[i] - tuning->offset[i]"
+        reading = f"({offset}) / tuning->gain[i]" if job.fusion.has_gains else offset
+        return fill_sections("c/stages/fusion.c", job.marks, linkage=linkage, reading=reading)
     used, prefix, update = used_pieces(job), "kalscope_", "static kalscope_real kalscope_kalman"
     if not job.has_chain:
-        prefix, update = "", "kalscope_real kalscope_update"
+        prefix, update = "", f"{linkage}kalscope_real kalscope_update"
     first = ("first_median",) if job.has_median else ()
     middle = ("middle",) if job.has_median or "median" in used else ()
     windows = {name: str(n) for name, n in windows_of(job).items()}

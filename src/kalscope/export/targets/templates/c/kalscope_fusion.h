@@ -29,34 +29,7 @@ extern "C" {
 enum { KALSCOPE_SENSORS = $count };
 #define KALSCOPE_ALL_VALID UINT32_MAX
 
-typedef struct {
-    kalscope_fusion_real q;        /* process noise: variance added per row of readings, unit squared */
-    kalscope_fusion_real p0;       /* start variance; INFINITY: the first reading sets x and p */
-    kalscope_fusion_real x0;       /* start estimate; NAN: the first reading */
-    kalscope_fusion_real gate;     /* a reading with v * v > gate * s is not used; 0: no gate */
-@momentum     kalscope_fusion_real momentum; /* tau, how long the signal keeps its direction, in samples; the others follow */
-@momentum     kalscope_fusion_real e;        /* from q and tau: share of the velocity left after a sample, */
-@momentum     kalscope_fusion_real f;        /* how far a velocity of 1 goes in a sample, */
-@momentum     kalscope_fusion_real q11;      /* variance added per sample to x, */
-@momentum     kalscope_fusion_real q12;      /* to the covariance of x and the velocity, */
-@momentum     kalscope_fusion_real q22;      /* and to the velocity, */
-@momentum     kalscope_fusion_real w0;       /* and its variance at the start */
-    kalscope_fusion_real r[KALSCOPE_SENSORS];      /* noise of each sensor on the scale of x: variance / gain squared */
-    kalscope_fusion_real offset[KALSCOPE_SENSORS]; /* what each sensor reads where x is 0 */
-@gains     kalscope_fusion_real gain[KALSCOPE_SENSORS];   /* by how much its reading grows with x */
-} kalscope_fusion_tuning;
-
-typedef struct {
-    kalscope_fusion_tuning tuning;
-    kalscope_fusion_real x;        /* fused value; NAN before the first reading */
-    kalscope_fusion_real p;        /* its variance */
-    kalscope_fusion_real k[KALSCOPE_SENSORS]; /* gain of each reading of the last row, 0 to 1; 0 where it was left out */
-@momentum     kalscope_fusion_real velocity; /* fused velocity, unit per sample */
-@momentum     kalscope_fusion_real g;        /* covariance of x and the velocity */
-@momentum     kalscope_fusion_real w;        /* variance of the velocity */
-    int rejected[KALSCOPE_SENSORS]; /* readings that the gate rejected in a row */
-} kalscope_fusion;
-
+$types
 extern const kalscope_fusion_tuning kalscope_fusion_tuning_$name;
 
 /* Starts, or starts again, with these values. */
