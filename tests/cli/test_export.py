@@ -57,7 +57,7 @@ def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd
     tuning = load_tuning(path)
     assert cli.run(["export", str(path), "--to", "json", "--sample-period", "0.02"]) == 0
     shown = capfd.readouterr()
-    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
+    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_parameters.json"]
     assert "note: this is the filter that fuses a, b; --channel NAME exports that of one channel" in shown.err
     assert cli.run(["export", str(path), "--to", "json", "--channel", "b"]) == 0
     shown = capfd.readouterr()

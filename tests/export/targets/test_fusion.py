@@ -258,14 +258,15 @@ def shared_values(fusion):
 def test_json_holds_the_tuned_numbers(case):
     fusion = CASES[case]
     document = json.loads(*exported(case, "json").values(), parse_constant=pytest.fail)
-    assert (document["format"], document["sample_period_s"]) == ("kalscope-fusion-1", 0.01)
+    assert (document["format"], document["sample_period_s"]) == ("kalscope-parameters-2", 0.01)
+    (fused,) = document["channels"]
     keys = ("process_noise_q", "start_variance_p0", "start_value_x0", "outlier_gate")
-    assert [document["fusion"][key] for key in keys] == shared_values(fusion)
-    each = [(s["name"], s["measurement_noise_r"], s["offset"], s["gain"]) for s in document["sensors"]]
+    assert [fused[key] for key in keys] == shared_values(fusion)
+    each = [(s["name"], s["measurement_noise_r"], s["offset"], s["gain"]) for s in fused["sensors"]]
     assert each == list(zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True))
-    assert [s["share"] for s in document["sensors"]] == fusion.params.shares.tolist()
+    assert [s["share"] for s in fused["sensors"]] == fusion.params.shares.tolist()
     named = step_of(fusion)
-    assert {name: document["fusion"].get("momentum", {}).get(name) for name in list(named)[1:]} == {
+    assert {name: fused.get("momentum", {}).get(name) for name in list(named)[1:]} == {
         name: value for name, value in named.items() if name != "momentum"
     }
 
