@@ -318,7 +318,7 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 def _charts(
     recording: Recording, entry: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
-    """The whole recording, and a detail from the middle of a long one; a wild start of x may leave them."""
+    """The whole recording, and a detail from the middle of a long one."""
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
     if entry.sensors:
         measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(entry.sensors)]
@@ -335,7 +335,6 @@ def _charts(
             tuple(_line(x[part], y[part], name, style, bridged=bool(entry.sensors)) for name, y, style in curves),
             "time (s)" if timed else "sample",
             f"{short} ({entry.unit[:8]})" if entry.unit else short,
-            _y_range(np.concatenate([y[part] for _, y, _ in measured])),
         )
         for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
     )
@@ -343,19 +342,12 @@ def _charts(
 
 def _line(x: Array, y: Array, name: str, style: str, *, bridged: bool) -> Line:
     """A curve of few points, broken where a sample is missing unless that is `bridged`."""
-    if bridged and np.isfinite(y).sum() > 1:
+    if bridged and np.isfinite(y).any():
         x, y = x[np.isfinite(y)], y[np.isfinite(y)]
-    if len(y) == 1:  # a line needs two points
+    if len(y) == 1:  # axes need two ends
         x, y = x + np.arange(2.0), np.repeat(y, 2)
     kept = chosen_samples(y)
     return Line(x[kept], y[kept], name, style)
-
-
-def _y_range(seen: Array) -> tuple[float, float]:
-    seen = seen[np.isfinite(seen)]
-    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
-    room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
-    return low - room, high + room
 
 
 def chosen_samples(z: Array) -> NDArray[np.intp]:
