@@ -263,10 +263,10 @@ void loop() {}
 def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start_board, workshop, tmp_path):
     channel = ChannelTuning("light", "", 0.01, 4.0)
     firmware = measuring(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(15092, rel=0.05)
-    assert firmware.ram == pytest.approx(494, rel=0.05)
+    assert firmware.flash == pytest.approx(14972, rel=0.05)
+    assert firmware.ram == pytest.approx(487, rel=0.05)
     header = files(ExportJob((channel,)), calibration=True)["KalscopeCalibration.h"]
     (tmp_path / "KalscopeCalibration.h").write_text(header)
     (tmp_path / "timing.ino").write_text(TIMING)
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert 115 + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(496, rel=0.05)
+    assert 109 + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(490, rel=0.05)

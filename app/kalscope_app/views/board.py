@@ -11,7 +11,6 @@ import viser
 from kalscope.common.progress import Progress
 from kalscope.common.text import count, duration, number, typed_number
 from kalscope.export.board import Calibrated, measured_text, set_kept
-from kalscope.export.float32 import float32_params
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, measured_by_board, send_setting, takes_no_values
@@ -199,8 +198,6 @@ def compared(state: State) -> str:
             f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
             f"{number(check.largest)}. A board that was reset uses the exported values again: send again."
         )
-    if float32_params(sent.asked).settled_gain > 0.0:
-        text += " The board's gain stays larger than on screen: only the exported code can use so small a q/r."
     chain = state.tuning.chain
     if state.params != sent.asked or sent.params.median != (1 if chain is None else chain.median):
         text += " The current values have not been sent."

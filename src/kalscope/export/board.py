@@ -59,10 +59,9 @@ class BoardAnswer:
     """Samples whose median goes into the filter, which no command changes; 1 = each sample itself."""
 
     def applied_to(self, params: Float32Params) -> Float32Params:
-        """`params` as the board computes with them: its own q, r, p0 and momentum, and the gain that follows."""
+        """`params` as the board computes with them: with its q, r, p0 and momentum."""
         momentum = None if self.momentum is None else momentum_on_board(self.q, self.momentum)
-        used = replace(params, q=self.q, r=self.r, p0=self.p0, momentum=momentum, median=self.median)
-        return replace(used, settled_gain=np.float32(0.0))
+        return replace(params, q=self.q, r=self.r, p0=self.p0, momentum=momentum, median=self.median)
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def commands(params: Float32Params, channel: int | None = None, *, knows_momentu
     r"""The lines, without \n, that set q, r, momentum and p0 on a board and restart its filter.
 
     Args:
-        params: The values; gate, x0 and the settled gain stay those of the export.
+        params: The values; gate and x0 stay those of the export.
         channel: Which channel of the board, from 1; None = all.
         knows_momentum: Whether its answers name a momentum.
 

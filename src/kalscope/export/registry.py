@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import STALLING_GAIN, float32_tuning, runs_kalman
+from kalscope.export.float32 import float32_tuning, runs_kalman
 from kalscope.export.job import ExportJob, job_of
 from kalscope.export.targets import arduino, c, esphome, parameters, scripts
 from kalscope.filtering.params import FilterParams
@@ -189,6 +189,9 @@ def export_tuning(
 # What float32 cannot do, reported before the export.
 
 
+STALLING_GAIN = 7e-6
+"""Below this settled gain the variance rounds to a stop where the gain is off by 1 % and more: measured."""
+
 UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""
 
@@ -219,14 +222,14 @@ def limits_of(
         if runs_kalman(one):
             readings = np.array([level(name) for name in one.sensors or (one.name,)])
             largest = float(np.max(readings / np.abs(one.params.gain)))
-            limits += _stalls(one.params.as_single, largest, keeps_gain=target == "arduino" and not one.sensors)
+            limits += _stalls(one.params.as_single, largest)
     others = " and ".join(f"{one.name} is in {one.unit}" for one in filters if arduino.is_not_in_counts(one))
     if target == "arduino" and others:
         limits.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
     return list(dict.fromkeys(limits))
 
 
-def _stalls(params: FilterParams, level: float, *, keeps_gain: bool) -> Iterator[str]:
+def _stalls(params: FilterParams, level: float) -> Iterator[str]:
     """A gain that float32 does not settle to, and an estimate that stops moving.
 
     A correction below half the distance of two floats is lost: x no longer moves. With momentum the velocity
@@ -235,15 +238,13 @@ def _stalls(params: FilterParams, level: float, *, keeps_gain: bool) -> Iterator
     Args:
         params: Those of one sensor.
         level: Largest size of its signal, unit.
-        keeps_gain: Whether the code continues with the settled gain where its variance no longer changes.
     """
     steady, r = steady_state(params), float(params.r)
     gain = float(steady.gain)
     if 0.0 < gain < STALLING_GAIN:
-        then = f"The exported code uses this gain from about {1.0 / gain:.2g} samples after the start on"
         yield (
             f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early."
-            f" {then if keeps_gain else 'Export c, in double, or take a larger q'}."
+            " Export c, in double, or take a larger q."
         )
     spread = math.sqrt(params.q if gain == 1.0 else r / (1.0 - gain))  # of the innovation: s = r / (1 - K)
     gain = max(gain, params.momentum * float(steady.velocity_gain))

@@ -75,8 +75,7 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert limits_text(state) == ""
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)
-    assert "The exported code uses this gain from about" in limits_text(small)
-    assert "or take a larger q" in limits_text(small, Choice("esphome"))
+    assert "Export c, in double, or take a larger q" in limits_text(small)
     assert limits_text(small, Choice("c")) == ""
 
 

@@ -12,7 +12,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.noise import SPIKE
 from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
 from kalscope.export.board import LAST_POWER
-from kalscope.export.float32 import Float32Params, float32_text, float32_tuning, to_float32
+from kalscope.export.float32 import float32_text, float32_tuning, to_float32
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text
 from kalscope.export.targets.stages import code_in_c, tuning_values
@@ -63,7 +63,7 @@ def files(job: ExportJob, *, calibration: bool = False) -> dict[str, str]:
 
 
 def _calibration(job: ExportJob) -> str:
-    values = [f"const KalscopeTuning  = {{{_fields(job, channel, _held(channel))}}};" for channel in job.channels]
+    values = [f"const KalscopeTuning  = {{{_fields(job, channel)}}};" for channel in job.channels]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
     return fill_template(
         "arduino/KalscopeCalibration.h", ratios=_ratios(job), stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
@@ -83,17 +83,12 @@ def _limits_of_stillness() -> dict[str, str]:
     return {"groups": str(GROUPS), "min_readings": str(MIN_SAMPLES), **texts}
 
 
-def _held(channel: ChannelTuning) -> Float32Params | None:
+def _fields(job: ExportJob, one: ChannelTuning) -> str:
     try:
-        return float32_tuning(channel)
+        float32_tuning(one)
     except BadSetting as error:
-        raise BadSetting(f"{comment_text(channel.name)}: {error}") from None
-
-
-def _fields(job: ExportJob, one: ChannelTuning, held: Float32Params | None) -> str:
-    gain = np.float32(0.0) if held is None else held.settled_gain
-    values = tuning_values(job, one, float32_text(gain), lambda value: float32_text(np.float32(value)))
-    return ", ".join(values.values())
+        raise BadSetting(f"{comment_text(one.name)}: {error}") from None
+    return ", ".join(tuning_values(job, one, lambda value: float32_text(np.float32(value))).values())
 
 
 def _ratios(job: ExportJob) -> str:
@@ -127,11 +122,8 @@ def _header(job: ExportJob) -> str:
     kind, opening = ("KalscopeFusionTuning", "{\n  ") if job.fuses else ("KalscopeTuning", "{")
     parts: list[str] = []
     for word, one in job.named_channels:
-        held, lines = _held(one), about_channel(job, one)
-        if held is not None and held.settled_gain > 0:
-            lines += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one, held)}}};"
-        parts.append(f"{commented(lines, '//')}{constant}\n")
+        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one)}}};"
+        parts.append(f"{commented(about_channel(job, one), '//')}{constant}\n")
     count = len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
     return fill_template(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import float32_text, float32_tuning
+from kalscope.export.float32 import float32_tuning
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import number_text
 from kalscope.export.targets.stages import code_in_c, tuning_values
@@ -49,11 +49,9 @@ def _commented(lines: tuple[str, ...]) -> str:
 def _constant(job: ExportJob, name: str, one: ChannelTuning) -> str:
     """The constant of one filter. A double rounded to float by the compiler is the float of `float32_params`."""
     kind, real = ("fusion_tuning", "kalscope_fusion_real") if job.fuses else ("tuning", "kalscope_real")
-    gain, guard = "0.0", ""
+    guard = ""
     try:
-        held = float32_tuning(one)
-        if held is not None and held.settled_gain > 0:
-            gain = f"(sizeof({real}) == sizeof(float) ? ({real}){float32_text(held.settled_gain)} : 0)"
+        float32_tuning(one)
     except BadSetting:
         guard = f'#ifdef KALSCOPE_FLOAT\n#error "float cannot hold the values of {name}: use double"\n#endif\n'
 
@@ -61,7 +59,7 @@ def _constant(job: ExportJob, name: str, one: ChannelTuning) -> str:
         word = "NAN" if math.isnan(value) else "INFINITY" if math.isinf(value) else number_text(value)
         return f"({real}){word}"
 
-    values = tuning_values(job, one, f"({real}){gain}", number)
+    values = tuning_values(job, one, number)
     fields = "".join(f"    .{field} = {value},\n" for field, value in values.items() if value != "0")
     head = _commented(about_channel(job, one))
     return f"{head}\n{guard}const kalscope_{kind} kalscope_{kind}_{name} = {{\n{fields}}};\n"

@@ -114,18 +114,15 @@ def _merged(pieces: Iterable[str]) -> str:
     return "".join(dict.fromkeys(line for piece in pieces for line in piece.splitlines(keepends=True)))
 
 
-def tuning_values(
-    job: ExportJob, one: ChannelTuning, settled_gain: str, number: Callable[[float], str]
-) -> dict[str, str]:
+def tuning_values(job: ExportJob, one: ChannelTuning, number: Callable[[float], str]) -> dict[str, str]:
     """The fields of the tuning of one filter in their order as texts; "0" where a filter beside it has this field.
 
     Args:
         job: the export.
         one: a channel of it, or the fusion.
-        settled_gain: gain to use where float is too coarse to find it.
         number: how the language writes a number that is not whole.
     """
-    values = _kalman_values(job, one, settled_gain, number) if runs_kalman(one) else {"x0": number(math.nan)}
+    values = _kalman_values(job, one, number) if runs_kalman(one) else {"x0": number(math.nan)}
     if not job.has_chain:
         return values
     median, last = (1, None) if one.chain is None else (one.chain.median, one.chain.then)
@@ -136,13 +133,9 @@ def tuning_values(
     return {field: values.get(field, "0") for field in _FIELD.findall(fields)}
 
 
-def _kalman_values(
-    job: ExportJob, one: ChannelTuning, settled_gain: str, number: Callable[[float], str]
-) -> dict[str, str]:
+def _kalman_values(job: ExportJob, one: ChannelTuning, number: Callable[[float], str]) -> dict[str, str]:
     unset = {"p0": math.inf, "x0": math.nan, "gate": 0.0}
     values = {name: number(unset[name] if value is None else value) for name, value in start_of(one).items()}
-    if not one.sensors:
-        values["settled_gain"] = settled_gain
     if job.has_momentum:
         values |= {name: number(value) for name, value in asdict(step_constants(one.q, one.momentum)).items()}
     for name, each in job.sensor_values.items() if one.sensors else ():
