@@ -14,7 +14,7 @@ from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
 from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
-from kalscope.export.targets.stages import numbers_of
+from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, PowerOfTwo
 from kalscope.tuning.toml_text import chain_in
 

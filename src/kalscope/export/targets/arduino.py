@@ -15,7 +15,7 @@ from kalscope.export.board import LAST_POWER
 from kalscope.export.float32 import float32_text, float32_tuning, to_float32
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
 from kalscope.export.names import comment_text
-from kalscope.export.targets.stages import code_in_c, tuning_values
+from kalscope.export.targets.c import code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.tuning.tuning import ChannelTuning
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from kalscope.export.float32 import runs_kalman
 from kalscope.export.job import ExportJob, about, about_channel, ascii_squared, step_of
-from kalscope.export.targets.stages import numbers_of
+from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import SteadyState
 from kalscope.tuning.toml_text import plain_chain

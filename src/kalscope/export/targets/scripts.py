@@ -16,7 +16,7 @@ from kalscope.export.job import (
     step_of,
 )
 from kalscope.export.names import number_text
-from kalscope.export.targets.stages import numbers_of, piece_of, used_pieces
+from kalscope.export.targets.c import numbers_of, piece_of, used_pieces
 from kalscope.tuning.tuning import ChannelTuning
 
 Values = Mapping[str, float | tuple[float, ...] | None]
