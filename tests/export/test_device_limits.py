@@ -17,9 +17,7 @@ from kalscope.filtering.classic import Butterworth, Chain, OneEuro
 def device_limits(params, level):
     """The limits of a channel or of fused sensors with these parameters."""
     given = {name: getattr(params, name) for name in ("q", "p0", "x0", "gate", "momentum")}
-    return limits_of(
-        Tuning((ChannelTuning("c", "", r=float(params.r), **given),)), None, "arduino", lambda _: level
-    )
+    return limits_of(Tuning((ChannelTuning("c", "", r=float(params.r), **given),)), "arduino", lambda _: level)
 
 
 GAIN, ESTIMATE, REFUSED = "float32 cannot settle to a gain", "float32 steps by", "q must fit float32"
@@ -67,7 +65,7 @@ def test_a_fusion_is_told_what_the_filter_it_settles_into_cannot_do():
         (replace(slow, q=2.5e-10, gain=(1.0, 0.001)), [f"{ESTIMATE} 6.1e-05 at 1000,"]),
     ):
         tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), fusion=fusion)
-        limits = limits_of(tuning, None, "arduino", lambda _: 1.0)
+        limits = limits_of(tuning, "arduino", lambda _: 1.0)
         assert all(map(re.match, words, limits))
         assert len(words) == len(limits)
 
@@ -76,7 +74,7 @@ def test_what_float32_cannot_hold_of_a_chain_is_told():
     steep = ChannelTuning("a", "", 0.01, 4.0, chain=Chain(3, OneEuro(0.01, 1e60, 0.05)))
     tiny = ChannelTuning("b", "", 1e-60, 1.0, chain=Chain(5))
     classic = ChannelTuning("c", "", 1e-60, 1.0, chain=Chain(then=Butterworth(0.02)))
-    first, second = limits_of(Tuning((steep, tiny, classic)), None, "arduino")
+    first, second = limits_of(Tuning((steep, tiny, classic)), "arduino")
     assert first.startswith("One-euro must compute with numbers that float32 holds")
     assert second.startswith(REFUSED)
 
@@ -84,8 +82,7 @@ def test_what_float32_cannot_hold_of_a_chain_is_told():
 def test_the_notes_of_a_fusion_take_the_level_of_each_sensor_and_its_own_unit():
     fusion = ChannelTuning("level", "cm", 1e-9, (4.0, 9.0), sensors=("a", "b"), gain=(1.0, 0.5))
     tuning = Tuning((ChannelTuning("a", "V", 0.1, 1.0),), fusion=fusion)
-    first, second = limits_of(tuning, None, "arduino", {"a": 3.0, "b": 600.0}.__getitem__)
+    first, second = limits_of(tuning, "arduino", {"a": 3.0, "b": 600.0}.__getitem__)
     assert "at 1200," in first
     assert second.startswith("the sketch reads counts, but level is in cm")
-    assert limits_of(tuning, "a", "arduino") == limits_of(replace(tuning, fusion=None), None, "arduino")
-    assert limits_of(tuning, None, "c") == []
+    assert limits_of(tuning, "c") == []

@@ -233,7 +233,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         files_of(state, choice)  # shows why an export would be refused before a button is pressed
         tuning = device_tuning(state, choice)
-        limits = limits_of(tuning, None, choice.target, level)
+        limits = limits_of(tuning, choice.target, level)
     except BadSetting as error:
         return f"Cannot export: {escape_markdown(str(error), 400)}"
     lines = [escape_markdown(f"{limit[:1].upper()}{limit[1:]}", 400) for limit in limits]

@@ -24,11 +24,11 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 # Test vectors: what the exported filter must output for the user's own samples.
 
 
-DEFAULT_ROWS = 1000
+MAX_ROWS = 1000
 """Rows of a vector file: the start is among them, and more rows would prove no more."""
 
 
-def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
+def vector_files(job: ExportJob, recording: Recording) -> dict[str, str]:
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
 
     The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
@@ -39,28 +39,27 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
     Args:
         job: The filters, or a fusion.
         recording: Has a channel of each name; where both have only one, the names may differ.
-        rows: Most rows, ≥ 1.
 
     Raises:
         BadSetting: The recording has no such channel or no rows.
     """
-    if rows < 1 or not len(recording):
-        raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
+    if not len(recording):
+        raise BadSetting("test vectors must have at least one row (got none)")
     read, last = (job.sensor_identifiers, "variance") if job.fuses else (("raw",), "gain")
     header, channels = ",".join(("time", *read, "filtered", last)), job.channels
     if len(channels) == len(recording.names) == 1:
         channels = (replace(channels[0], name=recording.names[0]),)
     endings = [f"_{word}" for word, _ in job.named_channels] if len(channels) > 1 else [""]
     return {
-        f"groundtruth{ending}.csv": _text(channel, recording, header, rows)
+        f"groundtruth{ending}.csv": _text(channel, recording, header)
         for ending, channel in zip(endings, channels, strict=True)
     }
 
 
-def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> str:
-    z = np.ascontiguousarray(one.readings(recording)[:rows])
+def _text(one: ChannelTuning, recording: Recording, header: str) -> str:
+    z = np.ascontiguousarray(one.readings(recording)[:MAX_ROWS])
     result = one.filter.run(z)
-    columns = [recording.time[:rows], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
+    columns = [recording.time[:MAX_ROWS], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
     if result.velocity is not None:
         header, columns = f"{header},velocity", [*columns, result.velocity]
     lines = (",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns), strict=True))
@@ -196,23 +195,17 @@ UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""
 
 
-def limits_of(
-    tuning: Tuning,
-    channel: str | None,
-    target: str,
-    level: Callable[[str], float] = lambda _: UNO_COUNTS,
-) -> list[str]:
+def limits_of(tuning: Tuning, target: str, level: Callable[[str], float] = lambda _: UNO_COUNTS) -> list[str]:
     """What differs on a target that computes in float32, one sentence each.
 
     Args:
         tuning: What is exported.
-        channel: Only this channel; None = the fusion, or all where there is none.
         target: A name of `TARGETS`.
         level: Largest size of the signal of a channel, or of the reading of a sensor, unit, > 0, by its name.
     """
     if not TARGETS[target].is_float32:
         return []
-    filters, limits = job_of(tuning.only(channel)).channels, list[str]()
+    filters, limits = job_of(tuning).channels, list[str]()
     for one in filters:
         try:
             float32_tuning(one)
