@@ -85,18 +85,15 @@ def measured(port: serial.Serial) -> list[Cell]:
     """Let the board measure all channels at once; a cell for each."""
     rows: list[list[float]] = []
     cells: dict[int, Cell] = {}
-    first = 0
     port.write(f"c {SECONDS}\n".encode())
     while len(cells) < len(STEPS):
         line = port.readline().decode()
         answer = read_calibration(line.strip())
         if not line.startswith("#"):
             rows.append([float(cell) for cell in line.split(",")[::2]])
-        elif isinstance(answer, Calibrated | NotCalibrated):
-            channel = int(answer.name[1:])
-            cells[channel] = _cell(answer, np.array(rows[first:])[:, channel], STEPS[channel])
         elif answer is not None:
-            first = len(rows)
+            channel = int(answer.name[1:])
+            cells[channel] = _cell(answer, np.array(rows)[:, channel], STEPS[channel])
     return [cells[channel] for channel in range(len(STEPS))]
 
 

@@ -279,7 +279,7 @@ def send_setting(state: State, source: LiveSource) -> Sent:
         values_in_use(source, line)
     row = _rows(source.snapshot())
     answer = _used(values_in_use(source, restart)[-1], wanted.median)
-    # x0 and gate stay those of the export; the settled gain belonged to the previous values.
+    # x0 and gate stay those of the export.
     return Sent(state.record_key, state.channel, target.filtered, state.params, answer.applied_to(wanted), row)
 
 

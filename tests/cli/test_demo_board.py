@@ -4,15 +4,16 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
-from terminal import link_to
 from waiting import PATIENCE, wait_until
 
 from kalscope import Recording, synthesize
 from kalscope.cli import app as cli
-from kalscope.cli.board import BOOT_S, Board, BoardLines, PtyWire, SocketWire
+from kalscope.cli import board as demo_board
+from kalscope.cli.board import BoardLines
 from kalscope.sources.live.source import LiveSource
 from kalscope.sources.reading.line_parser import LineParser
 
@@ -63,99 +64,30 @@ def test_a_rate_outranks_the_time_of_the_recording():
     assert BoardLines(recording([0, 1, 2], TWO.values, period=None)).due[1] == 0.01
 
 
-class Wire:
-    """The other end of the line, in memory, with room for some bytes."""
-
-    address = "x"
-
-    def __init__(self):
-        self.open, self.room, self.sent, self.coming = True, 10**9, b"", b""
-
-    def connected(self):
-        return self.open
-
-    def send(self, data):
-        count = min(len(data), self.room)
-        self.sent += data[:count]
-        return count
-
-    def receive(self):
-        data, self.coming = self.coming, b""
-        return data
-
-    def close(self):
-        self.open = False
-
-
-def test_a_board_restarts_whenever_the_port_is_opened():
-    wire, now = Wire(), [5.0]
-    board = Board(BoardLines(TWO), wire, lambda: now[0])
-    start = b"# kalscope demo-board\r\na:1,b[mV]:2\r\n"
-    for opened in (5.0, 9.0):
-        wire.open, wire.sent, now[0] = True, b"", opened
-        assert board.step() == pytest.approx(BOOT_S)
-        assert wire.sent == b""  # a program that opens a port may still discard what is there
-        now[0] += BOOT_S + 1e-9
-        board.step()
-        assert wire.sent == start
-        wire.open = False
-        board.step()
-
-
-def test_a_board_whose_lines_are_not_read_drops_whole_lines():
-    wire, now = Wire(), [0.0]
-    board = Board(BoardLines(TWO, rate=1000), wire, lambda: now[0])
-    wire.room = 0
-    for _ in range(100):
-        board.step()
-        now[0] += 0.1
-    wire.room, wire.coming = 10**9, b"q 0.01\n"
-    board.step()
-    assert wire.coming == b""  # it reads what is sent to it
-    whole = wire.sent.splitlines(keepends=True)[1:]
-    assert set(whole) == set(BoardLines(TWO).lines)
-    assert 2**15 < sum(map(len, whole)) < 2**16
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("make", [PtyWire, lambda: SocketWire(0)], ids=["pty", "socket"])
-def test_a_live_source_reads_the_board_over_either_wire(make, tmp_path):
-    wire, now = make(), [0.0]
-    board = Board(BoardLines(TWO, rate=2000), wire, lambda: now[0])
-
-    def step():
-        """Its clock waits for the reader: a board drops what is not read in time."""
-        board.step()
-        now[0] += 0.001 if board._sent <= live.status().received + 50 else 0.0
-        return live.status().accepted >= 300
-
-    try:
-        with LiveSource(wire.address) as live:
-            wait_until(step, "300 rows", pause=0.001)
-            status, values = live.status(), live.snapshot().recording.values
-    finally:
-        wire.close()
-    assert status.accepted >= 300
-    assert (status.rejected, live.snapshot().recording.names) == (0, ("a", "b"))
-    np.testing.assert_array_equal(values[:300], np.tile(TWO.values, (100, 1)))
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_program_prints_what_opens_it_and_stops_cleanly(number):
+def test_it_serves_one_program_after_the_other_from_the_start_and_stops_cleanly(number):
     command = [sys.executable, "-m", "kalscope.cli", "demo-board", "--rate", "500"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
-        first = program.stdout.readline()
-        assert first.startswith("Demo board: kalscope open serial:/dev/")
-        link = link_to(first.split()[-1].removeprefix("serial:"))
-        live = LiveSource(str(link))
-        live.start(require=True)
-        wait_until(lambda: live.status().accepted >= 20, "20 rows")
-        link.unlink()
+        address = program.stdout.readline().removeprefix("Demo board: kalscope open ").strip()
+        seen = []
+        for _ in range(2):
+            with LiveSource(address) as live:
+                wait_until(lambda live=live: live.status().accepted >= 20, "20 rows")
+                snapshot = live.snapshot()
+            assert (snapshot.recording.names, live.status().rejected) == (("flex",), 0)
+            seen.append(snapshot.recording.values[:20])
+        np.testing.assert_array_equal(*seen)
         program.send_signal(number)
         assert program.wait(timeout=PATIENCE) == 0
         assert program.stderr.read() == ""
-        live.close()
-    assert live.snapshot().recording.names == ("flex",)
+
+
+def test_a_program_that_reads_nothing_is_disconnected(monkeypatch):
+    monkeypatch.setattr(demo_board, "_MAX_BLOCKED_S", 0.05)
+    reader, client = socket.socketpair()
+    with reader, client:
+        demo_board.send_lines(client, BoardLines(TWO, rate=1e5), threading.Event())
+        assert reader.recv(100).startswith(b"# kalscope demo-board\r\na:1,b[mV]:2\r\n")
 
 
 def test_what_a_board_cannot_do_is_one_line(capsys):

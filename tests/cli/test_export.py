@@ -44,10 +44,10 @@ def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
     shown = capfd.readouterr()
     assert shown.out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
     assert shown.err == ""
-    assert cli.run(["export", str(tuning_file), "--to", "python"]) == 0
+    assert cli.run(["export", str(tuning_file), "--to", "c"]) == 0
     shown = capfd.readouterr()
-    assert shown.out == export_tuning(load_tuning(tuning_file), "python")["kalscope_filter.py"]
-    assert shown.err == "kalscope: note: kalscope_filter.py; with -o DIR also with_kalscope.py\n"
+    assert shown.out == export_tuning(load_tuning(tuning_file), "c")["kalscope_filter.h"]
+    assert shown.err == "kalscope: note: kalscope_filter.h; with -o DIR also kalscope_filter.c\n"
 
 
 def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd):
@@ -57,13 +57,11 @@ def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd
     tuning = load_tuning(path)
     assert cli.run(["export", str(path), "--to", "json", "--sample-period", "0.02"]) == 0
     shown = capfd.readouterr()
-    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_fusion.json"]
+    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_parameters.json"]
     assert "note: this is the filter that fuses a, b; --channel NAME exports that of one channel" in shown.err
     assert cli.run(["export", str(path), "--to", "json", "--channel", "b"]) == 0
     shown = capfd.readouterr()
     assert (shown.out, shown.err) == (export_tuning(tuning, "json", channel="b")["kalscope_parameters.json"], "")
-    assert cli.run(["export", str(path), "--to", "kalmanjs"]) == 2
-    assert "give it 0.6923 a + 0.3077 b with q = 0.01 and r = 2.76923" in capfd.readouterr().err
     out = tmp_path / "elsewhere"
     assert cli.run(["export", str(path), "--to", "arduino", "-o", str(out)]) == 0
     assert "opens a sketch only from a folder of its name, as with -o" in capfd.readouterr().err
@@ -127,13 +125,13 @@ def test_vectors_of_another_sample_period_are_said(tuning_file, tmp_path, capfd)
 def test_files_that_are_there_stay_unless_forced(tuning_file, tmp_path, capfd):
     out = tmp_path / "out"
     out.mkdir()
-    (out / "with_kalscope.py").write_text("mine")
+    (out / "kalscope_filter.py").write_text("mine")
     command = ["export", str(tuning_file), "--to", "python", "-o", str(out)]
     assert cli.run(command) == 2
     message = capfd.readouterr().err
-    assert "with_kalscope.py', which exists" in message
+    assert "kalscope_filter.py', which exists" in message
     assert message.count("\n") == 1
-    assert contents(out) == {"with_kalscope.py": "mine"}
+    assert contents(out) == {"kalscope_filter.py": "mine"}
     assert cli.run([*command, "--force"]) == 0
     assert contents(out) == export_tuning(load_tuning(tuning_file), "python")
 
@@ -172,7 +170,6 @@ def test_where_one_file_cannot_be_written_none_is(tmp_path):
     ("arguments", "said"),
     [
         (["--to", "cobol"], "target must be one of arduino, c,"),
-        (["--to", "simplekalmanfilter", "-o", "out"], "use the nearest fixed gain: raw: raw += 0.18"),
         (["--to", "json", "--vectors", "demo"], "--vectors needs -o"),
         ([], "Missing option"),
     ],

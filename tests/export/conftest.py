@@ -160,12 +160,6 @@ def either(request):
     return request.getfixturevalue(request.param)
 
 
-@pytest.fixture(scope="session", params=["shared_float32", "shared_with_momentum"])
-def either_float32(request):
-    """The same for float32."""
-    return request.getfixturevalue(request.param)
-
-
 def answered(cases):
     """The cases with what the textbook answers."""
     channels = tuple(channel for channel, _ in cases)

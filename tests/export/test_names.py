@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import configparser
 import io
 import json
 import re
@@ -14,11 +13,11 @@ from functools import cache
 import pytest
 import yaml
 from hostile_names import CODE, LETTERS, TERMINAL, WORDS
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
-from kalscope.export.names import comment_text, identifier, identifiers
+from kalscope.export.names import comment_text, identifier, identifiers, number_text
 from kalscope.export.registry import TARGETS
 from kalscope.export.targets.arduino import UNIT_CHECK
 
@@ -27,8 +26,8 @@ NAMES = (*CODE, *WORDS, *LETTERS, *TERMINAL[4:])
 SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
 """The sketch reads at most six channels."""
 WRITING = list(TARGETS)
-WITH_MOMENTUM = [name for name, target in TARGETS.items() if "momentum" in target.can]
-C_LIKE = ("arduino", "c", "bachagas", "kalmanjs", "javascript")
+WITH_MOMENTUM = [name for name, target in TARGETS.items() if "momentum" not in target.lacks]
+C_LIKE = ("arduino", "c", "javascript")
 
 CHANNEL = ChannelTuning("calm", "V", 0.01, 0.25, 1.0, 0.5, how="by hand", gate=9.0)
 
@@ -58,15 +57,10 @@ def code_of(target, name, text):
         skip = (tokenize.COMMENT, tokenize.NL)
         tokens = tokenize.tokenize(io.BytesIO(text.encode()).readline)
         return [token.string for token in tokens if token.type not in skip]
-    if name.endswith((".m", ".hal")):
-        mark = "%" if name.endswith(".m") else "#"
-        return [line.split(mark)[0].split() for line in text.splitlines() if not line.startswith(mark)]
+    if name.endswith(".m"):
+        return [line.split("%")[0].split() for line in text.splitlines() if not line.startswith("%")]
     if name.endswith(".yaml"):
         return yaml.load(text, yaml.CSafeLoader)
-    if name.endswith(".ini"):
-        parser = configparser.ConfigParser(interpolation=None)
-        parser.read_string(text)
-        return {section: dict(parser[section]) for section in parser.sections()}
     return json.loads(text)
 
 
@@ -175,6 +169,18 @@ def test_a_comment_is_one_harmless_line(text):
     assert comment_text(shown) == shown
 
 
+@given(st.floats(allow_nan=False, allow_infinity=False))
+@example(1.0)
+@example(1e16)
+@example(1e22)
+@example(1e-5)
+@example(5e-324)
+def test_a_number_comes_back_and_is_never_an_integer_or_an_exponent_without_a_point(number):
+    text = number_text(number)
+    assert re.fullmatch(r"-?[0-9]+\.[0-9]+(e[-+][0-9]+)?", text)
+    assert float(text).hex() == number.hex()
+
+
 def test_a_comment_keeps_what_a_person_needs():
     assert comment_text("Temp °C, 50 % (lab)") == "Temp degC, 50 % (lab)"
     assert comment_text("m/s²") == "m/s^2"
@@ -191,6 +197,6 @@ def test_no_name_is_substituted():
 def test_a_refusal_is_one_line_whatever_the_names():
     for hostile in NAMES:
         with pytest.raises(BadSetting) as caught:
-            export_tuning(tuning_of(hostile, text=hostile), "gyverfilters")
+            export_tuning(tuning_of(hostile, text=hostile, r=0.0), "arduino", calibration=True)
         assert str(caught.value).isascii()
         assert str(caught.value).isprintable()

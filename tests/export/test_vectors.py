@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter
 from kalscope.export.job import job_of
-from kalscope.export.registry import DEFAULT_ROWS, vector_files
+from kalscope.export.registry import MAX_ROWS, vector_files
 
 
 def read(text, *more):
@@ -61,8 +62,7 @@ def test_vectors_are_the_start_of_a_long_recording():
     z = np.linspace(0.0, 1.0, 5000)[:, None]
     recording = Recording(np.arange(5000.0), ("a",), ("",), z, 1.0)
     job = job_of(Tuning((ChannelTuning("another name", "", 1.0, 1.0),)))
-    assert len(read(vector_files(job, recording)["groundtruth.csv"])) == DEFAULT_ROWS
-    assert len(read(vector_files(job, recording, rows=7)["groundtruth.csv"])) == 7
+    assert len(read(vector_files(job, recording)["groundtruth.csv"])) == MAX_ROWS
 
 
 def test_a_recording_that_does_not_fit_is_refused(shared):
@@ -70,4 +70,4 @@ def test_a_recording_that_does_not_fit_is_refused(shared):
     with pytest.raises(BadSetting, match="channel must be one of a"):
         export_tuning(shared.tuning, "json", vectors=short)
     with pytest.raises(BadSetting, match="at least one row"):
-        vector_files(job_of(shared.tuning), shared.recording, rows=0)
+        vector_files(job_of(shared.tuning), replace(short, time=short.time[:0], values=short.values[:0]))

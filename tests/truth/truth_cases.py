@@ -44,7 +44,7 @@ FilterModel = ks.FilterParams
 def targets() -> Any:
     from kalscope.export.registry import TARGETS
 
-    return (*TARGETS, "simplekalmanfilter", "gyverfilters")
+    return tuple(TARGETS)
 
 
 def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:

@@ -10,8 +10,7 @@ import viser
 
 from kalscope.common.progress import Progress
 from kalscope.common.text import count, duration, number, typed_number
-from kalscope.export.board import Calibrated, compared_text, found_text, refusal_text, set_kept
-from kalscope.export.float32 import float32_params
+from kalscope.export.board import Calibrated, measured_text, set_kept
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, measured_by_board, send_setting, takes_no_values
@@ -89,7 +88,7 @@ class CalibrationView:
             self._session.request(lambda state: state)  # and the frame of this one hides it
         self._session.request(live_changes.set_calibration(measured))
         good = measured.values is not None
-        self._tell(texts_of(measured, state.tuning.unit)[0], good=good, failed=Failed.MEASURE)
+        self._tell(text_of(measured, state.tuning.unit), good=good, failed=Failed.MEASURE)
 
     def _on_progress(self, fraction: float, _text: str) -> None:
         put(self._progress, value=round(100.0 * fraction, 1))
@@ -111,12 +110,10 @@ class CalibrationView:
         for shown in self._progress, self._cancel:
             put(shown, visible=running is not None)
         if running is not None:
-            texts: tuple[str, ...] = (
-                f"Measuring for {duration(running)}: keep what the sensor measures constant.",
-            )
+            text = f"Measuring for {duration(running)}: keep what the sensor measures constant."
         else:
-            texts = () if known is None else texts_of(known, state.tuning.unit)
-        put(self._text, content="\n\n".join(map(_as_markdown, texts)), visible=bool(texts))
+            text = "" if known is None else text_of(known, state.tuning.unit)
+        put(self._text, content=_as_markdown(text), visible=bool(text))
         values = None if running is not None or known is None else known.values
         tuned = {"q": state.tuning.q, "r": state.tuning.r}
         put(self._use, visible=values is not None and values.parameters != tuned)
@@ -124,14 +121,13 @@ class CalibrationView:
         put(self._keep, label=FORGET if known is not None and known.kept else KEEP)
 
 
-def texts_of(calibration: BoardCalibration, unit: str) -> tuple[str, ...]:
+def text_of(calibration: BoardCalibration, unit: str) -> str:
     """The result of a measurement, in a sentence or two."""
     found = calibration.found
     if found is None:
-        return (f"{capitalised(calibration.failed)}.",)
-    if isinstance(found.answer, Calibrated):
-        return f"The board measured {found_text(found.answer, unit)}", compared_text(found, unit)
-    return (refusal_text(found.answer),)
+        return f"{capitalised(calibration.failed)}."
+    text = measured_text(found, unit)
+    return f"The board measured {text}" if isinstance(found.answer, Calibrated) else text
 
 
 def _as_markdown(text: str) -> str:
@@ -200,11 +196,8 @@ def compared(state: State) -> str:
     else:
         text = (
             f"{count(check.different)} of {count(check.rows)} rows differ {since}, by up to "
-            f"{count(check.largest_steps)} steps of float32 ({number(check.largest)}). A board that was reset uses "
-            "the exported values again: send again."
+            f"{number(check.largest)}. A board that was reset uses the exported values again: send again."
         )
-    if float32_params(sent.asked).settled_gain > 0.0:
-        text += " The board's gain stays larger than on screen: only the exported code can use so small a q/r."
     chain = state.tuning.chain
     if state.params != sent.asked or sent.params.median != (1 if chain is None else chain.median):
         text += " The current values have not been sent."

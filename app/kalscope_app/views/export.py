@@ -155,7 +155,7 @@ class DeviceNotes:
 
 def has_calibration(target: str) -> bool:
     """Whether a target has code that measures r itself."""
-    return TARGETS[target].calibration is not None
+    return TARGETS[target].can_calibrate
 
 
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
@@ -233,7 +233,7 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     try:
         files_of(state, choice)  # shows why an export would be refused before a button is pressed
         tuning = device_tuning(state, choice)
-        limits = limits_of(tuning, None, choice.target, level)
+        limits = limits_of(tuning, choice.target, level)
     except BadSetting as error:
         return f"Cannot export: {escape_markdown(str(error), 400)}"
     lines = [escape_markdown(f"{limit[:1].upper()}{limit[1:]}", 400) for limit in limits]
@@ -303,10 +303,7 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
 THIS, ALL = "this channel", "all channels"
 MORE = "more …"
 
-TARGET_HINT = (
-    "Where it will run; more … lists every target. SimpleKalmanFilter and GyverFilters use q differently: "
-    "take the Arduino sketch."
-)
+TARGET_HINT = "Where it will run; more … lists every target."
 
 
 class CodeView:

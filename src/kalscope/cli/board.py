@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
-import select
 import socket
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -25,7 +22,7 @@ from kalscope.cli.options import Source, number_option
 from kalscope.cli.options import number as cli_number
 from kalscope.common.progress import Progress
 from kalscope.common.stopping import said_at_stop, stop_signals
-from kalscope.common.text import count, escaped, number, one_line, plain
+from kalscope.common.text import escaped, number, one_line, plain
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.recording import Recording
 from kalscope.sources.port.registry import address_examples
@@ -34,7 +31,6 @@ from kalscope.sources.port.serial_port import PortInfo, list_ports
 if TYPE_CHECKING:
     import threading
 
-    from kalscope.export.board import Measurement
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.live.status import LiveStatus
     from kalscope.sources.recorder import Recorder
@@ -150,13 +146,9 @@ class StatusLine(TerminalLine):
         problems = [recorder.error, recorder.warning, status.hint]
         problems += [status.word] if status.word not in ("connected", status.hint) else []
         problem = "; ".join(" ".join(text.split()) for text in problems if text)
-        counts = recorder.counts
         if self.visible:
-            self.show(
-                f"{count(counts.written)} lines written, {number(status.lines_per_s)} lines/s,"
-                f" {count(counts.rejected)} rejected, {count(counts.dropped)} dropped"
-                + (f"; {problem}" if problem else "")
-            )
+            rate = f"{number(status.lines_per_s)} lines/s"
+            self.show("; ".join(filter(None, (str(recorder.counts), rate, problem))))
         elif (kind := _COUNTS.sub("", problem)) != self._problem:
             self._problem = kind
             with suppress(OSError):  # whatever reads stderr may be gone; the recording goes on
@@ -218,7 +210,7 @@ def calibrate_command(
     The sketch on it must be exported with --calibration. Exit status 1 if the board refused; it then keeps its
     values.
     """
-    from kalscope.export.board import NotCalibrated, measure, set_kept
+    from kalscope.export.board import NotCalibrated, measure, measured_text, set_kept
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import port_of
 
@@ -234,7 +226,7 @@ def calibrate_command(
                 say(f"{error}")
                 raise typer.Exit(stop.status) from None
         for one in measured:  # before anything else can fail: the board uses it
-            print(plain(_measured_text(one)), flush=True)
+            print(plain(f"{one.answer.name}: {measured_text(one, '')}"), flush=True)
         refused = sum(isinstance(one.answer, NotCalibrated) for one in measured)
         if keep and not refused:
             with said_at_stop(lambda: "the board may or may not have stored its values"):
@@ -261,124 +253,7 @@ def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> N
         time.sleep(0.05)
 
 
-def _measured_text(one: Measurement) -> str:
-    """What a board measured of one channel, under the name that it has there."""
-    from kalscope.export.board import Calibrated, compared_text, found_text, refusal_text
-
-    if isinstance(one.answer, Calibrated):
-        return f"{one.answer.name}: {found_text(one.answer, '')}\n  {compared_text(one, '')}"
-    return f"{one.answer.name}: {refusal_text(one.answer)}"
-
-
-# The connection of the demo board: a pseudo-terminal that opens like a serial port, or a local socket.
-
-
-class PtyWire:
-    """A pseudo-terminal. Linux and macOS."""
-
-    def __init__(self) -> None:
-        """Make the port.
-
-        Raises:
-            BadDevice: this system has no pseudo-terminals.
-        """
-        try:
-            import tty
-
-            self._master, slave = os.openpty()
-        except (ImportError, AttributeError, OSError) as error:
-            raise BadDevice("demo-board needs --socket PORT on this system (got no pseudo-terminal)") from error
-        try:
-            tty.setraw(slave)  # before it is opened: in cooked mode it would echo everything
-            self.address = f"serial:{os.ttyname(slave)}"
-            """What opens the other end, as `kalscope open` takes it."""
-        finally:
-            os.close(slave)  # so that POLLHUP shows whether the other end is open
-        os.set_blocking(self._master, False)
-
-    def connected(self) -> bool:
-        """Whether the port is open elsewhere."""
-        poll = select.poll()
-        poll.register(self._master, 0)
-        return not any(event & select.POLLHUP for _, event in poll.poll(0))
-
-    def send(self, data: bytes) -> int:
-        """Send what fits into the buffer of the terminal, about 4 KB."""
-        with suppress(BlockingIOError):
-            return os.write(self._master, data)
-        return 0
-
-    def receive(self) -> bytes:
-        """What was sent to the board."""
-        with suppress(OSError):  # nothing was sent, or the port is closed
-            return os.read(self._master, 4096)
-        return b""
-
-    def close(self) -> None:
-        """Remove the port, as an unplugged cable does."""
-        os.close(self._master)
-
-
-class SocketWire:
-    """A listening socket on 127.0.0.1 for one client at a time."""
-
-    def __init__(self, port: int) -> None:
-        """Listen on `port`; 0 means any free one.
-
-        Raises:
-            BadSetting: the port is out of range.
-            BadDevice: the port is in use.
-        """
-        if not 0 <= port <= 65535:
-            raise BadSetting(f"--socket must be a port from 0 to 65535 (got {port})")
-        self._client: socket.socket | None = None
-        try:
-            self._server = socket.create_server(("127.0.0.1", port), backlog=1)
-        except OSError as error:
-            raise BadDevice(f"--socket must be a free port (got {port}: {error.strerror})") from error
-        self._server.setblocking(False)
-        self.address = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
-
-    def connected(self) -> bool:
-        """Whether a client is connected; accepts the next one if not."""
-        if self._client is None:
-            with suppress(BlockingIOError):
-                self._client = self._server.accept()[0]
-                self._client.setblocking(False)
-        return self._client is not None
-
-    def send(self, data: bytes) -> int:
-        """Send what fits into the buffer of the connection."""
-        return self._transfer(lambda client: client.send(data)) or 0
-
-    def receive(self) -> bytes:
-        """What was sent to the board."""
-        data = self._transfer(lambda client: client.recv(4096))
-        if data == b"":
-            self._disconnect()
-        return data or b""
-
-    def _transfer(self, action: Callable[[socket.socket], Any]) -> Any:
-        """What the client takes or has sent; None where it can do neither now."""
-        try:
-            return None if self._client is None else action(self._client)
-        except BlockingIOError:
-            return None
-        except OSError:
-            self._disconnect()
-
-    def close(self) -> None:
-        """Disconnect and stop listening."""
-        self._disconnect()
-        self._server.close()
-
-    def _disconnect(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
-
-
-# `kalscope demo-board`: send a recording or a synthetic signal over a port as a board would, until stopped.
+# `kalscope demo-board`: send a recording or a synthetic signal over a local socket as a board would, until stopped.
 #
 # For users without hardware, and for tests of what reads a port.
 
@@ -387,11 +262,10 @@ MAX_RATE = 100_000.0
 """Maximum number of lines per second; no serial line carries more."""
 DEFAULT_RATE = 100.0
 """Lines per second of a recording without time."""
-BOOT_S = 0.05
-"""Time from the opening of the port to the first line, s: pyserial discards what has arrived when it opens a port.
-A real board takes longer to start."""
-_MAX_SLEEP_S = 0.02
-_MAX_PENDING_BYTES = 1 << 16
+_TICK_S = 0.02
+"""Longest pause between two looks for a client, lines that are due, or the end, s."""
+_MAX_BLOCKED_S = 1.0
+"""Time after which a client that reads nothing is disconnected, s."""
 
 
 class BoardLines:
@@ -448,63 +322,50 @@ def _name(name: str, unit: str) -> str:
     return f"{bare}[{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
 
 
-class Board:
-    """Sends the lines while the port is open, from the start each time it is opened, as an Arduino does."""
+def _listen(port: int) -> socket.socket:
+    """A socket on 127.0.0.1 for one client at a time; 0 = any free port."""
+    if not 0 <= port <= 65535:
+        raise BadSetting(f"--socket must be a port from 0 to 65535 (got {port})")
+    try:
+        server = socket.create_server(("127.0.0.1", port), backlog=1)
+    except OSError as error:
+        raise BadDevice(f"--socket must be a free port (got {port}: {error.strerror})") from error
+    server.settimeout(_TICK_S)
+    return server
 
-    def __init__(
-        self, lines: BoardLines, wire: PtyWire | SocketWire, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.lines, self._wire, self._clock = lines, wire, clock
-        self._opened: float | None = None
-        self._sent = 0
-        self._pending = bytearray()
 
-    def step(self) -> float:
-        """Do what is due; returns the seconds until there is more to do."""
-        if not self._wire.connected():
-            self._opened = None
-            return _MAX_SLEEP_S
-        now = self._clock()
-        if self._opened is None:
-            self._opened, self._sent = now, 0
-            self._pending[:] = b"# kalscope demo-board\r\n"
-        now -= self._opened + BOOT_S
-        if now < 0.0:
-            return -now
-        self._wire.receive()  # or a sender would wait
-        lines, due = self.lines.between(self._sent, now)
-        self._sent += len(lines)
-        for line in lines:
-            if len(self._pending) + len(line) > _MAX_PENDING_BYTES:
-                break  # they are not read in time: the others are lost
-            self._pending += line
-        del self._pending[: self._wire.send(bytes(self._pending))]
-        return 0.001 if self._pending else min(due - now, _MAX_SLEEP_S)
+def send_lines(client: socket.socket, lines: BoardLines, stop: threading.Event) -> None:
+    """Send the lines from the first on, each when it is due, until the client disconnects or `stop` is set."""
+    client.settimeout(_MAX_BLOCKED_S)
+    start, sent = time.monotonic(), 0
+    with suppress(OSError):  # the client disconnected
+        client.sendall(b"# kalscope demo-board\r\n")
+        while not stop.is_set():
+            due_lines, due = lines.between(sent, time.monotonic() - start)
+            sent += len(due_lines)
+            client.sendall(b"".join(due_lines))
+            stop.wait(max(0.0, min(start + due - time.monotonic(), _TICK_S)))
 
 
 def demo_board_command(
     source: Source = "demo",
     port: Annotated[
-        int | None,
-        typer.Option(
-            "--socket", metavar="PORT", help="A socket on 127.0.0.1 instead of a pseudo-terminal; 0 = any free one."
-        ),
-    ] = None,
+        int, typer.Option("--socket", metavar="PORT", help="Port on 127.0.0.1; default: any free one.")
+    ] = 0,
     rate: Annotated[
         float | None, number_option("Lines per second; default: as SOURCE was sampled.", cli_number)
     ] = None,
 ) -> None:
     """Send a recording over a port, as a board would.
 
-    It is sent at its own rate, until Ctrl+C.
+    The port is a local socket. It is sent at its own rate, from the start for each program that connects, until
+    Ctrl+C.
     """
     from kalscope.catalogue import open_source
 
     lines = BoardLines(open_source(source), rate)
-    wire = PtyWire() if port is None else SocketWire(port)
-    with closing(wire):
-        print(f"Demo board: kalscope open {wire.address}", flush=True)
-        board, wait = Board(lines, wire), 0.0
-        with stop_signals() as stop:
-            while not stop.wait(wait):
-                wait = board.step()
+    with _listen(port) as server, stop_signals() as stop:
+        print(f"Demo board: kalscope open tcp://127.0.0.1:{server.getsockname()[1]}", flush=True)
+        while not stop.is_set():
+            with suppress(TimeoutError), server.accept()[0] as client:
+                send_lines(client, lines, stop)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, esphome, bachagas, kalmanjs"
+CHOICES = "arduino, c, python, matlab, javascript, json, esphome"
 """The targets; repeated here, so that --help need not import the filter."""
 
 
@@ -64,7 +64,7 @@ def export_command(
     if tuned.fusion is not None:
         fused = ", ".join(tuned.fusion.sensors)
         say(f"note: this is the filter that fuses {fused}; --channel NAME exports that of one channel")
-    for message in (*_other_rate(recording, tuned), *limits_of(tuned, None, target)):
+    for message in (*_other_rate(recording, tuned), *limits_of(tuned, target)):
         say(f"note: {message}")
     _write(files, output, force=force)
 

@@ -18,14 +18,11 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.classic import Median, RunningStage, RunningStages
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams, require_params
-from kalscope.filtering.steady import steady_state, step_constants
+from kalscope.filtering.steady import step_constants
 from kalscope.tuning.tuning import ChannelTuning
 
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
 """Smallest float32 that keeps its 24 bits."""
-
-STALLING_GAIN = 7e-6
-"""Below this settled gain the variance rounds to a stop where the gain is off by 1 % and more: measured."""
 
 Floats = NDArray[np.float32]
 
@@ -66,8 +63,6 @@ class Float32Params:
     """Estimate before the first predict, unit; NaN = the first sample."""
     gate: np.float32 = _NOTHING
     """Outlier gate on v²/s; 0 = off."""
-    settled_gain: np.float32 = _NOTHING
-    """Gain to use once the variance repeats itself to the last bit; 0 = the one that the variance gives."""
     momentum: Float32Momentum | None = None
     """The second state; None = the five lines."""
     median: int = 1
@@ -79,7 +74,7 @@ class Float32Params:
 
 
 def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
-    """The parameters rounded to float32, and the settled gain of one sensor where float32 would miss it.
+    """The parameters rounded to float32.
 
     Args:
         params: Those of one sensor or several.
@@ -90,7 +85,6 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
     """
     require_params(params)
     noise, alone = ("r", True) if params.reads_x else ("r / gain²", False)
-    gain = float(np.asarray(steady_state(params).gain)) if alone else 0.0
     q, r = to_float32("q", params.q), _each(noise, params.scaled_r)
     held = Float32Params(
         q=q,
@@ -98,7 +92,6 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
         p0=_INFINITE if params.p0 is None else to_float32("p0", params.p0),
         x0=_UNKNOWN if params.x0 is None else to_float32("x0", params.x0),
         gate=_NOTHING if params.gate is None else to_float32("gate", params.gate),
-        settled_gain=np.float32(gain if 0.0 < gain < STALLING_GAIN else 0.0),
         momentum=_momentum(params.q, params.momentum),
         median=median,
         offset=None if alone else _each("offset", params.offset),
@@ -157,7 +150,7 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params | ChannelT
     m, out = held.momentum or without_momentum(held.q), np.empty(len(samples), np.float32)
     over = m.e, m.f, m.q11, m.q12, m.q22
     rows = samples.reshape(len(samples), -1)
-    _filter(rows, over, np.atleast_1d(held.r), held.gate, held.settled_gain, held.x0, held.p0, m.w0, out)
+    _filter(rows, over, np.atleast_1d(held.r), held.gate, held.x0, held.p0, m.w0, out)
     return out
 
 
@@ -178,12 +171,8 @@ def _momentum(q: float, momentum: float) -> Float32Momentum | None:
     """The constants, computed in double and rounded; None without momentum."""
     if momentum == 0.0:
         return None
-    held = asdict(step_constants(q, momentum))
-    begin = {"momentum": np.float32(momentum), "w0": to_float32("q / (2 momentum)", held["w0"])}
-    rest = {
-        name: to_float32(f"{name} of q and momentum", value) for name, value in held.items() if name not in begin
-    }
-    return Float32Momentum(**begin, **rest)
+    constants = asdict(step_constants(q, momentum)).items()
+    return Float32Momentum(**{name: to_float32(f"{name} of q and momentum", value) for name, value in constants})
 
 
 @compiled()
@@ -192,7 +181,6 @@ def _filter(
     over: tuple[np.float32, np.float32, np.float32, np.float32, np.float32],
     r: Floats,
     gate: np.float32,
-    settled_gain: np.float32,
     x: np.float32,
     p: np.float32,
     w: np.float32,
@@ -207,7 +195,6 @@ def _filter(
     v = g = zero
     rejected = np.zeros(r.shape[0], np.int64)
     for i in range(z.shape[0]):
-        before = p
         fw = f * w
         p = p + f * (two * g + fw) + q11
         g = e * (g + fw) + q12
@@ -229,8 +216,6 @@ def _filter(
             if s > zero:
                 k, ell = p / s, g / s
             p, g, w = k * r[j], ell * r[j], w - ell * g
-            if settled_gain > zero and p == before:
-                k = settled_gain
             if math.isnan(x):
                 x = z[i, j]
             else:

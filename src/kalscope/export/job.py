@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from string import Template
 
@@ -96,7 +96,7 @@ class ExportJob:
         """Marks of the lines of a template that this export needs."""
         has = {
             "momentum": self.has_momentum,
-            "plain": not self.has_momentum,
+            "plain": self.has_kalman and not self.has_momentum,
             "chain": self.has_chain,
             "median": self.has_median,
             "kalman": self.has_kalman,
@@ -110,16 +110,6 @@ class ExportJob:
         """Offset and gain of each sensor of a fusion, and its noise variance on the scale of x, r / gain²."""
         fusion = self.fusion
         return {"r": tuple(fusion.params.scaled_r.tolist()), "offset": fusion.offset, "gain": fusion.gain}
-
-    def reading(self, tuning: str) -> str:
-        """How code takes offset and gain out of a reading; `tuning` precedes the name of each."""
-        offset = f"readings[i] - {tuning}offset[i]"
-        return f"({offset}) / {tuning}gain[i]" if self.fusion.has_gains else offset
-
-    @property
-    def as_single(self) -> ExportJob:
-        """The filter of one reading that equals it while all sensors answer, of their weighted mean."""
-        return replace(self, channels=tuple(one.as_channel for one in self.channels))
 
     def steady(self, channel: ChannelTuning) -> SteadyState:
         """Gain, lag and cut-off of the settled filter of one of the channels; while all of its sensors answer."""
@@ -159,7 +149,7 @@ def fill_template(name: str, marks: frozenset[str] = frozenset(), /, **texts: st
     A line after `@momentum` or another mark of `ExportJob.marks` appears only in an export with that mark.
     """
     text = (TEMPLATES / name).read_text(encoding="utf-8")
-    chosen = _MARKED.sub(lambda found: found[2] if found[1] in marks else "", text)
+    chosen = _MARKED.sub(lambda line: line[2] if line[1] in marks else "", text)
     return Template(chosen).substitute(texts)
 
 
@@ -174,28 +164,22 @@ def about(job: ExportJob) -> tuple[str, ...]:
 
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
+    title = "Kalman filter of several sensors" if job.fuses else "Scalar Kalman noise filter"
+    lines = [f"{'Noise filters' if job.has_chain else title}, tuned and exported by Kalscope."]
+    sha256 = f"SHA-256 {comment_text(job.sha256, 64)[:16]}" if job.sha256 else ""
+    origin = [f"recording {comment_text(job.source_name)}" if job.source_name else "", sha256]
+    if any(origin):
+        lines.append(f"Tuned on {', '.join(filter(None, origin))}.")
+    if job.tool or job.date:
+        lines.append(f"Made by {comment_text(f'{job.tool} {job.date}', 80)}.")
     one_period = job.has_momentum or job.has_chain  # no user can convert these
-    title = "Noise filters" if job.has_chain else "Scalar Kalman noise filter"
-    title = "Kalman filter that fuses several sensors of one quantity" if job.fuses else title
-    lines = [f"{title}, tuned and exported by Kalscope."]
-    origin = [f"recording {comment_text(job.source_name)}"] if job.source_name else []
-    if job.sha256:
-        origin.append(f"SHA-256 {comment_text(job.sha256, 64)[:16]}")
-    made = " ".join(comment_text(part, 40) for part in (job.tool, job.date) if part)
-    if origin:
-        lines.append(f"Tuned on {', '.join(origin)}.")
-    if made:
-        lines.append(f"Made by {made}.")
     if job.sample_period is None:
         lines.append("The sample period was not known; q holds for the sample rate of the recording only.")
     else:
         period = job.sample_period
+        other = "export again" if one_period else "T multiply q by T / this period; r and p0 stay"
         lines.append(f"Holds for a sample period of {number_text(period)} s ({1.0 / period:.4g} samples a second);")
-        lines.append(
-            "for another period export again: the constants below hold for this one only."
-            if one_period
-            else "with another period T multiply q by T / this period; r and p0 stay."
-        )
+        lines.append(f"for another period {other}.")
     if one_period:
         lines.append("Each update counts as one such period: pass a missing sample as NaN, so that time advances.")
     return tuple(lines)
@@ -203,73 +187,47 @@ def about(job: ExportJob) -> tuple[str, ...]:
 
 def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     """What one filter is: the variances with their unit, gain, lag and start, and its sensors; or its chain."""
+    name, chain = comment_text(channel.name), channel.chain
+    words = "" if chain is None else f", {chain_words(chain)}"
     if not runs_kalman(channel):
-        return _about_classic(job, channel)
-    steady, name, fuses = job.steady(channel), comment_text(channel.name), bool(channel.sensors)
-    square = ascii_squared(channel.unit) or (
-        "the square of its unit" if fuses else "the square of the signal's unit"
-    )
-    head = f"Channel {name}; all are variances (not standard deviations) in {square}:"
-    if fuses:
-        head = f"Fused value {name}; all are variances (not standard deviations), q and p0 in {square}:"
-    elif channel.chain is not None:
-        head = f"Channel {name}: {chain_words(channel.chain)}; variances in {square}:"
-    what, row = ("reading", "row of a sensor") if fuses else ("sample", "row")
-    gate = "off"
+        unit = comment_text(channel.unit, 20) or "its own unit"
+        return (f"Channel {name}, in {unit}{words}; a missing sample holds the value",)
+
+    def time(samples: float) -> str:
+        seconds = "" if job.sample_period is None else f" = {samples * job.sample_period:.4g} s"
+        return f"{samples:.4g} samples{seconds}"
+
+    steady, gate, sensors = job.steady(channel), "off", channel.sensors
     if channel.gate is not None:
-        limit = number_text(channel.gate)
-        gate = f"a {what} whose v^2/s exceeds {limit} is not used, {GATE_LIMIT} in a {row} at most"
-    lines = [head, f"  process noise q = {number_text(channel.q)} per sample"]
-    if not fuses:
-        lines.append(f"  measurement noise r = {number_text(channel.r)}")
-    if channel.momentum > 0.0:
-        seconds = "" if job.sample_period is None else f" = {channel.momentum * job.sample_period:.4g} s"
-        lines.append(
-            f"  momentum tau = {number_text(channel.momentum)} samples{seconds}:"
-            " how long the signal keeps its direction"
-        )
-    lag = f"{steady.lag_samples:.4g} samples" + ("" if steady.lag_s is None else f" = {steady.lag_s:.4g} s")
-    lines += [
+        gate = f"v^2/s above {number_text(channel.gate)} is not used, {GATE_LIMIT} in a row at most"
+    settled = f"gain K = {steady.gain:.6g}, lag behind a ramp {time(float(steady.lag_samples))}"
+    if channel.momentum > 0.0 and not sensors:
+        settled += f", velocity gain L = {steady.velocity_gain:.6g}, overshoot {100.0 * steady.overshoot:.3g} %"
+    when = ", while all sensors answer" if sensors else "" if chain is None else ", without the median"
+    square = ascii_squared(channel.unit) or "the square of its unit"
+    tau = f"  momentum tau = {time(channel.momentum)}: how long the signal keeps its direction"
+    lines = (
+        f"{'Fused value' if sensors else 'Channel'} {name}{words}: variances (not standard deviations) in {square}",
+        f"  process noise q = {number_text(channel.q)} per sample",
+        "" if sensors else f"  measurement noise r = {number_text(channel.r)}",
+        tau if channel.momentum > 0.0 else "",
         f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
-        f"  start: {start_words(channel)}",
+        f"  start: {_start_words(channel)}",
         f"  outlier gate: {gate}",
         f"  found: {comment_text(channel.how)}",
-        f"  settled{', while all sensors answer' if fuses else ''}: gain K = {steady.gain:.6g},"
-        f" lag behind a ramp {lag}{'' if channel.chain is None else ', and that of the median'}",
-    ]
-    if fuses:
-        return (*lines, *_about_sensors(channel))
-    if channel.momentum > 0.0:
-        lines.append(
-            f"  settled: velocity gain L = {steady.velocity_gain:.6g} per sample,"
-            f" overshoot on a step {100.0 * steady.overshoot:.3g} %"
-        )
-    return tuple(lines)
+        f"  settled{when}: {settled}",
+    )
+    return (*filter(None, lines), *(_about_sensors(channel) if sensors else ()))
 
 
 def _about_sensors(fusion: ChannelTuning) -> Iterator[str]:
-    each = "each reads offset + gain x + noise of variance r, in its own unit"
-    yield f"Sensors, in the order of the readings: {each}."
+    yield "Sensors, in the order of the readings: offset + gain x + noise of variance r, each in its own unit."
     values = zip(fusion.sensors, fusion.offset, fusion.gain, fusion.r, fusion.params.shares, strict=True)
     for i, (name, offset, gain, r, share) in enumerate(values, 1):
         yield (
             f"  {i} {comment_text(name, 40)}: offset {number_text(offset)}, gain {number_text(gain)},"
             f" r = {number_text(r)}, share {100.0 * share:.3g} %"
         )
-
-
-def _about_classic(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
-    """What a classic filter is, and its lag where that does not depend on the signal."""
-    chain = channel.chain
-    lines = [f"Channel {comment_text(channel.name)}, in {comment_text(channel.unit, 20) or 'its own unit'}:"]
-    if chain is None or chain.then is None:
-        return tuple(lines)
-    lines.append(f"  {chain_words(chain)}; a missing sample holds the value")
-    lag = chain.then.lag
-    if lag is not None and chain.median == 1:
-        seconds = "" if job.sample_period is None else f" = {lag * job.sample_period:.4g} s"
-        lines.append(f"  settled: lag behind a ramp {lag:.4g} samples{seconds}")
-    return tuple(lines)
 
 
 def chain_words(chain: Chain) -> str:
@@ -285,14 +243,11 @@ def ascii_squared(unit: str) -> str:
     return f"{word}^2" if word.isalpha() else f"({word})^2"
 
 
-def start_words(channel: ChannelTuning) -> str:
-    """The start rule in a phrase."""
-    if channel.sensors and channel.p0 is None:
-        return "the first reading sets x = (z - offset) / gain and p = r / gain^2"
+def _start_words(channel: ChannelTuning) -> str:
     if channel.p0 is None:
-        return "the first sample sets x = z and p = r"
+        return "the first reading sets x = z and p = r"
     if channel.x0 is None:
-        return "the first sample sets x = z; p continues from p0"
+        return "the first reading sets x = z; p continues from p0"
     return f"x0 = {number_text(channel.x0)} before the first predict"
 
 

@@ -63,16 +63,13 @@ def identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
     Nor does one equal another with `_filtered`, which is what sketches call the second column of a channel.
     """
-    taken: set[str] = set()
-    last: dict[str, int] = {}
-    chosen: list[str] = []
+    taken, chosen = set[str](), list[str]()
     for word in map(identifier, names):
-        candidate, number = word, last.get(word, 1)
+        candidate, number = word, 1
         while not taken.isdisjoint((candidate, f"{candidate}_filtered")):
             number += 1
             ending = f"_{number}"
             candidate = word[: MAX_IDENTIFIER_LENGTH - len(ending)].rstrip("_") + ending
-        last[word] = number
         taken.update((candidate, f"{candidate}_filtered"))
         chosen.append(candidate)
     return tuple(chosen)

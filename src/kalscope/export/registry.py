@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -12,27 +13,22 @@ from typing import Literal
 import numpy as np
 
 from kalscope.errors import BadSetting
+from kalscope.export.float32 import float32_tuning, runs_kalman
 from kalscope.export.job import ExportJob, job_of
-from kalscope.export.names import comment_text
-from kalscope.export.targets import arduino, c, libraries, parameters, scripts
-from kalscope.export.targets.libraries import (
-    OTHER_FILTERS,
-    refusal_of_chain,
-    refusal_of_fusion,
-    refusal_of_momentum,
-    refusal_of_other_filter,
-)
+from kalscope.export.targets import arduino, c, esphome, parameters, scripts
+from kalscope.filtering.params import FilterParams
+from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning, Tuning, rescaled_to_period
 
 # Test vectors: what the exported filter must output for the user's own samples.
 
 
-DEFAULT_ROWS = 1000
+MAX_ROWS = 1000
 """Rows of a vector file: the start is among them, and more rows would prove no more."""
 
 
-def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS) -> dict[str, str]:
+def vector_files(job: ExportJob, recording: Recording) -> dict[str, str]:
     """`groundtruth.csv`, or `groundtruth_IDENTIFIER.csv` for each of several channels.
 
     The first rows of the recording through the filter without time (dt = None), as a device runs it; float64
@@ -43,28 +39,27 @@ def vector_files(job: ExportJob, recording: Recording, rows: int = DEFAULT_ROWS)
     Args:
         job: The filters, or a fusion.
         recording: Has a channel of each name; where both have only one, the names may differ.
-        rows: Most rows, ≥ 1.
 
     Raises:
         BadSetting: The recording has no such channel or no rows.
     """
-    if rows < 1 or not len(recording):
-        raise BadSetting(f"test vectors must have at least one row (got {min(rows, len(recording))})")
+    if not len(recording):
+        raise BadSetting("test vectors must have at least one row (got none)")
     read, last = (job.sensor_identifiers, "variance") if job.fuses else (("raw",), "gain")
     header, channels = ",".join(("time", *read, "filtered", last)), job.channels
     if len(channels) == len(recording.names) == 1:
         channels = (replace(channels[0], name=recording.names[0]),)
     endings = [f"_{word}" for word, _ in job.named_channels] if len(channels) > 1 else [""]
     return {
-        f"groundtruth{ending}.csv": _text(channel, recording, header, rows)
+        f"groundtruth{ending}.csv": _text(channel, recording, header)
         for ending, channel in zip(endings, channels, strict=True)
     }
 
 
-def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> str:
-    z = np.ascontiguousarray(one.readings(recording)[:rows])
+def _text(one: ChannelTuning, recording: Recording, header: str) -> str:
+    z = np.ascontiguousarray(one.readings(recording)[:MAX_ROWS])
     result = one.filter.run(z)
-    columns = [recording.time[:rows], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
+    columns = [recording.time[:MAX_ROWS], *np.atleast_2d(z.T), result.x, result.p if one.sensors else result.k]
     if result.velocity is not None:
         header, columns = f"{header},velocity", [*columns, result.velocity]
     lines = (",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns), strict=True))
@@ -76,27 +71,22 @@ def _text(one: ChannelTuning, recording: Recording, header: str, rows: int) -> s
 # Each module has `files(job) -> dict of file name -> text`; names are constants or identifiers, texts ASCII.
 
 
-Need = Literal["fusion", "momentum", "chain"]
-ALL: tuple[Need, ...] = ("fusion", "momentum", "chain")
-
-
 @dataclass(frozen=True)
 class Target:
     """One entry of the registry."""
 
-    files: Callable[[ExportJob], dict[str, str]]
+    files: Callable[..., dict[str, str]]
     """Writes it: the texts by file name."""
     title: str
     """Its name on screen, a few words."""
     what: str
     """What it is, one sentence."""
-    can: tuple[Need, ...] = ()
-    """What it holds beside the Kalman filters of channels: one that fuses sensors, momentum, chains."""
-    precision: Literal["float64", "float32", "float32, gain kept"] = "float64"
-    """How it computes, at least on an AVR board. "float32, gain kept": where float32 cannot settle, it continues
-    with the settled gain."""
-    calibration: Callable[[ExportJob], dict[str, str]] | None = None
-    """Writes the filter and what measures r on the device; None = the target has no such option."""
+    lacks: tuple[Literal["momentum", "chain"], ...] = ()
+    """What its filters cannot have."""
+    is_float32: bool = False
+    """Whether it computes in float32, at least on an AVR board."""
+    can_calibrate: bool = False
+    """Whether it has code that measures r on the device, `files(job, calibration=True)`."""
     is_common: bool = False
     """Whether it is in the short list that is shown first."""
 
@@ -107,53 +97,46 @@ TARGETS = MappingProxyType(
             arduino.files,
             "Arduino sketch",
             "A sketch for the Arduino IDE and its C++ header (float32).",
-            ALL,
-            "float32, gain kept",
-            arduino.calibrated_files,
+            is_float32=True,
+            can_calibrate=True,
             is_common=True,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, in double or float.", ALL, is_common=True),
+        "c": Target(c.files, "C99", "The filter in C99, in double or float.", is_common=True),
         "python": Target(
             scripts.python_files,
             "Python",
-            "A small Python class without dependencies, and the same with Kalscope.",
-            ALL,
+            "A small Python class without dependencies.",
             is_common=True,
         ),
         "matlab": Target(
             scripts.matlab_files,
             "MATLAB, Octave",
             "A script for MATLAB and Octave, in the letters of Ma'arif 2019.",
-            ("fusion", "momentum"),
+            ("chain",),
         ),
         "javascript": Target(
             scripts.javascript_files,
             "JavaScript",
             "An ES module with a small class without dependencies.",
-            ("fusion", "momentum"),
+            ("chain",),
         ),
-        "json": Target(parameters.json_files, "JSON", "The parameters as JSON.", ALL, is_common=True),
+        "json": Target(parameters.json_files, "JSON", "The parameters as JSON.", is_common=True),
         "esphome": Target(
-            libraries.esphome_files,
+            esphome.files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
-            ("fusion",),
-            "float32",
-        ),
-        "bachagas": Target(
-            libraries.bachagas_files,
-            "bachagas/Kalman.h",
-            "The constructor of bachagas/Kalman.h, which has the same formula.",
-            precision="float32",
-        ),
-        "kalmanjs": Target(
-            libraries.kalmanjs_files,
-            "kalmanjs",
-            "The constructor of kalmanjs: the same filter, its letters Q and R swapped.",
+            ("momentum", "chain"),
+            is_float32=True,
         ),
     }
 )
 """The targets, by name."""
+
+_NEEDS = (
+    ("chain", "a median and classic filters", "use the Kalman filter alone in every channel"),
+    ("momentum", "momentum", "set the momentum to 0"),
+)
+"""What some targets lack, in words, and what to do without it."""
 
 
 def export_tuning(
@@ -180,86 +163,98 @@ def export_tuning(
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
 
     Raises:
-        BadSetting: No such target or channel; the target cannot hold this filter (the message says what can);
+        BadSetting: No such target or channel; the target does not run such a filter (the message says which do);
             the recording lacks a channel; calibration for another target, a fusion, a chain or r = 0; the period is
             not positive, or the tuning does not know its own.
     """
-    if target not in (*TARGETS, *OTHER_FILTERS):
+    if target not in TARGETS:
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
     chosen = tuning.only(channel)
-    chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
-    job = job_of(chosen)
-    if target in OTHER_FILTERS:
-        raise refusal_of_other_filter(job, target, _able("chain"))
-    write = TARGETS[target].files
-    if calibration:
-        write = TARGETS[target].calibration
-        if write is None:
-            able = " or ".join(name for name, each in TARGETS.items() if each.calibration)
-            raise BadSetting(f"target must be {able} for calibration (got {target}): leave that option out")
-        if job.fuses:
-            raise BadSetting(
-                f"calibration must be of channels (got the fusion {comment_text(job.fusion.name)}): leave that"
-                " option out, or choose a channel"
-            )
-    can = TARGETS[target].can
-    if job.fuses and "fusion" not in can:
-        raise refusal_of_fusion(job, target, _able("fusion"))
-    if job.has_chain and "chain" not in can:
-        raise refusal_of_chain(job, target, _able("chain"))
-    if job.has_momentum and "momentum" not in can:
-        able = _able("momentum", *(("fusion",) if job.fuses else ()))
-        raise refusal_of_momentum(job.as_single, target, able)
-    files = write(job)
+    job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
+    for need, words, instead in _NEEDS:
+        if need in job.marks and need in TARGETS[target].lacks:
+            able = ", ".join(name for name, each in TARGETS.items() if need not in each.lacks)
+            raise BadSetting(f"target must support {words} (got {target}): choose {able}, or {instead}")
+    if calibration and (job.fuses or not TARGETS[target].can_calibrate):
+        able = " or ".join(name for name, each in TARGETS.items() if each.can_calibrate)
+        got = "fused sensors" if job.fuses else target
+        raise BadSetting(f"calibration must be for {able} and the filters of channels (got {got})")
+    files = TARGETS[target].files(job, **({"calibration": True} if calibration else {}))
     if vectors is not None:
         files |= vector_files(job, vectors)
     return files
 
 
-def _able(*needs: Need) -> list[str]:
-    """Names of the targets that hold such filters."""
-    return [name for name, each in TARGETS.items() if set(needs) <= set(each.can)]
+# What float32 cannot do, reported before the export.
 
 
-# Write exported files into a folder, and report the limits of a device.
-
+STALLING_GAIN = 7e-6
+"""Below this settled gain the variance rounds to a stop where the gain is off by 1 % and more: measured."""
 
 UNO_COUNTS = 1023.0
 """Largest value of analogRead() on an Uno: the signal, where none is known."""
 
 
-def limits_of(
-    tuning: Tuning,
-    channel: str | None,
-    target: str,
-    level: Callable[[str], float] = lambda _: UNO_COUNTS,
-) -> list[str]:
+def limits_of(tuning: Tuning, target: str, level: Callable[[str], float] = lambda _: UNO_COUNTS) -> list[str]:
     """What differs on a target that computes in float32, one sentence each.
 
     Args:
         tuning: What is exported.
-        channel: Only this channel; None = the fusion, or all where there is none.
         target: A name of `TARGETS`.
-        level: Largest size of the signal of a channel, or of the reading of a sensor, unit, by its name.
+        level: Largest size of the signal of a channel, or of the reading of a sensor, unit, > 0, by its name.
     """
-    precision = TARGETS[target].precision
-    if precision == "float64":
+    if not TARGETS[target].is_float32:
         return []
-
-    from kalscope.export.limits import not_in_counts, tuning_limits
-
-    chosen = tuning.only(channel)
-    filters = chosen.channels if chosen.fusion is None else (chosen.fusion,)
-    said = tuning_limits(
-        filters,
-        levels=[level(name) for one in filters for name in one.sensors or (one.name,)],
-        sample_period=chosen.sample_period,
-        constant_gain=precision == "float32, gain kept",
-    )
-    others = " and ".join(f"{one.name} is in {one.unit}" for one in not_in_counts(filters))
+    filters, limits = job_of(tuning).channels, list[str]()
+    for one in filters:
+        try:
+            float32_tuning(one)
+        except BadSetting as error:
+            limits.append(f"{error}. Scale the signal, or export to a target with double.")
+            continue
+        if runs_kalman(one):
+            readings = np.array([level(name) for name in one.sensors or (one.name,)])
+            largest = float(np.max(readings / np.abs(one.params.gain)))
+            limits += _stalls(one.params.as_single, largest)
+    others = " and ".join(f"{one.name} is in {one.unit}" for one in filters if arduino.is_not_in_counts(one))
     if target == "arduino" and others:
-        said.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
-    return list(dict.fromkeys(said))
+        limits.append(f"the sketch reads counts, but {others}: it compiles once you have written readSensor().")
+    return list(dict.fromkeys(limits))
+
+
+def _stalls(params: FilterParams, level: float) -> Iterator[str]:
+    """A gain that float32 does not settle to, and an estimate that stops moving.
+
+    A correction below half the distance of two floats is lost: x no longer moves. With momentum the velocity
+    collects what single corrections lose: a lasting innovation i drives it to τ L i.
+
+    Args:
+        params: Those of one sensor.
+        level: Largest size of its signal, unit.
+    """
+    steady, r = steady_state(params), float(params.r)
+    gain = float(steady.gain)
+    if 0.0 < gain < STALLING_GAIN:
+        yield (
+            f"float32 cannot settle to a gain as small as {gain:.3g}: its variance stops changing too early."
+            " Export c, in double, or take a larger q."
+        )
+    spread = math.sqrt(params.q if gain == 1.0 else r / (1.0 - gain))  # of the innovation: s = r / (1 - K)
+    gain = max(gain, params.momentum * float(steady.velocity_gain))
+    half_ulp = float(np.spacing(np.float32(level))) / 2.0
+    if gain * spread >= half_ulp:
+        return
+    if gain > 0.0:
+        where = f"the board's filtered value does not move while the signal is within {half_ulp / gain:.3g} of it"
+    else:
+        where = f"after {spread / half_ulp:.2g} samples the board's filtered value stops moving"
+    yield (
+        f"float32 steps by {2.0 * half_ulp:.2g} at {level:.4g}, more than a usual correction: {where}. Subtract "
+        "the level before filtering, filter every n-th sample with n times q, or use a board with double."
+    )
+
+
+# Write exported files into a folder.
 
 
 def sketch_name(files: dict[str, str]) -> str:

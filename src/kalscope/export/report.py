@@ -62,60 +62,52 @@ class ReportTable:
 
 def parameters(entry: ChannelTuning, period: float | None) -> Rows:
     """The numbers of the filter and how they were found."""
-    unit = squared(entry.unit)
+    unit, words = squared(entry.unit), "" if entry.chain is None else entry.chain.words
     if entry.chain is not None and entry.chain.then is not None:
-        return ("filter", entry.chain.words), ("found", entry.how)
-    rows = [
-        *(() if entry.chain is None else (("filter", entry.chain.words),)),
+        return ("filter", words), ("found", entry.how)
+    x0 = "first sample" if entry.x0 is None else f"{trimmed(entry.x0, 4)} {entry.unit}".strip()
+    return _filled(
+        ("filter", words),
         ("process noise q", f"{trimmed(entry.q, 4)} {unit} per sample"),
-        *(() if entry.sensors else (("measurement noise r", f"{trimmed(entry.r, 4)} {unit}"),)),
+        ("measurement noise r", "" if entry.sensors else f"{trimmed(entry.r, 4)} {unit}"),
+        ("momentum τ", lag_in_full(entry.momentum, period) if entry.momentum else ""),
         ("initial variance p0", "automatic (diffuse)" if entry.p0 is None else f"{trimmed(entry.p0, 4)} {unit}"),
-        (
-            "initial estimate x0",
-            "first sample" if entry.x0 is None else f"{trimmed(entry.x0, 4)} {entry.unit}".strip(),
-        ),
-    ]
-    if entry.momentum > 0.0:
-        rows.insert(-2, ("momentum τ", lag_in_full(entry.momentum, period)))
-    if entry.gate is not None:
-        rows.append(("outlier gate on v²/s", trimmed(entry.gate)))
-    return (*rows, ("found", entry.how))
+        ("initial estimate x0", x0),
+        ("outlier gate on v²/s", "" if entry.gate is None else trimmed(entry.gate)),
+        ("found", entry.how),
+    )
 
 
 def meaning(steady: SteadyState, result: FilterResult, period: float | None, error: str) -> Rows:
     """What the settled filter does; `error` is its RMSE in words, "" where the truth is not known."""
-    lag, settle = steady.lag_samples, steady.settle_samples
-    rows = [
-        ("lag", lag_in_full(lag, period)),
+    cutoff, likely = steady.cutoff_hz, f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"
+    return _filled(
+        ("lag", lag_in_full(steady.lag_samples, period)),
         ("noise reduction", decibels(steady.noise_reduction_db)),
-        *([] if math.isnan(steady.p) else [("gain K", number(steady.gain))]),
-        ("settling time (to 1 %)", lag_in_full(settle, period)),
-    ]
-    if result.m:
-        rows.append(("log-likelihood", f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"))
-    if error:
-        rows.append(("RMSE to the truth", error))
-    if steady.velocity_gain:
-        rows.insert(2, ("overshoot on a step", percent(steady.overshoot)))
-    if steady.cutoff_hz is not None and math.isfinite(float(steady.cutoff_hz)):
-        rows.insert(2, ("cut-off (−3 dB)", frequency(float(steady.cutoff_hz))))
-    return tuple(rows)
+        ("cut-off (−3 dB)", "" if cutoff is None or not math.isfinite(cutoff) else frequency(float(cutoff))),
+        ("overshoot on a step", percent(steady.overshoot) if steady.velocity_gain else ""),
+        ("gain K", "" if math.isnan(steady.p) else number(steady.gain)),
+        ("settling time (to 1 %)", lag_in_full(steady.settle_samples, period)),
+        ("log-likelihood", likely if result.m else ""),
+        ("RMSE to the truth", error),
+    )
 
 
-def simpler_filters(found: Comparison) -> ReportTable:
-    """Side by side; with their overshoot where the present one overshoots."""
+def _filled(*rows: tuple[str, str]) -> Rows:
+    """Those that have a value."""
+    return tuple(row for row in rows if row[1])
+
+
+def simpler_filters(comparison: Comparison) -> ReportTable:
+    """Side by side."""
     rows: list[tuple[str, ...]] = []
-    beyond = found.present.overshoot > 0.0
-    for one in (found.present, *found.others):
+    for one in (comparison.present, *comparison.others):
         error = one.prediction if one.rmse is None else one.rmse
-        decibel = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
+        noise = "–" if math.isnan(one.noise_reduction_db) else decibels(one.noise_reduction_db)
         overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
-        last = "–" if error is None else number(error)
-        rows.append((one.name, number(one.lag_samples), decibel, *((overshoot,) if beyond else ()), last))
-    error = "next sample" if found.present.rmse is None else "RMSE"
-    heading = "Simpler filters, at this lag"
-    columns = ("", "lag", "dB", *(("overshoot",) if beyond else ()), error)
-    return ReportTable(heading, tuple(rows) if found.others else (), columns)
+        rows.append((one.name, number(one.lag_samples), noise, overshoot, "–" if error is None else number(error)))
+    columns = ("", "lag", "dB", "overshoot", "next sample" if comparison.present.rmse is None else "RMSE")
+    return ReportTable("Simpler filters, at this lag", tuple(rows) if comparison.others else (), columns)
 
 
 def pinned_settings(
@@ -161,9 +153,6 @@ UNJUDGED = "The tests are for the Kalman filter alone: a chain of filters is not
 STYLES = ("raw", "s1", "s3", "s4")
 """Of the sensors, from the first; the fused value is s2."""
 
-_MAX_BRIDGED = 10
-"""The line of a sensor that misses rows is broken where it has no reading for this many of its usual steps."""
-
 MAX_DETAIL_SAMPLES = 240
 """Samples of the detail; a recording of less than twice as many has none."""
 
@@ -186,11 +175,6 @@ class Report:
     """Reopens this state."""
     origin: Rows
     """File, SHA-256, versions, date."""
-
-    @property
-    def table_columns(self) -> tuple[tuple[ReportTable, ...], ...]:
-        """The tables that have rows, for the left and the right column of the page."""
-        return tuple(tuple(one for one in self.tables[side::2] if one.rows) for side in (0, 1))
 
 
 def make_report(
@@ -282,16 +266,16 @@ def _judged(entry: ChannelTuning, z: Array, dt: Array | None, period: float | No
     if entry.chain is not None:
         return (), (("Does the filter fit?", UNJUDGED),)
     checks = without_residuals(diagnose_run(Run.of_samples(z, entry.params, dt)))
-    found = compare_alternatives(z, entry.params, dt=dt, truth=truth)
+    comparison = compare_alternatives(z, entry.params, dt=dt, truth=truth)
     judgement = judge(checks, request=still_met(request_in(entry.how, entry.r), entry.params, period))
     advice = as_sentences(advice_text(judgement.findings)) if judgement.findings else ""
     texts = (
         ("Does the filter fit?", f"{judgement.headline} {advice}".rstrip()),
-        ("Is there a simpler filter?", f"{found.verdict} {found.identity}".strip()),
+        ("Is there a simpler filter?", f"{comparison.verdict} {comparison.identity}".strip()),
     )
     return (
         ReportTable("Residuals", residual_rows(checks), ("", "measured", "expected")),
-        simpler_filters(found),
+        simpler_filters(comparison),
     ), texts
 
 
@@ -321,7 +305,7 @@ def _origin(recording: Recording, tuning: Tuning, now: datetime | None) -> Rows:
 def _charts(
     recording: Recording, entry: ChannelTuning, z: Array, result: FilterResult, truth: Array | None
 ) -> tuple[Panel, ...]:
-    """The whole recording, and a detail from the middle of a long one; a wild start of x may leave them."""
+    """The whole recording, and a detail from the middle of a long one."""
     measured = [("raw", z, "raw"), *(() if truth is None else (("truth", truth, "truth"),))]
     if entry.sensors:
         measured = [(name, z[:, i], STYLES[i % len(STYLES)]) for i, name in enumerate(entry.sensors)]
@@ -335,49 +319,32 @@ def _charts(
     return tuple(
         Panel(
             title,
-            tuple(_line(x[part], y[part], name, style) for name, y, style in curves),
+            tuple(_line(x[part], y[part], name, style, bridged=bool(entry.sensors)) for name, y, style in curves),
             "time (s)" if timed else "sample",
             f"{short} ({entry.unit[:8]})" if entry.unit else short,
-            _y_range(np.concatenate([y[part] for _, y, _ in measured])),
         )
         for title, part in list(parts.items())[: 1 if n < 2 * MAX_DETAIL_SAMPLES else 2]
     )
 
 
-def _line(x: Array, y: Array, name: str, style: str) -> Line:
-    """A curve through its readings, from one to the next however slow a sensor is; broken where one is missing."""
-    at = np.flatnonzero(np.isfinite(y))
-    if len(at) < 2:  # a line needs two points
-        return Line(x[0] + np.arange(2.0), np.full(2, y[at[0]] if len(at) else np.nan), name, style)
-    steps = np.diff(at)
-    usual = np.median(steps)
-    gaps = np.flatnonzero(steps > (usual if usual == 1.0 else _MAX_BRIDGED * usual)) + 1
-    between = 0.5 * (x[at[gaps - 1]] + x[at[gaps]])
-    x, y = np.insert(x[at], gaps, between), np.insert(y[at], gaps, np.nan)
+def _line(x: Array, y: Array, name: str, style: str, *, bridged: bool) -> Line:
+    """A curve of few points, broken where a sample is missing unless that is `bridged`."""
+    if bridged and np.isfinite(y).any():
+        x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    if len(y) == 1:  # axes need two ends
+        x, y = x + np.arange(2.0), np.repeat(y, 2)
     kept = chosen_samples(y)
     return Line(x[kept], y[kept], name, style)
 
 
-def _y_range(seen: Array) -> tuple[float, float]:
-    seen = seen[np.isfinite(seen)]
-    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
-    room = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
-    return low - room, high + room
-
-
 def chosen_samples(z: Array) -> NDArray[np.intp]:
-    """Indices of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
+    """Indices of the ends, and of the lowest and the highest sample of each of MAX_DRAWN_POINTS/2 equal pieces."""
     if len(z) <= MAX_DRAWN_POINTS:
         return np.arange(len(z))
-    edges = np.linspace(0, len(z), MAX_DRAWN_POINTS // 2 + 1).astype(int)
-    kept = {0, len(z) - 1}
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        piece = z[first:last]
-        if np.isfinite(piece).any():
-            kept.update((first + int(np.nanargmin(piece)), first + int(np.nanargmax(piece))))
-        else:
-            kept.add(first)
-    return np.array(sorted(kept))
+    low, high = (np.where(np.isfinite(z), z, beyond) for beyond in (np.inf, -np.inf))
+    pieces = np.array_split(np.arange(len(z)), MAX_DRAWN_POINTS // 2)
+    extremes = [piece[at] for piece in pieces for at in (low[piece].argmin(), high[piece].argmax())]
+    return np.unique([0, *extremes, len(z) - 1])
 
 
 # The report as one HTML file that needs nothing else, made to print on one sheet of A4.
@@ -387,10 +354,7 @@ def as_html(report: Report) -> str:
     """The page as text; every word from outside is escaped, and the page may load and run nothing."""
     height = (205 if len(report.charts) > 1 else 330) - 6 * len(report.tables[-1].rows)  # the pins need the space
     tables = "".join(
-        "<div>"
-        + "".join(f"<h2>{escape(one.heading)}</h2>{markup_of_table(one.columns, one.rows)}" for one in column)
-        + "</div>"
-        for column in report.table_columns
+        f"<div>{''.join(_html(table) for table in report.tables[side::2] if table.rows)}</div>" for side in (0, 1)
     )
     texts = "".join(f"<h2>{escape(head)}</h2><p>{escape(text)}</p>" for head, text in report.texts)
     body = (
@@ -400,3 +364,7 @@ def as_html(report: Report) -> str:
         f'<div class="origin">{markup_of_table((), report.origin)}</div>\n'
     )
     return document(report.title, (Path(__file__).parent / "report.css").read_text(encoding="utf-8"), body)
+
+
+def _html(table: ReportTable) -> str:
+    return f"<h2>{escape(table.heading)}</h2>{markup_of_table(table.columns, table.rows)}"

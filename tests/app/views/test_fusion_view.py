@@ -139,10 +139,6 @@ def test_code_of_one_channel_is_that_of_its_own_filter(state):
     assert csv(alone).decode().startswith("time,bench,bench_filtered")
 
 
-def test_targets_that_cannot_fuse_say_so(state):
-    assert limits_text(state, Choice("bachagas")).startswith("Cannot export")
-
-
 @pytest.mark.slow
 def test_the_report_is_on_the_fused_sensors(state):
     assert b"bench + roof + door" in html_report(state)

@@ -50,7 +50,7 @@ def test_an_answer_with_momentum_says_which_filter_the_board_runs():
     assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0))
     asked = float32_params(FilterParams(1e-14, 4.0, gate=9.0, momentum=10.0))
     used = answer.applied_to(asked)
-    assert (used.q, used.r, used.gate, used.settled_gain) == (F(0.01), F(4.0), F(9.0), F(0.0))
+    assert (used.q, used.r, used.gate) == (F(0.01), F(4.0), F(9.0))
     assert used.momentum == momentum_on_board(F(0.01), F(20.0))
     assert replace(answer, momentum=F(0.0)).applied_to(asked).momentum is None
 

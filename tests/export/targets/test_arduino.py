@@ -21,7 +21,7 @@ def test_a_unit_that_analogread_does_not_return_stops_the_compiler_and_is_said(u
     sketch = files(job_of(tuning))["kalscope_filter.ino"]
     assert ("#error" not in sketch) == in_counts
     assert sketch.count("return analogRead(PINS[channel]);") == 1
-    said = " ".join(limits_of(tuning, None, "arduino"))
+    said = " ".join(limits_of(tuning, "arduino"))
     assert ("you have written readSensor()" not in said) == in_counts
 
 

@@ -13,13 +13,10 @@ from exported_program import FUSED, in_c, in_cpp
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
 from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
-from kalscope.export.registry import TARGETS
 from kalscope.export.targets import arduino, c
-from kalscope.export.targets.stages import numbers_of
+from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.tuning.toml_text import chain_in
-
-ABLE = {"arduino", "c", "python", "json"}
 
 STAGES = (
     MovingAverage(1),
@@ -94,7 +91,6 @@ def test_c_in_double_has_the_bits_of_the_core(tmp_path, in_double):
 
 def test_c_and_cpp_in_float_have_the_bits_of_the_core_in_float32(tmp_path, monkeypatch, in_float):
     monkeypatch.setattr(arduino, "ANALOGUE_PINS", len(CHANNELS))
-    monkeypatch.setattr(arduino, "UNO_FREE", 10**6)
     z = signal(np.float32)
     assert_bits(in_c(tmp_path, CHANNELS, z, "-std=gnu11", "-O2", *FUSED, "-DKALSCOPE_FLOAT"), in_float)
     assert_bits(in_cpp(tmp_path, CHANNELS, z, "-std=gnu++11", "-O2", *FUSED), in_float)
@@ -108,11 +104,6 @@ def test_python_has_the_bits_of_the_core(tmp_path, in_double):
     found = [np.array([one.update(sample) for sample in z]) for one in own["FILTERS"].values()]
     assert_bits([x + 0.0 for x in found], [x + 0.0 for x in in_double])  # a sort does not know -0 from 0
     assert all(one.x == x[-1] for one, x in zip(own["FILTERS"].values(), found, strict=True))
-    whole: dict = {}
-    exec(texts["with_kalscope.py"], whole)
-    for channel, (name, again) in zip(CHANNELS, whole["CHANNELS"].items(), strict=True):
-        assert again.filter == channel.filter
-        np.testing.assert_array_equal(whole["denoise"](name, signal()), channel.filter.denoise(signal()))
 
 
 def test_json_says_the_filter_and_what_it_computes_with():
@@ -139,45 +130,6 @@ def test_vectors_are_those_of_the_chain():
     rows = [line.split(",") for line in files["groundtruth.csv"].splitlines()[1:]]
     np.testing.assert_array_equal([float(row[2]) for row in rows], channel.filter.run(signal()).x)
     assert all(math.isnan(float(row[3])) for row in rows)
-
-
-def test_a_target_without_chains_refuses_in_one_sentence_and_names_those_that_run_them():
-    tilt = ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.125)))
-    tuning = Tuning((*KALMAN, tilt), sample_period=0.01)
-    for target in (*TARGETS, "gyverfilters"):
-        if target in ABLE:
-            assert export_tuning(replace(tuning, channels=tuning.channels[-3:]), target)
-            continue
-        with pytest.raises(BadSetting) as refused:
-            export_tuning(tuning, target)
-        said = str(refused.value)
-        assert said.startswith("target must run the filter of tilt, median of 5, then exponential (alpha = 0.125) ")
-        assert f"(got {target}, which does not). Export arduino, c, python, json; or use the Kalman filter" in said
-    alone = replace(tuning, channels=(replace(tilt, chain=Chain(then=Exponential(0.125))),))
-    with pytest.raises(BadSetting, match=r"exponential_moving_average: \{alpha: 0.125, send_every: 1\}"):
-        export_tuning(alone, "esphome")
-
-
-@pytest.mark.slow
-def test_an_uno_refuses_windows_that_its_memory_cannot_hold_and_says_what_fits():
-    long = tuple(
-        ChannelTuning(name, "", 1.0, 1.0, chain=chain)
-        for name, chain in {"a": Chain(5), "b": Chain(31, MovingAverage(300)), "c": Chain(1, Median(11))}.items()
-    )
-    memory = r"must fit 1,400 bytes of an Uno's memory \(got 4,764: .* up to 27 samples"
-    with pytest.raises(BadSetting, match=memory) as refused:
-        arduino.files(ExportJob(long))
-    assert str(refused.value).endswith("or export c, for a board with more")
-    fits = tuple(
-        replace(one, chain=chain)
-        for one, chain in zip(long, (Chain(5), Chain(27, MovingAverage(27)), Chain(1, Median(11))), strict=True)
-    )
-    assert arduino.files(ExportJob(fits))
-    moving = ChannelTuning("moving", "", 1.0, 1.0, momentum=9.0)
-    several = (moving, *(replace(moving, name=f"{i}", chain=Chain(3, STAGES[i])) for i in (1, 4, 8, 10, 12)))
-    with pytest.raises(BadSetting, match=r"longest windows\). Choose fewer channels; or export c"):
-        arduino.files(ExportJob(several))
-    assert c.files(ExportJob(long))
 
 
 def test_a_growth_that_float_cannot_hold_is_refused_by_name_and_runs_in_double():

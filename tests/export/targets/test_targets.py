@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -17,13 +16,10 @@ from required import REQUIRE_ALL, node
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, FilterParams, Tuning, export_tuning, kalman_filter, steady_state
-from kalscope.export.float32 import filter_float32
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
-from kalscope.export.targets.libraries import nearest_without_momentum
-
-REFUSED = ("simplekalmanfilter", "gyverfilters")
+from kalscope.filtering.classic import Chain, Exponential
 
 
 def needs(program):
@@ -74,15 +70,6 @@ def test_python_is_the_same_filter_in_a_bare_interpreter(either, tmp_path):
     np.testing.assert_array_equal(k, either.k)
 
 
-def test_the_call_of_kalscope_has_the_tuned_parameters(either, tmp_path):
-    write(export_tuning(either.tuning, "python"), tmp_path)
-    module = runpy.run_path(str(tmp_path / "with_kalscope.py"))
-    assert list(module["PARAMS"].values()) == [channel.params for channel in either.tuning.channels]
-    i = either.recording.index("holes")
-    x = module["denoise"]("holes", either.recording.values[:, i])
-    np.testing.assert_allclose(x, either.x[:, i], rtol=1e-12)
-
-
 @needs("octave-cli")
 def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
     files = export_tuning(either.tuning, "matlab")
@@ -101,20 +88,14 @@ def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
 
 
 @needs("octave-cli")
-def test_a_matlab_script_runs_without_samples(shared, tmp_path):
-    write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
-    script = "no_plot = true; kalman_diffuse; printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
-    assert run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split() == ["100", "0"]
-
-
-@needs("octave-cli")
-def test_a_matlab_script_takes_whole_counts_without_rounding_its_answers(shared, tmp_path):
+def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_whole_counts(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     z = [100, 103, 101, 106, 99]
-    script = f"no_plot = true; z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
+    script = "no_plot = true; kalman_diffuse; printf('%d %d ', numel(buff_xk), any(isnan(buff_xk)));"
+    script += f" z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
     out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
     expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
-    np.testing.assert_array_equal([float(word) for word in out], expected)
+    np.testing.assert_array_equal([float(word) for word in out], [100, 0, *expected])
 
 
 def test_parameters_with_momentum_hold_its_constants(shared_with_momentum):
@@ -146,52 +127,6 @@ def test_json_holds_the_tuned_numbers(shared):
         assert entry["steady_gain"] == steady_state(channel.params).gain
 
 
-# What the published Kalman.h of bachagas computes, stated again: the same five lines.
-BACHAGAS = """\
-typedef struct { double q, r, x, p, k; } kalman_state;
-static kalman_state kalman_init(double q, double r, double p, double initial) {
-  kalman_state s; s.q = q; s.r = r; s.p = p; s.x = initial; s.k = 0.0; return s;
-}
-static void kalman_update(kalman_state *s, double z) {
-  s->p = s->p + s->q;
-  s->k = s->p / (s->p + s->r);
-  s->x = s->x + s->k * (z - s->x);
-  s->p = (1 - s->k) * s->p;
-}
-"""
-
-
-@needs("g++")
-def test_bachagas_is_the_same_filter_under_gcc(shared, tmp_path):
-    (text,) = export_tuning(shared.tuning, "bachagas").values()
-    names = [line.split()[2] for line in text.splitlines() if line.startswith("static kalscope_channel")]
-    assert len(names) == len(shared.names)
-    step = 'scanf("%lf", &z); kalscope_update(&NAME, z); printf("%a %a\\n", NAME.state.x, NAME.state.k);'
-    loop = "\n".join(step.replace("NAME", name) for name in names)
-    rows = f"for (int i = 0; i < {len(shared.x)}; i++) {{ {loop} }}"
-    (tmp_path / "Kalman.h").write_text(BACHAGAS)
-    (tmp_path / "kalscope_bachagas.h").write_text(text)
-    program = f'#include <cstdio>\n#include "kalscope_bachagas.h"\nint main() {{ double z; {rows} }}\n'
-    (tmp_path / "main.cpp").write_text(program)
-    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2", "-ffp-contract=off")
-    run("g++", *flags, "main.cpp", "-o", "main", cwd=tmp_path)
-    out = run(tmp_path / "main", stdin=lines_of(shared.recording))
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*shared.x.shape, 2)
-    np.testing.assert_allclose(numbers[..., 0], shared.x, rtol=1e-10)  # it computes p = (1 - k) p
-    np.testing.assert_allclose(numbers[..., 1], shared.k, rtol=1e-10)
-
-
-@needs("g++")
-def test_bachagas_names_do_not_meet_its_own(tmp_path):
-    names = ("channel", "update", "温度", "filter", "state", "KALSCOPE_BACHAGAS_H")
-    tuning = Tuning(tuple(ChannelTuning(name, "", 0.1, 1.0) for name in names))
-    (text,) = export_tuning(tuning, "bachagas").values()
-    (tmp_path / "Kalman.h").write_text(BACHAGAS)
-    (tmp_path / "kalscope_bachagas.h").write_text(text)
-    (tmp_path / "main.cpp").write_text('#include "kalscope_bachagas.h"\n')
-    run("g++", "-std=c++11", "-c", "main.cpp", "-o", "main.o", cwd=tmp_path)
-
-
 @needs("gcc")
 def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     """In double; tests/export/targets/test_compiled.py has float and other processors."""
@@ -213,65 +148,12 @@ def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     np.testing.assert_array_equal(numbers[..., 1], either.k)
 
 
-@needs("g++")
-def test_the_arduino_header_is_the_float32_filter_bit_for_bit(either_float32, tmp_path):
-    """On the host; tests/device runs the sketch in a simulated Uno."""
-    for start in range(0, len(either_float32.names), 6):  # the sketch reads at most six channels
-        part = either_float32.only(either_float32.names[start : start + 6])
-        x, k = arduino_answers(part, tmp_path)
-        for i, channel in enumerate(part.tuning.channels):
-            z = part.recording.values[:, i]
-            np.testing.assert_array_equal(x[:, i], filter_float32(z, channel.params), err_msg=channel.name)
-            np.testing.assert_allclose(x[:, i], part.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
-            np.testing.assert_allclose(k[:, i], part.k[:, i], rtol=1e-3, atol=1e-6)
-
-
-def arduino_answers(part, folder):
-    header = export_tuning(part.tuning, "arduino")["KalscopeFilter.h"]
-    constants = re.findall(r"^const KalscopeTuning (\w+) = ", header, re.MULTILINE)
-    filters = ", ".join(f"KalscopeFilter({name})" for name in constants)
-    loop = 'for (auto &f : filters) { scanf("%f", &z); f.update(z); printf("%a %a\\n", f.x, f.k); }'
-    head = '#include <cstdio>\n#include "KalscopeFilter.h"\n'
-    program = f"{head}int main() {{ float z; KalscopeFilter filters[] = {{{filters}}};"
-    (folder / "KalscopeFilter.h").write_text(header)
-    (folder / "main.cpp").write_text(f"{program}\nfor (int i = 0; i < {len(part.x)}; i++) {loop} }}\n")
-    flags = ("-std=c++11", "-Wall", "-Wextra", "-Wno-unused-result", "-Werror", "-O2")
-    run("g++", *flags, "main.cpp", "-o", "main", cwd=folder)
-    samples = part.recording.values.astype(np.float32).tolist()  # one rounding, not scanf's of the decimals
-    lines = "".join(" ".join(map(repr, row)) + "\n" for row in samples)
-    out = run(folder / "main", stdin=lines)
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*part.x.shape, 2)
-    return numbers[..., 0], numbers[..., 1]
-
-
-# What kalmanjs publishes with A = C = 1 and B = 0, stated again: R is the process noise, Q the measurement noise.
-KALMANJS = """\
-export default class KalmanFilter {
-  constructor({R, Q}) { this.R = R; this.Q = Q; this.cov = NaN; this.x = NaN; }
-  filter(z) {
-    if (isNaN(this.x)) { this.x = z; this.cov = this.Q; return this.x; }
-    const before = this.cov + this.R;
-    const K = before * (1 / (before + this.Q));
-    this.x = this.x + K * (z - this.x);
-    this.cov = before - K * before;
-    return this.x;
-  }
-}
-"""
 JAVASCRIPT_DRIVER = """\
 import { filters } from "./kalscope_filter.mjs";
 import { readFileSync } from "node:fs";
 for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
   const z = line.split(" ").map((word) => word === "nan" ? NaN : Number(word));
   console.log(Object.values(filters).map((f, i) => `${f.update(z[i])} ${f.k}`).join(" "));
-}
-"""
-KALMANJS_DRIVER = """\
-import { filters, update } from "./kalscope_kalmanjs.mjs";
-import { readFileSync } from "node:fs";
-for (const line of readFileSync(0, "utf8").trim().split("\\n")) {
-  const z = line.split(" ").map((word) => word === "nan" ? NaN : Number(word));
-  console.log(Object.values(filters).map((f, i) => update(f, z[i])).map(String).join(" "));
 }
 """
 
@@ -283,27 +165,6 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
     x, k = table(out.replace("NaN", "nan"), either.x.shape)
     np.testing.assert_array_equal(x, either.x)
     np.testing.assert_array_equal(k, either.k)
-
-
-def test_kalmanjs_is_the_same_filter_to_its_last_digits(shared, tmp_path):
-    good = shared.only([name for name in shared.names if name != "subnormal"])
-    (text,) = export_tuning(good.tuning, "kalmanjs").values()
-    (tmp_path / "node_modules" / "kalmanjs").mkdir(parents=True)
-    package = '{"name": "kalmanjs", "type": "module", "main": "index.js"}'
-    (tmp_path / "node_modules" / "kalmanjs" / "package.json").write_text(package)
-    (tmp_path / "node_modules" / "kalmanjs" / "index.js").write_text(KALMANJS)
-    (tmp_path / "kalscope_kalmanjs.mjs").write_text(text)
-    (tmp_path / "main.mjs").write_text(KALMANJS_DRIVER)
-    out = run(node(), "main.mjs", stdin=lines_of(good.recording), cwd=tmp_path)
-    words = [word.replace("NaN", "nan") for word in out.split()]
-    x = np.array(words, dtype=np.float64).reshape(good.x.shape)
-    span = np.nanmax(np.abs(good.recording.values), axis=0)
-    np.testing.assert_allclose(x / span, good.x / span, rtol=0.0, atol=1e-12)
-
-
-def test_kalmanjs_refuses_what_it_cannot_divide_by(shared):
-    with pytest.raises(BadSetting, match=r"q \+ r must be at least 1e-300 for kalmanjs"):
-        export_tuning(shared.tuning, "kalmanjs", channel="subnormal")
 
 
 def esphome_filter(process_std_dev, error, samples, period):
@@ -343,57 +204,42 @@ def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, loa
 
 def test_esphome_refuses_what_it_cannot_hold(shared):
     for name in ("minute", "huge"):
-        with pytest.raises(BadSetting, match="q must be a variance that float32 holds, for ESPHome"):
+        with pytest.raises(BadSetting, match=f"q of {name} per ms, for ESPHome, must fit float32"):
             export_tuning(shared.tuning, "esphome", channel=name)
     unknown = Tuning((ChannelTuning("a", "V", 1.0, 1.0),))
     with pytest.raises(BadSetting, match="sample_period of the tuning must be known"):
         export_tuning(unknown, "esphome")
 
 
-@pytest.mark.parametrize("target", REFUSED)
-def test_another_filter_is_refused_with_the_nearest_gain(target):
-    tuning = Tuning((ChannelTuning("temp", "V", 0.01, 0.25), ChannelTuning("still", "V", 0.0, 1.0)))
-    with pytest.raises(BadSetting, match=r"\|x - x before\|") as caught:
-        export_tuning(tuning, target)
-    message = str(caught.value)
-    assert f"{steady_state(tuning.channels[0].params).gain:.6g}" in message
-    assert "still: none, because q is 0" in message
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize("target", ["bachagas", "esphome", "kalmanjs"])
-def test_a_filter_without_momentum_is_refused_with_the_nearest_that_it_can_do(target):
-    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.00012345)
-    tuning = Tuning((ChannelTuning("plain", "V", 0.01, 0.25), channel), sample_period=0.01)
-    with pytest.raises(
-        BadSetting, match=r"^target must be a filter with momentum \(got .* momentum of 20\.0 samples for temp"
-    ) as caught:
-        export_tuning(tuning, target)
-    offered = float(re.search(r"momentum to 0 and q to (\S+):", str(caught.value))[1])
-    wanted, nearest = steady_state(channel.params), steady_state(FilterParams(offered, 0.25))
-    assert nearest.noise_reduction_db == pytest.approx(wanted.noise_reduction_db, abs=0.001)
-    assert nearest.lag_samples > wanted.lag_samples
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("q", "r"), [(0.0, 1.0), (1.0, 0.0), (1e300, 1e-300), (1e-300, 1e300)])
-def test_the_nearest_filter_without_momentum_exists_at_every_edge(q, r):
-    channel = ChannelTuning("temp", "V", q, r, momentum=20.0)
-    nearest = nearest_without_momentum(channel)
-    assert nearest.momentum == 0.0
-    wanted, found = (steady_state(each.params).noise_reduction_db for each in (channel, nearest))
-    assert found == pytest.approx(wanted, abs=1e-6)
-
-
-def test_a_fixed_gain_stands_for_the_nearest_filter_without_momentum():
-    channel = ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.00012345)
-    gain = steady_state(nearest_without_momentum(channel).params).gain
-    with pytest.raises(BadSetting, match=f"temp: temp \\+= {gain:.6g}"):
-        export_tuning(Tuning((channel,)), "simplekalmanfilter")
+@pytest.mark.parametrize(
+    ("target", "channel", "words"),
+    [
+        (
+            "esphome",
+            ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0),
+            "momentum .got esphome.: choose arduino, c,",
+        ),
+        (
+            "esphome",
+            ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(5)),
+            "a median and classic filters .got esphome",
+        ),
+        (
+            "matlab",
+            ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(1, Exponential(0.125))),
+            "choose arduino, c, python, json",
+        ),
+        ("javascript", ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(5)), "or use the Kalman filter alone"),
+    ],
+)
+def test_a_target_that_lacks_a_filter_names_those_that_have_it(target, channel, words):
+    plain = ChannelTuning("plain", "V", 0.01, 0.25)
+    with pytest.raises(BadSetting, match=f"^target must support .*{words}"):
+        export_tuning(Tuning((plain, channel), sample_period=0.01), target)
 
 
 def test_an_unknown_target_names_the_choices(shared):
-    with pytest.raises(BadSetting, match=r"target must be one of arduino, c, .*kalmanjs \(got 'cobol'\)"):
+    with pytest.raises(BadSetting, match=r"target must be one of arduino, c, .*esphome \(got 'cobol'\)"):
         export_tuning(shared.tuning, "cobol")
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import select
 import threading
 import time
+import tty
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from terminal import link_to
 
-from kalscope.cli.board import PtyWire
 from kalscope.estimation.noise import noise_from_still
 
 STEP = 1.0
@@ -18,6 +21,36 @@ RATIO = np.float32(1e-4)
 """q / r of its export."""
 ROWS_AT_ONCE = 50
 """Rows between two looks for a command: on a busy machine it never catches up with its clock, but obeys."""
+
+
+class PtyWire:
+    """A pseudo-terminal, whose other end opens like a serial port."""
+
+    def __init__(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave)  # before it is opened: in cooked mode it would echo everything
+        self.name = os.ttyname(slave)
+        os.close(slave)  # so that POLLHUP shows whether the other end is open
+        os.set_blocking(self._master, False)
+
+    def connected(self) -> bool:
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(event & select.POLLHUP for _, event in poll.poll(0))
+
+    def send(self, data: bytes) -> int:
+        with suppress(BlockingIOError):
+            return os.write(self._master, data)
+        return 0
+
+    def receive(self) -> bytes:
+        with suppress(OSError):  # nothing was sent, or the port is closed
+            return os.read(self._master, 4096)
+        return b""
+
+    def close(self) -> None:
+        """As an unplugged cable does."""
+        os.close(self._master)
 
 
 class MeasuringBoard:
@@ -29,12 +62,11 @@ class MeasuringBoard:
         self.mute: tuple[str, ...] = ()  # channels that never say what they measured
         self.remark = ""  # said with every row
         self.asked: list[str] = []
-        self.excess = 0  # samples that it claims on top
         self.kept = self.worn = False
         self.used = {name: (np.float32(0.5), np.float32(20.0)) for name in names}
         self._rate, self._period, self._rng = rate, period, np.random.default_rng(seed)
         self._wire = PtyWire()
-        self.link: Path = link_to(self._wire.address.removeprefix("serial:"))
+        self.link: Path = link_to(self._wire.name)
         self._end, self._again = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -114,7 +146,7 @@ class MeasuringBoard:
         q = RATIO * r
         self.used[name] = q, r
         bits = ",".join(f"{one.view(np.uint32):08X}" for one in (r, q, np.float32(STEP)))
-        counts = f"n={found.samples + self.excess} spikes={len(z) - found.samples} missing=0"
+        counts = f"n={found.samples} spikes={len(z) - found.samples} missing=0"
         self._say(f"# {name} calibrated r={r:.6e} q={q:.6e} {counts} step={STEP:.6f} bits={bits}")
 
     def _obey(self) -> None:

@@ -16,7 +16,7 @@ import kalscope_app.guard.server
 import kalscope_app.views.window
 from kalscope.catalogue import open_source
 from kalscope.cli.app import COMMANDS, function_of
-from kalscope.export import limits  # noqa: F401
+from kalscope.export import registry  # noqa: F401
 from kalscope_app.commands import run
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame

@@ -3,43 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 import zlib
 
 import numpy as np
 
-from kalscope.common.text import plural
 from kalscope.errors import BadSetting
 from kalscope.estimation.noise import SPIKE
 from kalscope.estimation.still import GROUPS, MAX_DRIFT, MIN_SAMPLES, SURE
 from kalscope.export.board import LAST_POWER
-from kalscope.export.float32 import (
-    Float32Params,
-    Floats,
-    float32_text,
-    float32_tuning,
-    to_float32,
-    without_momentum,
-)
+from kalscope.export.float32 import float32_text, float32_tuning, to_float32
 from kalscope.export.job import ExportJob, about, about_channel, commented, fill_template
-from kalscope.export.limits import not_in_counts
 from kalscope.export.names import comment_text
-from kalscope.export.targets.stages import (
-    KALMAN_FIELDS,
-    MOMENTUM_FIELDS,
-    channel_bytes,
-    code_in_c,
-    tuning_fields,
-    tuning_values,
-    windows_of,
-)
+from kalscope.export.targets.c import code_in_c, tuning_values
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.tuning.tuning import ChannelTuning
 
 ANALOGUE_PINS = 6
 """Of an Uno: A0 … A5."""
-
-MAX_MEASURED_WITH_MOMENTUM = 5
-"""Channels with momentum in a sketch that measures r: 1,838 of the 2,048 bytes of an Uno."""
 
 DEFAULT_PERIOD_US = 5000
 """Where the tuning has no sample period: 200 samples a second."""
@@ -47,8 +28,8 @@ DEFAULT_PERIOD_US = 5000
 MAX_PERIOD_US = 2_000_000_000
 """Half the time in which micros() wraps around."""
 
-UNO_FREE = 1400
-"""Bytes of 2,048 that an Uno has for filters and constants; the sketch, its port and the stack need the rest."""
+COUNTS = frozenset(("count", "counts", "lsb", "lsbs", "adc", "adu", "digit", "digits", "raw"))
+"""Units of what analogRead() returns."""
 
 UNIT_CHECK = """\
 #ifndef KALSCOPE_UNITS_DONE
@@ -58,42 +39,35 @@ UNIT_CHECK = """\
 """Stops the compiler until the sketch reads what its filter was tuned for; constant, without names from outside."""
 
 
-def files(job: ExportJob) -> dict[str, str]:
+def files(job: ExportJob, *, calibration: bool = False) -> dict[str, str]:
     """`KalscopeFilter.h` and `kalscope_filter.ino`, or `KalscopeFusion.h` and `kalscope_fusion.ino`.
+
+    Args:
+        job: The filters, or a fusion.
+        calibration: With a sketch that measures r itself, and `KalscopeCalibration.h`; not for a fusion.
 
     Raises:
         BadSetting: float32 cannot hold a value, an Uno does not have enough analogue pins, or the period is out of
-            the range that it can count.
+            the range that it can count; r of a channel is 0, so that calibration has no ratio of q to it.
     """
-    if job.fuses:
-        _check_pins(len(job.fusion.sensors), "sensors", "fuse fewer, or export c", ANALOGUE_PINS)
-        return {"KalscopeFusion.h": _header(job), "kalscope_fusion.ino": _sketch(job)}
-    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    if job.has_chain:
-        _check_memory(job)
-    return {"KalscopeFilter.h": _header(job), "kalscope_filter.ino": _sketch(job)}
-
-
-def calibrated_files(job: ExportJob) -> dict[str, str]:
-    """The same with a sketch that measures r itself, and `KalscopeCalibration.h`.
-
-    Raises:
-        BadSetting: As `files`; r of a channel is 0, so that q has no ratio to it; an Uno does not have the memory.
-    """
-    _check_pins(len(job.channels), "channels", "choose one", ANALOGUE_PINS)
-    if job.has_momentum:
-        words = "with momentum that measure r, for which an Uno has memory"
-        _check_pins(len(job.channels), f"channels {words}", "choose one", MAX_MEASURED_WITH_MOMENTUM)
-    ratios = _ratios(job)
-    values = [f"const KalscopeTuning  = {{{_fields(job, channel, _held(channel))}}};" for channel in job.channels]
-    stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
+    count, what = (len(job.fusion.sensors), "sensors") if job.fuses else (len(job.channels), "channels")
+    if count > ANALOGUE_PINS:
+        raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): take fewer, or export c")
+    name = "Fusion" if job.fuses else "Filter"
+    sketch = _sketch(job, calibration=calibration)
     return {
-        "KalscopeFilter.h": _header(job),
-        "kalscope_filter.ino": _sketch(job, calibration=True),
-        "KalscopeCalibration.h": fill_template(
-            "arduino/KalscopeCalibration.h", ratios=ratios, stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
-        ),
+        f"Kalscope{name}.h": _header(job),
+        f"kalscope_{name.lower()}.ino": sketch,
+        **({"KalscopeCalibration.h": _calibration(job)} if calibration else {}),
     }
+
+
+def _calibration(job: ExportJob) -> str:
+    values = [f"const KalscopeTuning  = {{{_fields(job, channel)}}};" for channel in job.channels]
+    stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
+    return fill_template(
+        "arduino/KalscopeCalibration.h", ratios=_ratios(job), stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
+    )
 
 
 def _limits_of_stillness() -> dict[str, str]:
@@ -109,29 +83,12 @@ def _limits_of_stillness() -> dict[str, str]:
     return {"groups": str(GROUPS), "min_readings": str(MIN_SAMPLES), **texts}
 
 
-def _held(channel: ChannelTuning) -> Float32Params | None:
+def _fields(job: ExportJob, one: ChannelTuning) -> str:
     try:
-        return float32_tuning(channel)
+        float32_tuning(one)
     except BadSetting as error:
-        raise BadSetting(f"{comment_text(channel.name)}: {error}") from None
-
-
-def _fields(job: ExportJob, one: ChannelTuning, held: Float32Params | None) -> str:
-    """The fields of one constant in their order, 0 where the filter of this channel has none."""
-    numbers = {} if held is None else vars(held) | vars(held.momentum or without_momentum(held.q))
-    if one.sensors:
-        momentum = MOMENTUM_FIELDS if job.has_momentum else ()
-        names = ("q", "p0", "x0", "gate", *momentum, "r", "offset", *(("gain",) if one.has_gains else ()))
-        return ", ".join(_text(numbers[name]) for name in names)
-    kalman = {name: _text(numbers[name]) for name in (*KALMAN_FIELDS, *MOMENTUM_FIELDS)} if numbers else {}
-    values = tuning_values(job, one, kalman, lambda value: float32_text(np.float32(value)))
-    return ", ".join(values.get(field, "0") for field in tuning_fields(job))
-
-
-def _text(value: np.float32 | Floats) -> str:
-    if isinstance(value, np.ndarray):
-        return f"{{{', '.join(map(float32_text, value))}}}"
-    return float32_text(value)
+        raise BadSetting(f"{comment_text(one.name)}: {error}") from None
+    return ", ".join(tuning_values(job, one, lambda value: float32_text(np.float32(value))).values())
 
 
 def _ratios(job: ExportJob) -> str:
@@ -165,34 +122,28 @@ def _header(job: ExportJob) -> str:
     kind, opening = ("KalscopeFusionTuning", "{\n  ") if job.fuses else ("KalscopeTuning", "{")
     parts: list[str] = []
     for word, one in job.named_channels:
-        held, said = _held(one), about_channel(job, one)
-        if held is not None and held.settled_gain > 0:
-            said += ("  float is too coarse for this variance to settle: from there on the gain above is used",)
-        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one, held)}}};"
-        parts.append(f"{commented(said, '//')}{constant}\n")
-    code, count = code_in_c(job, "static "), len(job.fusion.sensors)
+        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one)}}};"
+        parts.append(f"{commented(about_channel(job, one), '//')}{constant}\n")
+    count = len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
-    name = "KalscopeFusion" if job.fuses else "KalscopeChain" if job.has_chain else "KalscopeFilter"
     return fill_template(
-        f"arduino/{name}.h",
+        f"arduino/Kalscope{'Fusion' if job.fuses else 'Filter'}.h",
         job.marks,
         about=commented(about(job), "//").rstrip(),
         first=_constant_name(job, job.named_channels[0][0]),
         tunings="\n".join(parts),
         gate_limit=str(GATE_LIMIT),
         set_momentum=momentum,
-        types=code.types,
-        functions=code.functions,
+        **code_in_c(job, "static "),
         words=", ".join(job.sensor_identifiers),
         all_bits="1" * (count - 1) + "0",
         count=str(count),
-        reading=job.reading("tuning."),
     )
 
 
 def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     marks = job.marks.union(["calibration"] if calibration else [])
-    names, foreign = job.identifiers, not_in_counts(job.channels)
+    names, foreign = job.identifiers, any(map(is_not_in_counts, job.channels))
     read = job.sensor_identifiers if job.fuses else names
     columns, units = "raw,filtered", ", ".join(f"{name} in {_unit(one.unit)}" for name, one in job.named_channels)
     if job.fuses:
@@ -200,7 +151,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     elif len(names) > 1:
         columns = ",".join(f"{name},{name}_filtered" for name in names)
     pins = [f"A{i}" for i in range(len(read))]
-    period_us, said = _period(job)
+    period_us, period_words = _period(job)
     letters = f"qr{'t' * job.has_momentum}p{'c' * calibration}"
     constants = [_constant_name(job, word) for word, _ in job.named_channels]
     ratio_names = ", ".join(map(_ratio_name, names))
@@ -211,7 +162,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
         pin_words=" ".join(pins),
         columns=columns,
         period_us=str(period_us),
-        period_words=said,
+        period_words=period_words,
         pins=", ".join(pins),
         print_float=fill_template("arduino/print_float.ino"),
         commands=fill_template(
@@ -230,24 +181,9 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     )
 
 
-def _check_pins(count: int, what: str, instead: str, most: int) -> None:
-    if count > most:
-        raise BadSetting(f"the sketch must read 1 to {most} {what} (got {count}): {instead}")
-
-
-def _check_memory(job: ExportJob) -> None:
-    """Refuse windows for which an Uno has no memory; the message has the longest that fits."""
-    count, windows = len(job.channels), windows_of(job)
-    if count * channel_bytes(job) <= UNO_FREE:
-        return
-    fitting = range(max(windows.values()), 0, -1)
-    most = next((n for n in fitting if count * channel_bytes(job, n) <= UNO_FREE), 0)
-    fits = f"Windows of up to {most} samples fit" if most else "Choose fewer channels"
-    raise BadSetting(
-        f"the filters must fit {UNO_FREE:,} bytes of an Uno's memory (got {count * channel_bytes(job):,}: each of"
-        f" {plural(count, 'channel')} has room for every filter and the longest windows). {fits}; or export c,"
-        " for a board with more"
-    )
+def is_not_in_counts(channel: ChannelTuning) -> bool:
+    """Whether its unit is one such as g or V, which analogRead() does not return; an unknown unit may be counts."""
+    return channel.unit != "" and COUNTS.isdisjoint(re.findall(r"[^\W\d_]+", channel.unit.lower()))
 
 
 def _unit(unit: str) -> str:

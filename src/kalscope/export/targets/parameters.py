@@ -7,48 +7,25 @@ from typing import Any
 
 from kalscope.export.float32 import runs_kalman
 from kalscope.export.job import ExportJob, about, about_channel, ascii_squared, step_of
-from kalscope.export.targets.stages import numbers_of
+from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import SteadyState
 from kalscope.tuning.toml_text import plain_chain
 from kalscope.tuning.tuning import ChannelTuning
 
-FORMAT, CHAIN_FORMAT, FUSION_FORMAT = "kalscope-parameters-1", "kalscope-parameters-2", "kalscope-fusion-1"
-"""Name and number of each layout; the second one where any channel has a chain."""
-
 
 def json_files(job: ExportJob) -> dict[str, str]:
-    """`kalscope_parameters.json`, or `kalscope_fusion.json`; names are whole, in escapes."""
-    name = "parameters"
-    if job.fuses:
-        name, layout, body = (
-            "fusion",
-            FUSION_FORMAT,
-            {"fusion": _channel(job, *job.named_channels[0]), "sensors": _sensors(job)},
-        )
-    else:
-        layout = CHAIN_FORMAT if job.has_chain else FORMAT
-        body = {"channels": [_channel(job, *named) for named in job.named_channels]}
+    """`kalscope_parameters.json`; names are whole, in escapes."""
     document = {
-        "format": layout,
+        "format": f"kalscope-parameters-{2 if job.has_chain or job.fuses else 1}",
         "about": list(about(job)),
         "sample_period_s": job.sample_period,
         "recording": {"name": _clean(job.source_name), "sha256": _clean(job.sha256)},
         "tool": _clean(job.tool),
         "date": _clean(job.date),
-        **body,
+        "channels": [_channel(job, *named) for named in job.named_channels],
     }
-    return {f"kalscope_{name}.json": json.dumps(document, indent=2, allow_nan=False) + "\n"}
-
-
-def _sensors(job: ExportJob) -> list[dict[str, Any]]:
-    fusion = job.fusion
-    shares = fusion.params.shares.tolist()
-    values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, shares, strict=True)
-    return [
-        {"name": _clean(name), "identifier": word, "measurement_noise_r": r, "offset": b, "gain": c, "share": share}
-        for name, word, r, b, c, share in values
-    ]
+    return {"kalscope_parameters.json": json.dumps(document, indent=2, allow_nan=False) + "\n"}
 
 
 def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any]:
@@ -56,10 +33,20 @@ def _channel(job: ExportJob, word: str, channel: ChannelTuning) -> dict[str, Any
         "name": _clean(channel.name),
         "identifier": word,
         "unit": _clean(channel.unit),
+        **({"sensors": _sensors(job, channel)} if channel.sensors else {}),
         **({} if channel.chain is None else {"chain": _chain(channel.chain)}),
         **(_kalman(job, channel) if runs_kalman(channel) else {}),
         "about": list(about_channel(job, channel)),
     }
+
+
+def _sensors(job: ExportJob, fusion: ChannelTuning) -> list[dict[str, Any]]:
+    shares = fusion.params.shares.tolist()
+    values = zip(fusion.sensors, job.sensor_identifiers, fusion.r, fusion.offset, fusion.gain, shares, strict=True)
+    return [
+        {"name": _clean(name), "identifier": word, "measurement_noise_r": r, "offset": b, "gain": c, "share": share}
+        for name, word, r, b, c, share in values
+    ]
 
 
 def _kalman(job: ExportJob, one: ChannelTuning) -> dict[str, Any]:

@@ -81,9 +81,7 @@ bool isNormal(float value) { return value >= 1.17549435e-38f && value - value ==
 bool useMeasured(KalscopeFilter &filter, float r, float q) {
   if (!isNormal(r) || (q != 0.0f && !isNormal(q)) || !isNormal(q + r)) return false;
 @momentum   if (!fits(q, filter.tuning.momentum)) return false;
-@momentum   const float gain = filter.tuning.settled_gain;
 @momentum   filter.setMomentum(q, filter.tuning.momentum);
-@momentum   filter.tuning.settled_gain = gain;  // it belongs to the ratio, which stays
 @plain   filter.tuning.q = q;
   filter.tuning.r = r;
   return true;

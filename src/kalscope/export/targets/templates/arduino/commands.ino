@@ -76,7 +76,6 @@ bool change(KalscopeFilter &filter, char what, float value) {
 @momentum   } else {
 @momentum     tuning.r = value;
 @momentum   }
-  tuning.settled_gain = 0.0f;  // it belonged to the previous values
   return true;
 }
 

@@ -3,7 +3,6 @@
   void setMomentum(float q, float tau) {
     tuning.q = q;
     tuning.momentum = tau;
-    tuning.settled_gain = 0.0f;  // it belonged to the previous values
     tuning.e = tuning.f = tuning.q12 = tuning.q22 = tuning.w0 = 0.0f;
     tuning.q11 = q;
     if (!(tau > 0.0f)) return;

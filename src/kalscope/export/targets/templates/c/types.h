@@ -6,6 +6,8 @@ typedef struct {
 $tuning_fields} kalscope_tuning;
 
 typedef struct {
-    kalscope_tuning tuning; /* $changing */
+@plain     kalscope_tuning tuning; /* the copy in use: q, r and gate may be changed at any time */
+@momentum     kalscope_tuning tuning; /* the copy in use: r and gate may be changed at any time */
+@classic     kalscope_tuning tuning; /* the copy in use */
     kalscope_real x;        /* filtered value; NAN before the first sample */
 $state_fields} kalscope_filter;

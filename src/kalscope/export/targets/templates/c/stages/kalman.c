@@ -4,7 +4,6 @@
     kalscope_real p0;           /* start variance; INFINITY: the first sample sets x = z and p = r */
     kalscope_real x0;           /* start estimate; NAN: the first sample */
     kalscope_real gate;         /* a sample with v * v > gate * s is not used; 0: no gate */
-    kalscope_real settled_gain; /* gain once the variance repeats itself, where float is too coarse; 0: not needed */
 @momentum     kalscope_real momentum;     /* tau, how long the signal keeps its direction, in samples; 0: the five lines */
 @momentum     kalscope_real e;            /* the others follow from q and tau: share of the velocity left after a sample, */
 @momentum     kalscope_real f;            /* how far a velocity of 1 goes in a sample, */
@@ -30,7 +29,7 @@
 === update
 @momentum 
 @momentum /* The velocity gain of a sample; the variance w and the covariance g shrink by it. */
-@momentum static kalscope_real ${own}velocity_gain(kalscope_filter *filter, kalscope_real s)
+@momentum static kalscope_real ${prefix}velocity_gain(kalscope_filter *filter, kalscope_real s)
 @momentum {
 @momentum     const kalscope_real gain = filter->g / s;
 @momentum     filter->w = filter->w - gain * filter->g;
@@ -62,7 +61,7 @@ $update(kalscope_filter *filter, kalscope_real z)
     } else if (isnan(filter->x)) { /* p0 is known, the first sample is the start */
         filter->k = s > 0 ? predicted / s : 0;
         filter->p = filter->k * tuning->r;
-@momentum         if (s > 0) ${own}velocity_gain(filter, s);
+@momentum         if (s > 0) ${prefix}velocity_gain(filter, s);
         filter->x = z;
     } else if (s > 0) {
         const kalscope_real v = z - filter->x;
@@ -72,8 +71,7 @@ $update(kalscope_filter *filter, kalscope_real z)
         }
         filter->k = predicted / s;
         filter->p = filter->k * tuning->r;
-@momentum         filter->velocity = filter->velocity + ${own}velocity_gain(filter, s) * v;
-        if (tuning->settled_gain > 0 && filter->p == before) filter->k = tuning->settled_gain;
+@momentum         filter->velocity = filter->velocity + ${prefix}velocity_gain(filter, s) * v;
         filter->x = filter->x + filter->k * v;
     } else {
         return filter->x; /* the estimate and the sample both claim to be exact: keep the estimate */

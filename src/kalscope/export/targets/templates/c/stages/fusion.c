@@ -1,20 +1,33 @@
-$about
+=== types
+typedef struct {
+    kalscope_fusion_real q;        /* process noise: variance added per row of readings, unit squared */
+    kalscope_fusion_real p0;       /* start variance; INFINITY: the first reading sets x and p */
+    kalscope_fusion_real x0;       /* start estimate; NAN: the first reading */
+    kalscope_fusion_real gate;     /* a reading with v * v > gate * s is not used; 0: no gate */
+@momentum     kalscope_fusion_real momentum; /* tau, how long the signal keeps its direction, in samples; the others follow */
+@momentum     kalscope_fusion_real e;        /* from q and tau: share of the velocity left after a sample, */
+@momentum     kalscope_fusion_real f;        /* how far a velocity of 1 goes in a sample, */
+@momentum     kalscope_fusion_real q11;      /* variance added per sample to x, */
+@momentum     kalscope_fusion_real q12;      /* to the covariance of x and the velocity, */
+@momentum     kalscope_fusion_real q22;      /* and to the velocity, */
+@momentum     kalscope_fusion_real w0;       /* and its variance at the start */
+    kalscope_fusion_real r[KALSCOPE_SENSORS];      /* noise of each sensor on the scale of x: variance / gain squared */
+    kalscope_fusion_real offset[KALSCOPE_SENSORS]; /* what each sensor reads where x is 0 */
+@gains     kalscope_fusion_real gain[KALSCOPE_SENSORS];   /* by how much its reading grows with x */
+} kalscope_fusion_tuning;
 
-#include "kalscope_fusion.h"
-
-#include <math.h>
-
-/* A fused x + k * v is rounded once instead of twice: other last bits than Kalscope shows. */
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-#pragma GCC optimize("fp-contract=off")
-#endif
-
-enum { MOST_REJECTED = $gate_limit }; /* in a row; the next reading is taken, so that a gate cannot lock out */
-
-$tunings
-void kalscope_fusion_start(kalscope_fusion *fusion, const kalscope_fusion_tuning *tuning)
+typedef struct {
+    kalscope_fusion_tuning tuning;
+    kalscope_fusion_real x;        /* fused value; NAN before the first reading */
+    kalscope_fusion_real p;        /* its variance */
+    kalscope_fusion_real k[KALSCOPE_SENSORS]; /* gain of each reading of the last row, 0 to 1; 0 where it was left out */
+@momentum     kalscope_fusion_real velocity; /* fused velocity, unit per sample */
+@momentum     kalscope_fusion_real g;        /* covariance of x and the velocity */
+@momentum     kalscope_fusion_real w;        /* variance of the velocity */
+    int rejected[KALSCOPE_SENSORS]; /* readings that the gate rejected in a row */
+} kalscope_fusion;
+=== functions
+${linkage}void kalscope_fusion_start(kalscope_fusion *fusion, const kalscope_fusion_tuning *tuning)
 {
     fusion->tuning = *tuning;
     fusion->x = tuning->x0;
@@ -69,7 +82,7 @@ static void take(kalscope_fusion *fusion, int i, kalscope_fusion_real z)
     fusion->rejected[i] = 0;
 }
 
-kalscope_fusion_real kalscope_fusion_update(
+${linkage}kalscope_fusion_real kalscope_fusion_update(
     kalscope_fusion *fusion, const kalscope_fusion_real *readings, uint32_t valid)
 {
     const kalscope_fusion_tuning *tuning = &fusion->tuning;
@@ -81,10 +94,10 @@ kalscope_fusion_real kalscope_fusion_update(
 @momentum     fusion->w = tuning->e * tuning->e * fusion->w + tuning->q22;
 @momentum     fusion->x = fusion->x + tuning->f * fusion->velocity;
 @momentum     fusion->velocity = tuning->e * fusion->velocity;
-    for (int i = 0; i < KALSCOPE_SENSORS; i++) {
+    for (int i = 0; i < KALSCOPE_SENSORS; i++, valid >>= 1) {
         const kalscope_fusion_real z = $reading;
         fusion->k[i] = 0;
-        if ((valid >> i & 1) && !isnan(z)) take(fusion, i, z);
+        if ((valid & 1) && !isnan(z)) take(fusion, i, z);
     }
     return fusion->x;
 }
