@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +14,6 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.estimation.pool import Pool
     from kalscope.fleet.run import Tally
 
 
@@ -54,7 +53,7 @@ def fleet_command(
     for module in LIBRARIES:
         library(module)
     from kalscope.fleet.read import DEVICE_LIMIT_S, FleetOptions, any_recording
-    from kalscope.fleet.results import Answer, answer_for, devices_of, save_answer, summary
+    from kalscope.fleet.results import summary
     from kalscope.fleet.run import run_fleet
 
     if every and channel is not None:
@@ -62,24 +61,20 @@ def fleet_command(
     options = FleetOptions(question, reading, sample_period, channel, every, device_limit or DEVICE_LIMIT_S)
     if question.still is None:  # a stretch lies in each recording or not
         question.request(any_recording()).checked_momentum()
-    line, answers, kept = TerminalLine(sys.stderr), list[Answer](), "what was done is kept"
+    line, kept = TerminalLine(sys.stderr), "what was done is kept"
 
     def show(tally: Tally) -> None:
         nonlocal kept
         kept = f"{tally.kept + tally.done} of {tally.units} done, all kept"
         line.show(progress_text(tally))
 
-    def finish(table: Any, pool: Pool) -> None:
-        answers.append(answer_for(devices_of(table), pool, question))
-        save_answer(answers[0], table, output)
-
     try:
         line.show("looking for recordings")
         with said_at_stop(lambda: f"{kept}: run the same command again to continue"):
-            tally = run_fleet(sources, options, output, cluster, show, finish)
+            tally, answer = run_fleet(sources, options, output, cluster, show)
     finally:
         line.clear()
-    write_output(iter([summary(answers[0], tally, output)]), None)
+    write_output(iter([summary(answer, tally, output)]), None)
 
 
 def progress_text(tally: Tally) -> str:

@@ -1,8 +1,9 @@
-"""What a worker does: fit the recordings of a batch, each within its time limit, and write a part."""
+"""What a worker does: fit the recordings of a batch, each within its time limit."""
 
 from __future__ import annotations
 
 import faulthandler
+import hashlib
 import math
 import threading
 import time
@@ -21,11 +22,9 @@ from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
 from kalscope.estimation.many import Series, estimate_many, fitted_ratios, pair_intervals, series_of
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request, find_parameters
-from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.fleet.read import Block, FleetOptions, Question, Unit, read_block
-from kalscope.fleet.store import FAILED, LOCK, Row, loss_cells, part_path, write_part
+from kalscope.fleet.store import FAILED, STORE, Row, Stored, loss_cells, stored
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
@@ -56,12 +55,12 @@ class Fitted(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What a task reports to the driver; the rows themselves are in the part."""
+    """What a task returns."""
 
-    units: int
+    units: list[Stored]
     """Units done, from the first on; the others of the batch were not started."""
     rows: int
-    """Rows written."""
+    """Their rows."""
 
 
 class TimedOut(Exception):
@@ -69,19 +68,19 @@ class TimedOut(Exception):
 
 
 def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done:
-    """Fit the units of a batch and write their part.
+    """Fit the units of a batch.
 
     Args:
         units: The batch; at least the first is done.
         options: The options.
-        folder: Of the results, under the path that the worker has for it.
+        folder: Of the results, under the path that the worker has for it: for the note of the time limits.
 
     Raises:
         BadSetting: the worker does not see the folder, or has another version.
         TimedOut: an earlier attempt at the batch was ended by its time limit.
-        OSError: the part cannot be written.
+        OSError: the note cannot be written.
     """
-    if not (Path(folder) / LOCK).exists():
+    if not (Path(folder) / STORE).exists():
         raise BadSetting(f"-o must name a folder that every worker of --cluster sees (got {folder!r})")
     if options.program != program():
         raise BadSetting(f"every worker of --cluster must have {options.program} (got {program()})")
@@ -91,15 +90,16 @@ def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done
         z = np.random.default_rng(1).normal(size=(200, 1))
         recording = Recording(np.arange(200.0), ("x",), ("",), np.cumsum(z, axis=0) + z[::-1], 1.0)
         fit_each("", recording, replace(options, channel=None))
-    keys, fitted = [unit.key(fingerprint) for unit in units], dict[str, Fitted]()
+    keys, done, rows = [unit.key(fingerprint) for unit in units], list[Stored](), 0
     with _one_batch, _note(Path(folder), keys) as note:
         for unit, key in zip(units, keys, strict=True):
             with time_limited(note, key, time_limit(unit.size, options.device_limit)):
-                fitted[key] = fit_unit(unit, options)
+                fitted = fit_unit(unit, options)
+                done.append(stored(key, *fitted))
+                rows += len(fitted.rows)
             if time.monotonic() > end:
                 break
-    write_part(Path(folder), fitted)
-    return Done(len(fitted), sum(len(one.rows) for one in fitted.values()))
+    return Done(done, rows)
 
 
 def fit_unit(unit: Unit, options: FleetOptions) -> Fitted:
@@ -182,18 +182,9 @@ def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]
         momentum=params.momentum,
         gate=params.gate,
         lag_samples=steady_state(params).lag_samples,
-        nis=mean_nis(z, params, dt),
         left=loss_cells(loss_inputs(ratio, np.array([tau]), growth))[0],
     )
     return row, pool_of(many)
-
-
-def mean_nis(z: Array, params: FilterParams, dt: Array | None = None) -> float | None:
-    """The mean of v²/s over the samples that the filter takes; None where there is none."""
-    result = kalman_filter(z, params, dt)
-    taken = (result.k > 0.0) & np.isfinite(result.innovation) & np.isfinite(result.s) & (result.s > 0.0)
-    scored = result.innovation[taken] ** 2 / result.s[taken]
-    return float(scored.mean()) if len(scored) else None
 
 
 def first_sentence(text: str) -> str:
@@ -257,10 +248,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         if table.usable[i]:
             known |= dict(zip(names, numbers[i], strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
-            # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r or a gate does not.
-            exact, params = verdict != "below_resolution" and not table.spikes[i], (known["q"], known["r"])
-            nis = 1.0 if exact else mean_nis(many.one(i)[0], FilterParams(*params, gate=gate))
-            known |= {"momentum": 0.0, "gate": gate, "nis": nis, "left": cells[i], "spikes": int(table.spikes[i])}
+            known |= {"momentum": 0.0, "gate": gate, "left": cells[i], "spikes": int(table.spikes[i])}
         else:
             known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))
@@ -276,26 +264,30 @@ def time_limit(size: int, device_limit: float) -> float:
     return device_limit * max(1.0, size / FULL_BYTES)
 
 
-def noted_unit(folder: Path, keys: Sequence[str]) -> tuple[str, bool]:
+def note_path(folder: Path, keys: Sequence[str]) -> Path:
+    """The note of a batch, there while it is being done."""
+    return folder / f".{hashlib.sha256(''.join(keys).encode()).hexdigest()[:32]}.note"
+
+
+def noted_unit(path: Path) -> tuple[str, bool]:
     """The unit at which the last attempt at a batch ended, "" where none is known; and whether it took too long."""
     with suppress(OSError):
-        key, _, report = part_path(folder, keys, ".note").read_bytes().partition(b"\n")
+        key, _, report = path.read_bytes().partition(b"\n")
         return key.decode("ascii", "replace"), report.startswith(_TIMEOUT)
     return "", False
 
 
 @contextmanager
 def _note(folder: Path, keys: Sequence[str]) -> Generator[BinaryIO]:
-    """The note that names the unit of a batch that is being done, there until the block ends.
+    """The note that names the unit of a batch that is being done.
 
     Raises:
         TimedOut: an earlier attempt has written it: a scheduler tries a batch again by itself.
         OSError: the note cannot be written.
     """
-    if noted_unit(folder, keys)[1]:
+    path = note_path(folder, keys)
+    if noted_unit(path)[1]:
         raise TimedOut
-    path = part_path(folder, keys, ".note")
-    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with path.open("wb", buffering=0) as note:
             yield note
