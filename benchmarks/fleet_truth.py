@@ -13,10 +13,10 @@ import time
 
 import numpy as np
 
-from kalscope.cli.tune_options import NOTHING
 from kalscope.common.numbers import Array
 from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
+from kalscope.estimation.request import Request
 from kalscope.fleet.results import Answer, Devices, answer_for
 
 Q, R = 0.04, 1.0
@@ -42,7 +42,9 @@ def devices_of(series: Array) -> Devices:
     left = loss_inputs(q / r, np.zeros(n), held_out(series))
     names, numbers = [f"dev{i:03d}" for i in range(n)], (q, r, *table.q_interval, *table.r_interval)
     zeros, texts = np.zeros(n), (["ok"] * n, [""] * n, [""] * n)
-    return Devices(names, ["light"] * n, ["lx"] * n, zeros + 100.0, *numbers, zeros, zeros, *texts, left)
+    return Devices(
+        names, ["light"] * n, ["lx"] * n, zeros + 100.0, *numbers, zeros, zeros, *texts, loss_inputs=left
+    )
 
 
 def main() -> None:
@@ -60,7 +62,7 @@ def main() -> None:
         seconds = 0.0
         for _ in range(asked.fleets):
             given, begun = fleet(rng, asked.devices, asked.samples, factor), time.process_time()
-            answer = answer_for(*given, NOTHING)
+            answer = answer_for(*given, Request())
             seconds += time.process_time() - begun
             for place, (name, odd) in enumerate((("r", NOISY), ("q", DRIFTING))):
                 hits, misses = counted(answer, name, set(odd) if factor > 1.0 else set())

@@ -102,12 +102,12 @@ def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1\n2\n3\n")
     units = find_units([str(tmp_path / "logs" / "**")], tmp_path / "logs" / "out")
-    assert [unit.id for unit in units] == ["a.csv"]
+    assert [unit.id for unit in units] == ["logs/a.csv"]
 
 
 def test_loops_of_links_under_a_pattern_end(tree):
     for name in ("one", "two", "three"):
         os.symlink(tree, tree / "x.csv" / name)
-    assert {name for name in reasons(tree / "**") if name.endswith("b.csv")} == {"x.csv/b.csv"}
+    assert {name for name in reasons(tree / "**") if name.endswith("b.csv")} == {"logs/x.csv/b.csv"}
     os.symlink("self", tree / "self")
     assert "symbolic links" in reasons(tree / "self")["self"]

@@ -11,14 +11,14 @@ import signal
 import distributed
 import psutil
 import pytest
-from fleet_runs import PLAIN, files_of, fits, parts, run_here, table, write_devices
+from fleet_runs import ANSWER, PLAIN, files_of, fits, kept, run_here, table, write_devices
 from forked import Forked
 from program import command, next_line
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
-from kalscope.fleet import run, work
-from kalscope.fleet.store import locked
+from kalscope.fleet import run
+from kalscope.fleet.store import STORE, open_store
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
     assert "failed; 17 of 17 files or row groups done in " in done.out
     assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
     assert "One filter for all: q = " in done.out
-    assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
+    assert files_of(tmp_path / "out") == ANSWER
 
 
 @pytest.mark.slow
@@ -109,22 +109,17 @@ def devices(tmp_path_factory):
 def whole(devices, tmp_path_factory):
     """The table of an undisturbed run over them, on a scheduler that is named by its address."""
     out = tmp_path_factory.mktemp("whole")
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        distributed.LocalCluster(
-            n_workers=1,
-            threads_per_worker=1,
-            processes=False,
-            protocol="tcp://",
-            silence_logs=60,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        ) as other,
-    ):
-        patch.setattr(work, "MAX_SECONDS", PATIENCE)  # on a busy machine a batch would be shared out, in two parts
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        silence_logs=60,
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as other:
         there = ["--cluster", other.scheduler_address]
         assert kalscope(["fleet", str(devices), "-o", str(out), *there, *PLAIN]) == 0
-    assert len(parts(out)) == 20
     return table(out)
 
 
@@ -134,12 +129,13 @@ import dask.system
 from kalscope.fleet import run
 os.setsid()  # signals to all of its processes reach no other
 dask.system.CPU_COUNT = 2
-ended = run.Dispatcher.ended
-def waits(self, *rest):
-    ended(self, *rest)
+rest = run._Run._rest
+def waits(self, *ended):
+    left = rest(self, *ended)
     while os.path.exists("killed") and not os.path.exists("go on"):
         time.sleep(0.01)
-run.Dispatcher.ended = waits
+    return left
+run._Run._rest = waits
 """
 """A run with two workers that waits for a file once one of them was killed and a batch has ended."""
 
@@ -162,7 +158,7 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
     assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
     out = tmp_path / "out"
     with command("fleet", devices, "-o", out, *PLAIN, cwd=tmp_path, change=DRIVER) as driver:
-        wait_until(lambda: parts(out), "a part")
+        wait_until(lambda: (out / STORE).exists() and (out / STORE).stat().st_size > EMPTY, "a batch")
         workers = wait_until(lambda: workers_of(driver))
         (tmp_path / "killed").touch()
         workers[0].kill()
@@ -180,21 +176,22 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
     assert stderr.count("\n") == 1, stderr
     assert [*(tmp_path / "tmp").iterdir()] == []
     assert not (out / "fleet.parquet").exists()
-    kept = len(parts(out))
-    assert 0 < kept < 20
-    (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    run_here(capsys, devices, "-o", out, *PLAIN)
+    done = kept(out)
+    assert 0 < done < 40
+    (out / f".{'0' * 32}.note").write_text("of a run that was killed")
+    assert f"; {40 - done} of 40 files" in run_here(capsys, devices, "-o", out, *PLAIN).out
     assert table(out) == whole
-    assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
-    assert len(parts(out)) > kept
+    assert files_of(out) == ANSWER
 
 
+EMPTY = 20480
+"""Bytes of a database without units."""
 HOLDER = """
 import time
 from pathlib import Path
 from kalscope.fleet.run import open_workers
-from kalscope.fleet.store import locked
-with locked(Path()), open_workers(None, 1):
+from kalscope.fleet.store import open_store
+with open_store(Path()), open_workers(None, 1):
     print("workers", flush=True)
     time.sleep(1e6)
 """
@@ -207,7 +204,7 @@ def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
         assert workers_of(driver)
     _, alive = psutil.wait_procs(below, timeout=PATIENCE)
     assert alive == []
-    with locked(tmp_path):
+    with open_store(tmp_path):
         pass
 
 

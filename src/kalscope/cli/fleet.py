@@ -6,11 +6,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
-from kalscope.cli.options import SamplePeriod, number_option, read_options, text_option, with_options
+from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
 from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadSetting
+from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
@@ -34,10 +36,6 @@ def fleet_command(
         typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
-    device_limit: Annotated[
-        float | None,
-        number_option("Longest time for one device in s, more for a file above 16 MiB; default: 120."),
-    ] = None,
     question: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -52,15 +50,17 @@ def fleet_command(
 
     for module in LIBRARIES:
         library(module)
-    from kalscope.fleet.read import DEVICE_LIMIT_S, FleetOptions, any_recording
+    from kalscope.fleet.read import FleetOptions
     from kalscope.fleet.results import summary
     from kalscope.fleet.run import run_fleet
 
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    options = FleetOptions(question, reading, sample_period, channel, every, device_limit or DEVICE_LIMIT_S)
-    if question.still is None:  # a stretch lies in each recording or not
-        question.request(any_recording()).checked_momentum()
+    if question.still not in (None, "auto"):
+        raise BadSetting(f"--still must be auto for a fleet, whose recordings differ (got {question.still!r})")
+    request = question.request(Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0))
+    request.checked_momentum()
+    options = FleetOptions(request, question.gate, reading, sample_period, channel, every)
     line, kept = TerminalLine(sys.stderr), "what was done is kept"
 
     def show(tally: Tally) -> None:

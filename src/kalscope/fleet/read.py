@@ -17,13 +17,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import program
-from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
+from kalscope.errors import BadFile, BadSetting, describe
 from kalscope.estimation.request import Request
 from kalscope.fleet.store import pa, pc, pq
 from kalscope.recording import Recording
@@ -176,8 +176,6 @@ def _matches(source: str) -> list[str]:
         parts = Path(os.path.abspath(source)).parts
         at = next(i for i, part in enumerate(parts) if glob.has_magic(part))
         root = Path(*parts[:at])
-        if parts[at:] == ("**",):
-            return [str(root)]
         met = (path.relative_to(root) for path in root.glob(os.path.join(*parts[at:])))
         paths = sorted(str(root / path) for path in met if not any(part.startswith(".") for part in path.parts))
     if not paths:
@@ -315,18 +313,21 @@ def _ends(file: Any, i: int, name: str) -> tuple[int, Any, Any]:
 def _long_files(paths: Iterable[str]) -> dict[str, list[_Group]]:
     """The row groups of those Parquet files of a folder that are one data set in the long form.
 
-    They are judged together, by their first row groups: an id must have two rows or more, on average. Where each
+    They are judged together: an id must have two rows or more, on average. Where each
     file is a day, say, it may hold each id once.
     """
     scanned, together = {path: groups for path in paths if (groups := _scan(path))}, dict[str, list[_Group]]()
     for name in {groups[0].id_column for groups in scanned.values()}:
         several = {path: groups for path, groups in scanned.items() if groups[0].id_column == name}
         try:
-            rows = _counted(one for groups in several.values() for one in groups[:MAX_SAMPLED])["counts_sum"]
+            for most in (MAX_SAMPLED, None):  # all are read only where some ids of the first repeat
+                counted = _counted(one for groups in several.values() for one in groups[:most])
+                rows, ids = pc.sum(counted["counts_sum"]).as_py(), len(counted)
+                if rows == ids or rows >= 2 * ids:
+                    break
+            together |= several if rows >= 2 * ids else {}
         except pa.ArrowException:  # ids of several types
             together |= several
-        else:
-            together |= several if 2 * len(rows) <= pc.sum(rows).as_py() else {}
     return together
 
 
@@ -410,40 +411,21 @@ def _cut(groups: Sequence[_Group], ends: Sequence[Any]) -> list[Share]:
 
 
 FORMAT = 7
-"""Raised when the same recording would give another row: parts of another format are not used."""
-DEVICE_LIMIT_S = 120.0
-"""Longest time for a unit of up to 16 MiB, s, by default; see `time_limit`."""
+"""Raised when the same recording would give another row: rows of another format are not used."""
 TIME_NAMES = ("time", "timestamp", "t", "ts", "ds", "datetime", "date", "time_s", "time_ms", "time_us", "time_ns")
 """Names of the time column, in lower case, the first that exists; a column of dates comes before all."""
 EVEN = 1e-6
 """Steps that differ by less than this share are one step."""
 
 
-class Question(Protocol):
-    """What the user of `kalscope tune` requests; a dataclass whose `repr` contains all of it."""
-
-    @property
-    def gate(self) -> float | None:
-        """Outlier gate on v²/s; NaN = off, None = as estimated."""
-        ...
-
-    def request(self, recording: Recording) -> Request:
-        """The same as a request to `find_parameters`, for this recording."""
-        ...
-
-
-def any_recording(sample_period: float | None = 1.0) -> Recording:
-    """A placeholder recording, for questions where only the options and the sample period in s count."""
-    time = np.arange(3.0) * (sample_period or 1.0)
-    return Recording(time, ("x",), ("",), np.zeros((3, 1)), sample_period)
-
-
 @dataclass(frozen=True)
 class FleetOptions:
     """What is to be done with each recording."""
 
-    question: Question
-    """What is estimated of each channel."""
+    request: Request
+    """What is wanted and known of each channel; a goal holds for the filter of all too."""
+    gate: float | None = None
+    """Outlier gate on v²/s; NaN = off, None = as estimated."""
     reading: ReadOptions = DEFAULTS
     """How files are read."""
     sample_period: float | None = None
@@ -452,24 +434,8 @@ class FleetOptions:
     """The channel of each recording; None = the first that measures something."""
     every: bool = False
     """Whether all channels are fitted."""
-    device_limit: float = field(default=DEVICE_LIMIT_S, repr=False)
-    """Longest time for a unit, s, see `time_limit`; not in the `repr`, because no row depends on it."""
     program: str = field(default_factory=program)
     """The program with its version: rows of another one are not the same."""
-
-    @property
-    def request(self) -> Request | None:
-        """The request where it is the same for each recording; None where a still stretch is within each or not."""
-        try:
-            return self.question.request(any_recording())
-        except KalscopeError:
-            return None
-
-    @property
-    def is_pooled(self) -> bool:
-        """Whether the filter for all is the most likely one, and no goal decides it."""
-        request = self.request
-        return request is None or (not request.target and request.ratio is None)
 
     def fingerprint(self) -> str:
         """A text that differs where the rows would differ."""

@@ -42,7 +42,7 @@ from kalscope.estimation.request import Request
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.fleet import store
-from kalscope.fleet.read import FleetOptions, Piece, Question, Unit, any_recording, read_block
+from kalscope.fleet.read import FleetOptions, Piece, Unit, read_block
 from kalscope.fleet.store import pa, pq
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -98,9 +98,9 @@ class Devices:
     verdicts: list[str]
     reasons: list[str]
     sources: list[str] = field(default_factory=list[str])
-    loss_inputs: Array | None = None
-    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); None in a finished
-    table."""
+    loss_inputs: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); empty where the
+    losses are known."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -173,14 +173,12 @@ def numbers_of(table: Any, name: str, low: float, high: float) -> Array:
     return np.where((values >= low) & (values <= high), values, math.nan)
 
 
-def devices_of(table: Any) -> Devices:
-    """A pyarrow Table with the columns of a fleet as arrays."""
+def devices_of(table: Any, inputs: Array | None = None) -> Devices:
+    """A pyarrow Table with the columns of a fleet as arrays, and the inputs of `Devices`."""
     names = ("id", "channel", "unit", "verdict", "reason", "source")
     columns: dict[str, Any] = {f"{name}s": table[name].to_pylist() for name in names}
     columns |= {name: numbers_of(table, name, *ends) for name, ends in RANGES.items()}
-    cells = table[store.LOSS_INPUTS].to_pylist() if store.LOSS_INPUTS in table.column_names else None
-    inputs = None if cells is None else store.loss_rows(cells)
-    return Devices(**columns, loss_inputs=inputs)
+    return Devices(**columns, loss_inputs=np.empty((0, 0)) if inputs is None else inputs)
 
 
 @dataclass(frozen=True)
@@ -232,17 +230,17 @@ class Answer:
     """Which devices differ from the others in each of QUANTITIES."""
 
 
-def answer_for(devices: Devices, pool: pooling.Pool, question: Question) -> Answer:
+def answer_for(devices: Devices, pool: pooling.Pool, request: Request) -> Answer:
     """The answer for a fleet.
 
     Args:
         devices: Its table.
         pool: What all recordings contribute to one filter without momentum.
-        question: What was estimated of each recording; a goal holds for the filter of all too.
+        request: What was estimated of each recording; a goal holds for the filter of all too.
     """
     shared, refusal = None, ""
     try:
-        shared = _shared_filter(devices, pool, question.request(any_recording(devices.sample_period)))
+        shared = _shared_filter(devices, pool, request)
     except BadSetting as error:
         refusal = str(error)
     return Answer(devices, shared, refusal, {name: devices.outliers(name) for name in QUANTITIES})
@@ -265,8 +263,7 @@ def _shared_filter(devices: Devices, pool: pooling.Pool, request: Request) -> Sh
         got = "r = 0" if fit.q > 0.0 else "q = 0"
         raise BadSetting(f"q and r of all must both be above 0 (got {got}): a goal such as --lag-ms 50 gives both")
     params = FilterParams(fit.q, fit.r, momentum=momentum)
-    inputs = store.loss_rows([None] * len(devices)) if devices.loss_inputs is None else devices.loss_inputs
-    return Shared(params, fit.ratio_interval, how, pooling.losses_of(inputs, params))
+    return Shared(params, fit.ratio_interval, how, pooling.losses_of(devices.loss_inputs, params))
 
 
 @dataclass(frozen=True)
@@ -323,12 +320,13 @@ def save_answer(answer: Answer, table: Any, place: store.Store, options: FleetOp
     """
     folder, shared = place.folder, answer.shared
     place.check_tuning()
-    for name, values in {} if shared is None else shared.columns.items():
+    columns: dict[str, Array] = {} if shared is None else shared.columns
+    for name, values in columns.items():
         column = pa.array(values, pa.float64(), mask=~np.isfinite(values))
         table = table.set_column(table.column_names.index(name), name, column)
     (folder / store.SUMMARY).unlink(missing_ok=True)  # it must not stand beside another table
     with atomic_file(folder / store.TABLE) as file:
-        pq.write_table(table.select(store.FINISHED), file, compression="zstd")
+        pq.write_table(table, file, compression="zstd")
     note = RunNote(options.reading, options.sample_period)
     plain = msgspec.json.format(msgspec.json.encode(_summary(answer, note)), indent=1)
     write_atomic(folder / store.SUMMARY, (escaped(plain.decode()) + "\n").encode())

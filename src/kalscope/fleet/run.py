@@ -272,8 +272,8 @@ def run_fleet(
         if missing:
             with open_workers(cluster, len(missing)) as workers:
                 _Run(units, keys, options, store, tally).do(missing, workers, show)
-        table, pool = store.merged(keys)
-        answer = answer_for(devices_of(table), pool, options.question)
+        table, inputs, pool = store.merged(keys)
+        answer = answer_for(devices_of(table, inputs), pool, options.request)
         save_answer(answer, table, store, options)
         return tally, answer
 
@@ -322,8 +322,7 @@ class _Run:
             self.deaths[i] += 1
             if not is_late and self.deaths[i] < MAX_DEATHS:
                 return [others, [i]]
-            limit = trimmed(time_limit(self.units[i].size, self.options.device_limit))
-            late = f"it must be read and fitted within {limit} s (got no result): --device-limit allows more"
+            late = f"it must be read and fitted within {trimmed(time_limit(self.units[i].size))} s (got no result)"
             row = lost_row(self.units[i], late if is_late else LOST, TIMED_OUT if is_late else FAILED)
             self._keep(Done([stored(self.keys[i], [row], Pool.empty())], 1))
             return [others]

@@ -12,7 +12,7 @@ import importlib
 import json
 import os
 import sqlite3
-from collections.abc import Collection, Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields
 from operator import attrgetter
@@ -25,8 +25,7 @@ import numpy as np
 from kalscope.common.files import make_folder
 from kalscope.common.numbers import Array
 from kalscope.errors import BadFile, BadSetting
-from kalscope.estimation.pool import LOG_RATIO, MOMENTUM, WIDTH, Pool
-from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.estimation.pool import WIDTH, Pool
 
 LIBRARIES = ("dask", "distributed", "pyarrow")
 """What `kalscope[fleet]` installs, imported where it is needed."""
@@ -53,8 +52,6 @@ MAX_BYTES = 2 << 30
 """Bytes of its columns, at most."""
 MAX_TEXT_BYTES = 4096
 """Bytes of a text in the table, at most: no path is longer."""
-MAX_LOG_RATIO = 690.0
-"""|ln λ| of a filter, at most: λ fits a double."""
 AT_ONCE = 1000
 """Units whose rows are read from the database at a time."""
 
@@ -115,38 +112,17 @@ class Row:
     error_growth: float | None = None
     """By which share its error of predicting samples that no fit has seen is larger."""
     left: bytes | None = None
-    """What the three are computed from, see `loss_inputs`; only in the database."""
+    """What the three are computed from, a row of `loss_inputs`; only in the database."""
 
 
-LOSS_INPUTS = "left"
-"""The column that is not in the finished table."""
 COLUMNS = tuple(one.name for one in fields(Row))
-FINISHED = tuple(name for name in COLUMNS if name != LOSS_INPUTS)
-"""The columns of a finished table."""
+_NOTHING = np.full(WIDTH, np.nan, dtype="<f4").tobytes()
 
 
-def schema(names: Collection[str] = COLUMNS) -> Any:
-    """The schema of these columns of the table."""
-    kinds = {"str": pa.string(), "int": pa.int64(), "bytes | None": pa.binary()}
-    return pa.schema(
-        [(one.name, kinds.get(str(one.type), pa.float64())) for one in fields(Row) if one.name in names]
-    )
-
-
-def loss_cells(rows: Array) -> list[bytes | None]:
-    """The cells of `loss_inputs`; None for a device that could not be judged at all."""
-    rows = np.ascontiguousarray(rows, dtype="<f4")
-    return [row.tobytes() if known else None for row, known in zip(rows, np.isfinite(rows[:, 0]), strict=True)]
-
-
-def loss_rows(cells: list[Any]) -> Array:
-    """The numbers in cells that may have been written by anything, shape (cells, WIDTH); NaN for an empty one."""
-    nothing = np.full(WIDTH, np.nan, dtype="<f4").tobytes()
-    content = b"".join(cell if isinstance(cell, bytes) and len(cell) == len(nothing) else nothing for cell in cells)
-    numbers = np.frombuffer(content, dtype="<f4").reshape(len(cells), WIDTH).astype(np.float64)
-    ratio, tau = numbers[:, LOG_RATIO], numbers[:, MOMENTUM]
-    good = (np.abs(ratio) < MAX_LOG_RATIO) & (tau >= 0.0) & (tau <= MAX_MOMENTUM)
-    return np.where(good[:, None] & np.isfinite(numbers), numbers, np.nan)
+def schema() -> Any:
+    """The schema of the table."""
+    kinds = {"str": pa.string(), "int": pa.int64()}
+    return pa.schema([(one.name, kinds.get(str(one.type), pa.float64())) for one in fields(Row)[:-1]])
 
 
 class Stored(NamedTuple):
@@ -162,14 +138,14 @@ class Stored(NamedTuple):
 
 
 def stored(key: str, rows: Sequence[Row], pool: Pool) -> Stored:
-    """A finished unit with this key."""
+    """A finished unit with this key, see `Unit.key`."""
     cells = [
         [_table_text(one) if isinstance(one, str) else one for one in attrgetter(*COLUMNS)(row)] for row in rows
     ]
-    numbers = np.concatenate(([pool.devices, pool.innovations], pool.sums.ravel())).astype("<f8")
-    pool_cell = numbers.tobytes() if pool.devices else None
+    numbers = np.concatenate(([pool.devices, pool.innovations], pool.sums.ravel())).astype("<f8").tobytes()
     settled = not any(row.verdict in (FAILED, TIMED_OUT) for row in rows)
-    return Stored(key, settled, msgspec.msgpack.encode(cells, enc_hook=np.generic.item), pool_cell)
+    content = msgspec.msgpack.encode(cells, enc_hook=np.generic.item)
+    return Stored(key, settled, content, numbers if pool.devices else None)
 
 
 def _table_text(text: str) -> str:
@@ -213,8 +189,10 @@ class Store:
         with self._database as database:
             database.executemany("INSERT OR REPLACE INTO units VALUES (?, ?, ?, ?)", units)
 
-    def merged(self, keys: Sequence[str]) -> tuple[Any, Pool]:
-        """The rows of these units in this order, and the sum of their pools in it; all other units are deleted.
+    def merged(self, keys: Sequence[str]) -> tuple[Any, Array, Pool]:
+        """The rows of these units in this order, their `loss_inputs`, and the sum of their pools.
+
+        All other units are deleted.
 
         Raises:
             BadFile: the database holds something else.
@@ -222,34 +200,32 @@ class Store:
         with self._database as database:
             wanted = json.dumps(keys)
             database.execute("DELETE FROM units WHERE key NOT IN (SELECT value FROM json_each(?))", (wanted,))
-        tables, pool = [schema().empty_table()], Pool.empty()
+        tables, inputs, pool = [schema().empty_table()], list[bytes](), Pool.empty()
         select = "SELECT key, rows, pool FROM units WHERE key IN (SELECT value FROM json_each(?))"
         try:
             for first in range(0, len(keys), AT_ONCE):
-                some = keys[first : first + AT_ONCE]
+                some, rows = keys[first : first + AT_ONCE], list[Any]()
                 units = {key: cells for key, *cells in self._database.execute(select, (json.dumps(some),))}
-                rows = [row for key in some for row in msgspec.msgpack.decode(units[key][0])]
-                for cell in filter(None, (units[key][1] for key in some)):
-                    pool = pool + _pool_from(cell)
-                columns = zip(*rows, strict=True) if rows else [()] * len(COLUMNS)
+                for content, cell in (units[key] for key in some):
+                    rows += msgspec.msgpack.decode(content)
+                    pool = pool if cell is None else pool + _pool_from(cell)
+                *columns, left = zip(*rows, strict=True) if rows else [()] * len(COLUMNS)
+                inputs += [cell or _NOTHING for cell in left]
                 arrays = [pa.array(column, one.type) for one, column in zip(schema(), columns, strict=True)]
                 tables.append(pa.table(arrays, schema=schema()))
+            numbers = np.frombuffer(b"".join(inputs), "<f4").astype(np.float64)
+            numbers[~np.isfinite(numbers)] = np.nan
+            return pa.concat_tables(tables), numbers.reshape(len(inputs), WIDTH), pool
         except (pa.ArrowException, ValueError, TypeError, KeyError, IndexError) as error:
             raise BadFile(f"{STORE} must hold the units of a fleet (got {type(error).__name__})") from None
-        return pa.concat_tables(tables), pool
-
-    def is_own_tuning(self) -> bool:
-        """Whether tuning.toml is one that the fleet wrote, unchanged."""
-        try:
-            digest = hashlib.sha256((self.folder / TUNING).read_bytes()).hexdigest()
-        except FileNotFoundError:
-            return False
-        return bool(self._database.execute("SELECT 1 FROM tunings WHERE sha256 = ?", (digest,)).fetchone())
 
     def check_tuning(self) -> None:
         """Refuse a tuning file that no fleet wrote, or that was changed since: BadSetting."""
         path = self.folder / TUNING
-        if path.exists() and not self.is_own_tuning():
+        if not path.exists():
+            return
+        known = "SELECT 1 FROM tunings WHERE sha256 = ?"
+        if self._database.execute(known, (hashlib.sha256(path.read_bytes()).hexdigest(),)).fetchone() is None:
             raise BadSetting(
                 f"-o must name a folder without a {TUNING} of your own (got {str(path)!r}, which no fleet wrote or"
                 " which was changed since): move it and run the same command again"
@@ -299,7 +275,7 @@ def checked_table(path: Path) -> Any:
     Raises:
         BadFile: it is not such a table, or one that would fill the memory.
     """
-    known = schema(FINISHED)
+    known = schema()
     texts = [one.name for one in known if pa.types.is_string(one.type)]
     try:
         file = pq.ParquetFile(path, memory_map=False, read_dictionary=texts)

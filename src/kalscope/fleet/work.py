@@ -23,14 +23,16 @@ from kalscope.estimation.many import Series, estimate_many, fitted_ratios, pair_
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request, find_parameters
 from kalscope.filtering.steady import steady_state
-from kalscope.fleet.read import Block, FleetOptions, Question, Unit, read_block
-from kalscope.fleet.store import FAILED, STORE, Row, Stored, loss_cells, stored
+from kalscope.fleet.read import Block, FleetOptions, Unit, read_block
+from kalscope.fleet.store import FAILED, STORE, Row, Stored, stored
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
 MAX_SECONDS = 10.0
 """A batch that takes longer ends after its current unit; the others are distributed to idle workers."""
+DEVICE_LIMIT_S = 120.0
+"""Longest time for a unit of up to FULL_BYTES, s."""
 FULL_BYTES = 16 << 20
 """A larger unit has more time, in proportion to its bytes."""
 CHOSEN = "chosen"
@@ -93,7 +95,7 @@ def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done
     keys, done, rows = [unit.key(fingerprint) for unit in units], list[Stored](), 0
     with _one_batch, _note(Path(folder), keys) as note:
         for unit, key in zip(units, keys, strict=True):
-            with time_limited(note, key, time_limit(unit.size, options.device_limit)):
+            with time_limited(note, key, time_limit(unit.size)):
                 fitted = fit_unit(unit, options)
                 done.append(stored(key, *fitted))
                 rows += len(fitted.rows)
@@ -148,7 +150,7 @@ def fit_each(name: str, recording: Recording, options: FleetOptions) -> Fitted:
             rejected_lines=recording.report.rejected,
         )
         try:
-            row, one = _fit(recording, row, options.question)
+            row, one = _fit(recording, row, options)
             pool = pool + one
         except Exception as error:  # whatever is wrong with one recording, the others go on
             row = replace(row, reason=_reason(error))
@@ -156,10 +158,10 @@ def fit_each(name: str, recording: Recording, options: FleetOptions) -> Fitted:
     return Fitted(rows, pool)
 
 
-def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]:
+def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Pool]:
     """The row with the result of its fit, and what it contributes to one filter for all."""
     z, dt = recording.channel(row.channel), recording.steps() if recording.gaps == "dt" else None
-    result = find_parameters(z, question.request(recording), dt=dt, sample_period=recording.sample_period)
+    result = find_parameters(z, options.request, dt=dt, sample_period=recording.sample_period)
     estimate, params = result.estimate, result.params
     outliers = None if estimate is None else estimate.outliers
     many = series_of([z if outliers is None else np.where(outliers, np.nan, z)], None if dt is None else [dt])
@@ -173,8 +175,8 @@ def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]
         spikes = 0 if outliers is None else int(np.count_nonzero(outliers))
         row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high, spikes=spikes)
     growth = held_out(many, momentum=np.array([tau > 0.0]))
-    if question.gate is not None:
-        params = replace(params, gate=None if math.isnan(question.gate) else question.gate)
+    if options.gate is not None:
+        params = replace(params, gate=None if math.isnan(options.gate) else options.gate)
     row = replace(
         row,
         q=params.q,
@@ -182,7 +184,7 @@ def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]
         momentum=params.momentum,
         gate=params.gate,
         lag_samples=steady_state(params).lag_samples,
-        left=loss_cells(loss_inputs(ratio, np.array([tau]), growth))[0],
+        left=loss_inputs(ratio, np.array([tau]), growth).astype("<f4").tobytes(),
     )
     return row, pool_of(many)
 
@@ -216,7 +218,7 @@ def _plain_steps(block: Block, options: FleetOptions) -> Array:
     as_stamped = (
         replace(reading, time_column=None, time_unit=None) == ReadOptions() and options.sample_period is None
     )
-    if not (one_channel and as_stamped and options.question.gate is None and options.request in PLAIN):
+    if not (one_channel and as_stamped and options.gate is None and options.request in PLAIN):
         return np.full(len(block.ids), math.nan)
     infinite: Mask = np.logical_or.reduceat(np.isinf(block.table.columns[0]), block.starts[:-1])
     return np.where(infinite, math.nan, block.even_steps())
@@ -224,7 +226,7 @@ def _plain_steps(block: Block, options: FleetOptions) -> Array:
 
 def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOptions) -> Fitted:
     """Fit the chosen recordings, one channel each with even stamps, in one compiled call."""
-    start, request = time.thread_time(), options.request or PLAIN[0]
+    start, request = time.thread_time(), options.request
     values, sizes = block.table.columns[0], np.diff(block.starts)
     if len(chosen) < len(sizes):
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
@@ -236,7 +238,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         cleaned = replace(many, values=values.copy())
         cleaned.values[table.set_aside] = math.nan
     ratio = np.where(table.usable, table.ratio, math.nan)
-    cells = loss_cells(loss_inputs(ratio, np.zeros(len(ratio)), held_out(cleaned)))
+    inputs = loss_inputs(ratio, np.zeros(len(ratio)), held_out(cleaned)).astype("<f4")
     pool, seconds = pool_of(cleaned), (time.thread_time() - start) / len(chosen)
     names = ("q", "r", "q_low", "q_high", "r_low", "r_high", "lag_samples")
     pairs = (table.q, table.r, *table.q_interval, *table.r_interval, table.lag_samples)
@@ -248,7 +250,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         if table.usable[i]:
             known |= dict(zip(names, numbers[i], strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
-            known |= {"momentum": 0.0, "gate": gate, "left": cells[i], "spikes": int(table.spikes[i])}
+            known |= {"momentum": 0.0, "gate": gate, "left": inputs[i].tobytes(), "spikes": int(table.spikes[i])}
         else:
             known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))
@@ -259,9 +261,9 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
 # the lock of the interpreter, which a compiled loop may hold for ever.
 
 
-def time_limit(size: int, device_limit: float) -> float:
+def time_limit(size: int) -> float:
     """Longest time for a unit of `size` bytes, s."""
-    return device_limit * max(1.0, size / FULL_BYTES)
+    return DEVICE_LIMIT_S * max(1.0, size / FULL_BYTES)
 
 
 def note_path(folder: Path, keys: Sequence[str]) -> Path:
