@@ -79,12 +79,12 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
     tally = json.loads(subprocess.run(driver(source, whole), check=True, stdout=subprocess.PIPE, text=True).stdout)
     seconds = time.monotonic() - begun
     print(
-        f"{tally['rows'] / tally['seconds']:,.0f} rows/s on all cores ({seconds:.1f} s with start"
-        f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
+        f"{series / tally['seconds']:,.0f} rows/s on all cores ({seconds:.1f} s with start"
+        f" and merge); {series / tally['total_s']:,.0f} rows a second of processor time;"
         f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit, start included;"
         f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker, {tally['driver_bytes'] / 1e6:,.0f} MB the driver"
     )
-    print(f"rows/s by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
+    print(f"row groups a second by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
     return disturbed(source, whole, folder / f"killed-{series}", kills, tally) if kills else 0
 
 
@@ -127,7 +127,7 @@ def drive(source: str, out: str) -> None:
     """One run, as `kalscope fleet` does it."""
     seen: list[tuple[float, int]] = [(0.0, 0)]
     options = FleetOptions(Request(momentum=0.0, robust=False))
-    tally, _ = run_fleet([source], options, Path(out), show=lambda tally: seen.append((tally.seconds, tally.rows)))
+    tally, _ = run_fleet([source], options, Path(out), show=lambda tally: seen.append((tally.seconds, tally.done)))
     driver, workers = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     used = {
         "total_s": workers.ru_utime + workers.ru_stime,
@@ -139,10 +139,10 @@ def drive(source: str, out: str) -> None:
 
 
 def fifths(seen: list[tuple[float, int]]) -> list[float]:
-    """Rows a second in each fifth of the rows."""
-    seconds, rows = np.array(seen).T
-    ends = np.interp(np.linspace(0.0, rows[-1], 6), rows, seconds)
-    return [rows[-1] / 5 / max(step, 1e-9) for step in np.diff(ends).tolist()]
+    """Row groups a second in each fifth of the run."""
+    seconds, groups = np.array(seen).T
+    ends = np.interp(np.linspace(0.0, groups[-1], 6), groups, seconds)
+    return [groups[-1] / 5 / max(step, 1e-9) for step in np.diff(ends).tolist()]
 
 
 def workers_of(pid: int) -> list[psutil.Process]:

@@ -19,7 +19,8 @@ from waiting import wait_until
 from kalscope.cli.fleet import progress_text
 from kalscope.common.stopping import stop_signals
 from kalscope.fleet import work
-from kalscope.fleet.run import Tally, without_interrupts, workers_here
+from kalscope.fleet.results import Tally
+from kalscope.fleet.run import without_interrupts, workers_here
 
 GIB = 1 << 30
 STARTING = """
@@ -52,7 +53,7 @@ def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow(monkeypat
 
 
 def test_progress_counts_what_was_kept_in_both_numbers():
-    assert progress_text(Tally(10, 6, done=1, rows=1, seconds=2.0)) == "7 of 10 done (70 %), 0.500 rows/s, 6 s left"
+    assert progress_text(Tally(10, 6, done=1, seconds=2.0)) == "7 of 10 done (70 %), 6 s left"
     assert progress_text(Tally(4, 4)) == "4 of 4 done (100 %)"
 
 

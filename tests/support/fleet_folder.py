@@ -37,8 +37,8 @@ def run_steps(source, folder, options=PLAIN):
         keys = [unit.key(options.fingerprint()) for unit in units]
         store.keep(stored(key, *fit_unit(unit, options)) for key, unit in zip(keys, units, strict=True))
         table, inputs, pool = store.merged(keys)
-        answer = answer_for(devices_of(table, inputs), pool, options.request)
-        save_answer(answer, table, store, options)
+        answer = answer_for(devices_of(table, inputs), pool, options, folder)
+        save_answer(answer, table, store)
     return answer
 
 

@@ -16,7 +16,7 @@ from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.fleet.run import Tally
+    from kalscope.fleet.results import Tally
 
 
 @with_options(reading=read_options, question=TuneOptions)
@@ -78,12 +78,11 @@ def fleet_command(
 
 
 def progress_text(tally: Tally) -> str:
-    """How far a run is, how fast, and the time left, in one line."""
-    from kalscope.common.text import count, duration, number, percent
+    """How far a run is and the time left, in one line."""
+    from kalscope.common.text import count, duration, percent
 
     finished = tally.kept + tally.done
     text = f"{count(finished)} of {count(tally.units)} done ({percent(finished / tally.units)})"
-    if not tally.seconds or not tally.done:
+    if not tally.done:
         return text
-    left = duration(tally.seconds * (tally.units - finished) / tally.done)
-    return f"{text}, {number(tally.rows / tally.seconds)} rows/s, {left} left"
+    return f"{text}, {duration(tally.seconds * (tally.units - finished) / tally.done)} left"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -49,9 +49,6 @@ from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import dumps
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-
-if TYPE_CHECKING:
-    from kalscope.fleet.run import Tally
 
 WITHIN = 0.1
 """Growth of the prediction error up to which a device counts as served."""
@@ -139,10 +136,6 @@ class Devices:
         known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
         return 1.0 / float(np.median(known)) if len(known) else None
 
-    def outliers(self, name: str) -> pooling.Outliers:
-        """Which devices differ from the others in one of QUANTITIES."""
-        return pooling.outliers(*self.logs(name), EXPECTED)
-
     def logs(self, name: str) -> tuple[Array, tuple[Array, Array]]:
         """Ln of one of QUANTITIES, NaN where there is none, and its interval, unbounded where it is not known."""
 
@@ -210,40 +203,72 @@ class Shared:
         beyond = np.flatnonzero(self.losses.error > WITHIN)
         return beyond[np.argsort(-self.losses.error[beyond], kind="stable")].tolist()
 
-    @property
-    def columns(self) -> dict[str, Array]:
-        """What each device loses, by its name in the table and in fleet.json."""
-        return dict(zip(LOST, (self.losses.lag_samples, self.losses.noise_db, self.losses.error), strict=True))
-
 
 @dataclass(frozen=True)
-class Answer:
-    """The answer for a fleet."""
+class RunNote:
+    """How the recordings of a fleet were read: they are opened again in the same way."""
 
+    reading: ReadOptions
+    """How files are read."""
+    sample_period: Annotated[float, msgspec.Meta(gt=0.0)] | None
+    """Sample period in s in place of that of the recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """A fleet and its answer, arrays of shape (rows,); compared by identity."""
+
+    folder: Path
+    """Its folder."""
     devices: Devices
-    """The table."""
+    """The table; q and r are NaN where they are not variances."""
     shared: Shared | None
     """One filter for all; None where there is none, and `refusal` says why."""
     refusal: str
     """Why there is no such filter; "" where there is one."""
-    outliers: dict[str, pooling.Outliers]
-    """Which devices differ from the others in each of QUANTITIES."""
+    note: RunNote
+    """How its recordings were read."""
+
+    def __len__(self) -> int:
+        return len(self.devices)
+
+    @cached_property
+    def outliers(self) -> dict[str, pooling.Outliers]:
+        """Which devices differ from the others in each of QUANTITIES."""
+        return {name: pooling.outliers(*self.devices.logs(name), EXPECTED) for name in QUANTITIES}
+
+    @cached_property
+    def outlier(self) -> Mask:
+        """Which differ from the others in r or q."""
+        named = np.concatenate([self.outliers[name].devices for name in ("r", "q")])
+        return np.isin(np.arange(len(self)), named)
+
+    @cached_property
+    def distance(self) -> Array:
+        """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN: unknown."""
+        return np.fmax(*(np.abs(self.outliers[name].z) for name in ("r", "q")))
+
+    @property
+    def growth(self) -> Array:
+        """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
+        return np.full(len(self), math.nan) if self.shared is None else self.shared.losses.error
 
 
-def answer_for(devices: Devices, pool: pooling.Pool, request: Request) -> Answer:
-    """The answer for a fleet.
+def answer_for(devices: Devices, pool: pooling.Pool, options: FleetOptions, folder: Path) -> Fleet:
+    """The fleet with its answer.
 
     Args:
         devices: Its table.
         pool: What all recordings contribute to one filter without momentum.
-        request: What was estimated of each recording; a goal holds for the filter of all too.
+        options: What was estimated of each recording; a goal holds for the filter of all too.
+        folder: Of the results.
     """
     shared, refusal = None, ""
     try:
-        shared = _shared_filter(devices, pool, request)
+        shared = _shared_filter(devices, pool, options.request)
     except BadSetting as error:
         refusal = str(error)
-    return Answer(devices, shared, refusal, {name: devices.outliers(name) for name in QUANTITIES})
+    return Fleet(folder, devices, shared, refusal, RunNote(options.reading, options.sample_period))
 
 
 def _shared_filter(devices: Devices, pool: pooling.Pool, request: Request) -> Shared:
@@ -267,16 +292,6 @@ def _shared_filter(devices: Devices, pool: pooling.Pool, request: Request) -> Sh
 
 
 @dataclass(frozen=True)
-class RunNote:
-    """How the recordings of a fleet were read: they are opened again in the same way."""
-
-    reading: ReadOptions
-    """How files are read."""
-    sample_period: Annotated[float, msgspec.Meta(gt=0.0)] | None
-    """Sample period in s in place of that of the recordings."""
-
-
-@dataclass(frozen=True)
 class SavedFilter:
     """The filter for all in fleet.json; None for a number that is not finite."""
 
@@ -287,29 +302,21 @@ class SavedFilter:
     """The q/r that the fleet allows, 95 %."""
     how: str
     """How it was chosen, in a few words."""
-    judged: int
-    served: float | None
-    """Share of the judged devices whose error grows by at most WITHIN."""
-    not_served: list[str]
-    """Ids of the others, the worst first, MAX_LISTED at most."""
 
 
 @dataclass(frozen=True)
 class Summary:
     """The answer for programs, fleet.json."""
 
-    rows: int
-    usable: int
-    failed: int
     one_filter: SavedFilter | None
     why_not: str
     """Why there is none."""
     unlike: dict[str, list[str]]
-    """Ids of the devices that are unlike the others in each of QUANTITIES, the most unlike first."""
+    """The devices that are unlike the others in each of QUANTITIES, the most unlike first, MAX_LISTED at most."""
     note: RunNote
 
 
-def save_answer(answer: Answer, table: Any, place: store.Store, options: FleetOptions) -> None:
+def save_answer(fleet: Fleet, table: Any, place: store.Store) -> None:
     """Write the table with what each device loses, fleet.json for programs and the tuning of the filter for all.
 
     Each is written whole or not at all. Without a filter for all there is no tuning file.
@@ -318,24 +325,27 @@ def save_answer(answer: Answer, table: Any, place: store.Store, options: FleetOp
         OSError: The folder cannot be written; the files are unchanged.
         BadSetting: there is a tuning file that no fleet wrote; the files are unchanged.
     """
-    folder, shared = place.folder, answer.shared
+    folder, devices, shared, one = place.folder, fleet.devices, fleet.shared, None
     place.check_tuning()
-    columns: dict[str, Array] = {} if shared is None else shared.columns
-    for name, values in columns.items():
-        column = pa.array(values, pa.float64(), mask=~np.isfinite(values))
-        table = table.set_column(table.column_names.index(name), name, column)
+    if shared is not None:
+        for name, values in zip(
+            LOST, (shared.losses.lag_samples, shared.losses.noise_db, fleet.growth), strict=True
+        ):
+            column = pa.array(values, pa.float64(), mask=~np.isfinite(values))
+            table = table.set_column(table.column_names.index(name), name, column)
+        pair = shared.params.q, float(shared.params.r)
+        one = SavedFilter(*pair, shared.params.momentum, shared.ratio_interval, shared.how)
+    unlike = {name: [devices.name(i) for i in one.devices[:MAX_LISTED]] for name, one in fleet.outliers.items()}
+    plain = msgspec.json.format(msgspec.json.encode(Summary(one, fleet.refusal, unlike, fleet.note)), indent=1)
     (folder / store.SUMMARY).unlink(missing_ok=True)  # it must not stand beside another table
     with atomic_file(folder / store.TABLE) as file:
         pq.write_table(table, file, compression="zstd")
-    note = RunNote(options.reading, options.sample_period)
-    plain = msgspec.json.format(msgspec.json.encode(_summary(answer, note)), indent=1)
     write_atomic(folder / store.SUMMARY, (escaped(plain.decode()) + "\n").encode())
     if shared is None:
         (folder / store.TUNING).unlink(missing_ok=True)
         return
     served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
     how = f"one filter for a fleet, {shared.how}{served if shared.judged else ''}"
-    devices = answer.devices
     tuning = _tuning(devices.channel, devices.unit, shared.params, how, devices.sample_period)
     content = dumps(replace(tuning, source_name=f"fleet of {len(devices)}")).encode()
     place.note_tuning(content)
@@ -349,50 +359,44 @@ def _tuning(channel: str, unit: str, params: FilterParams, how: str, period: flo
     )
 
 
-def _summary(answer: Answer, note: RunNote) -> Summary:
-    devices, shared, saved = answer.devices, answer.shared, None
+@dataclass
+class Tally:
+    """What a run has done so far."""
 
-    def ids(rows: Sequence[int] | Indices) -> list[str]:
-        return [devices.name(int(i)) for i in rows[:MAX_LISTED]]
-
-    if shared is not None:
-        one, judged, served, worst = shared.params, shared.judged, shared.served, ids(shared.not_served)
-        pair = one.q, float(one.r), one.momentum
-        saved = SavedFilter(*pair, shared.ratio_interval, shared.how, judged, served, worst)
-    unlike = {name: ids(one.devices) for name, one in answer.outliers.items()}
-    counts = len(devices), int(devices.usable.sum()), devices.failed
-    return Summary(*counts, saved, answer.refusal, unlike, note)
+    units: int
+    """Units of the fleet."""
+    kept: int
+    """Units that an earlier run had done."""
+    done: int = 0
+    """Units done."""
+    seconds: float = 0.0
+    """How long the batches took, s."""
 
 
-def summary(answer: Answer, tally: Tally, folder: Path) -> str:
+def summary(fleet: Fleet, tally: Tally, folder: Path) -> str:
     """How many rows, how many without q and r and why, one filter for all, the devices that differ, the files."""
-    done = "nothing was missing"
-    if tally.done:
-        speed = (
-            f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
-        )
-        done = f"{count(tally.done)} of {count(tally.units)} files or row groups done{speed}"
-    files = f"Table: {folder / store.TABLE}{f'; tuning: {folder / store.TUNING}' if answer.shared else ''}"
-    lines = [f"{answer.devices.counted}; {done}", *_lines(answer), files]
+    done = f"{count(tally.done)} of {count(tally.units)} files or row groups done in {duration(tally.seconds)}"
+    files = f"Table: {folder / store.TABLE}{f'; tuning: {folder / store.TUNING}' if fleet.shared else ''}"
+    lines = [f"{fleet.devices.counted}; {done if tally.done else 'nothing was missing'}", *_lines(fleet), files]
     # Names come from files, and might move the cursor of a terminal.
     return "".join("".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line) + "\n" for line in lines)
 
 
-def _lines(answer: Answer) -> Iterator[str]:
-    devices, reasons = answer.devices, Counter(filter(None, answer.devices.reasons))
+def _lines(fleet: Fleet) -> Iterator[str]:
+    devices, reasons = fleet.devices, Counter(filter(None, fleet.devices.reasons))
     if reasons:
         common = reasons.most_common(MAX_NAMED)
         yield "Why not all have q and r:"
         yield from (f"  {count(times)} × {reason}" for reason, times in common)
         if others := reasons.total() - sum(times for _, times in common):
             yield f"  {count(others)} for other reasons"
-    if answer.shared is None:
-        yield f"No filter for all: {answer.refusal}"
+    if fleet.shared is None:
+        yield f"No filter for all: {fleet.refusal}"
     else:
-        yield from _filter_lines(devices, answer.shared)
-    if devices.usable.any() and not any(len(one.devices) for one in answer.outliers.values()):
+        yield from _filter_lines(devices, fleet.shared)
+    if devices.usable.any() and not any(len(one.devices) for one in fleet.outliers.values()):
         yield "No device is unlike the others in r, q or sample rate"
-    for quantity, one in answer.outliers.items():
+    for quantity, one in fleet.outliers.items():
         if len(one.devices):
             factors = getattr(devices, quantity) / math.exp(one.middle)
             named = _named(devices, one.devices, lambda i: f"{number(factors[i])} ×")  # noqa: B023
@@ -433,32 +437,6 @@ def _named(devices: Devices, rows: Sequence[int] | Indices, text: Callable[[int]
     return named + (f" and {count(len(rows) - MAX_NAMED)} more" if len(rows) > MAX_NAMED else "")
 
 
-@dataclass(frozen=True, eq=False)
-class Fleet:
-    """A fleet, its arrays of shape (rows,); compared by identity."""
-
-    folder: Path
-    """Its folder."""
-    devices: Devices
-    """The table; q and r are NaN where they are not variances."""
-    shared: Shared | None
-    """One filter for all; None where there is none."""
-    distance: Array
-    """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN where unknown."""
-    outlier: Mask
-    """Which differ from the others in r or q."""
-    note: RunNote
-    """How its recordings were read."""
-
-    def __len__(self) -> int:
-        return len(self.devices)
-
-    @property
-    def growth(self) -> Array:
-        """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
-        return np.full(len(self), math.nan) if self.shared is None else self.shared.losses.error
-
-
 def read_fleet(folder: Path) -> Fleet:
     """The finished fleet of a folder.
 
@@ -486,11 +464,7 @@ def read_fleet(folder: Path) -> Fleet:
         losses = (numbers_of(table, name, *ends.get(name, (-math.inf, math.inf))) for name in LOST)
         params = FilterParams(saved.q, saved.r, momentum=saved.momentum)
         shared = Shared(params, (low, high), saved.how[:200], pooling.Losses(*losses))
-    compared = [devices.outliers(name) for name in ("r", "q")]
-    outlier = np.zeros(len(devices), dtype=bool)
-    outlier[np.concatenate([one.devices for one in compared])] = True
-    distance = np.fmax(*(np.abs(one.z) for one in compared))
-    return Fleet(folder, devices, shared, distance, outlier, read.note)
+    return Fleet(folder, devices, shared, read.why_not, read.note)
 
 
 def reopen(

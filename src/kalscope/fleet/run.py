@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import active_children, resource_tracker
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import done_at_stop, is_ending
@@ -22,9 +22,9 @@ from kalscope.common.text import trimmed
 from kalscope.errors import BadDevice, KalscopeError
 from kalscope.estimation.pool import Pool
 from kalscope.fleet.read import FleetOptions, Unit, find_units
-from kalscope.fleet.results import Answer, answer_for, devices_of, save_answer
-from kalscope.fleet.store import FAILED, TIMED_OUT, Store, library, open_store, stored
-from kalscope.fleet.work import Done, TimedOut, lost_row, note_path, noted_unit, run_batch, time_limit
+from kalscope.fleet.results import Fleet, Tally, answer_for, devices_of, save_answer
+from kalscope.fleet.store import FAILED, TIMED_OUT, Store, Stored, library, open_store, stored
+from kalscope.fleet.work import TimedOut, lost_row, note_path, noted_unit, run_batch, time_limit
 
 MAX_BATCH_BYTES = 64 << 20
 """Most bytes of a batch of several units: with them a worker needs about 0.5 GB."""
@@ -110,15 +110,17 @@ class Workers:
             if self._client.status in ("closed", "closing"):
                 raise BadDevice("the scheduler must stay reachable (got no answer)") from None
             return None
-        batch = self._batches.pop(future)
         try:
-            result = future.result(timeout=PATIENCE_S)
+            result: Any = future.result(timeout=PATIENCE_S)
+        except TimeoutError:  # its worker is busy
+            self._ended.put(future)
+            return None
         except CancelledError:  # forgotten: the scheduler was lost, or another one took its place
-            result = Done([], 0)
+            result = []
         except Exception as error:
             result = WorkerDied() if isinstance(error, library("distributed").KilledWorker) else error
         future.release()
-        return batch, result
+        return self._batches.pop(future), result
 
     def cancel(self) -> None:
         """Cancel all batches that have not ended."""
@@ -219,29 +221,13 @@ def without_interrupts() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-@dataclass
-class Tally:
-    """What a run has done so far."""
-
-    units: int
-    """Units of the fleet."""
-    kept: int
-    """Units that an earlier run had done."""
-    done: int = 0
-    """Units done."""
-    rows: int = 0
-    """Rows written."""
-    seconds: float = 0.0
-    """How long the batches took, s."""
-
-
 def run_fleet(
     sources: Sequence[str],
     options: FleetOptions,
     folder: Path,
     cluster: str | None = None,
     show: Callable[[Tally], None] | None = None,
-) -> tuple[Tally, Answer]:
+) -> tuple[Tally, Fleet]:
     """Do the missing work of a fleet, and write its answer.
 
     It can be ended at any moment, by an exception or by kill -9: what is finished by then is kept.
@@ -254,7 +240,7 @@ def run_fleet(
         show: Called with the tally whenever a task has ended, and a few times a second.
 
     Returns:
-        What was done, and the answer.
+        What was done, and the fleet with its answer.
 
     Raises:
         BadSetting: a source names nothing, another run holds the folder, a library is missing.
@@ -273,9 +259,9 @@ def run_fleet(
             with open_workers(cluster, len(missing)) as workers:
                 _Run(units, keys, options, store, tally).do(missing, workers, show)
         table, inputs, pool = store.merged(keys)
-        answer = answer_for(devices_of(table, inputs), pool, options.request)
-        save_answer(answer, table, store, options)
-        return tally, answer
+        fleet = answer_for(devices_of(table, inputs), pool, options, folder)
+        save_answer(fleet, table, store)
+        return tally, fleet
 
 
 @dataclass(frozen=True)
@@ -308,9 +294,9 @@ class _Run:
 
     def _rest(self, batch: Batch, result: Any) -> list[Batch]:
         """What a batch has left to do; a unit at which a worker died is tried alone, and the others without it."""
-        if isinstance(result, Done):
-            self._keep(result)
-            rest = batch[len(result.units) :]  # to two workers
+        if isinstance(result, list):
+            self._keep(cast("list[Stored]", result))
+            rest = batch[len(cast("list[Stored]", result)) :]  # to two workers
             return [rest[: len(rest) // 2], rest[len(rest) // 2 :]]
         if isinstance(result, WorkerDied | TimedOut):
             keys = [self.keys[i] for i in batch]
@@ -324,7 +310,7 @@ class _Run:
                 return [others, [i]]
             late = f"it must be read and fitted within {trimmed(time_limit(self.units[i].size))} s (got no result)"
             row = lost_row(self.units[i], late if is_late else LOST, TIMED_OUT if is_late else FAILED)
-            self._keep(Done([stored(self.keys[i], [row], Pool.empty())], 1))
+            self._keep([stored(self.keys[i], [row], Pool.empty())])
             return [others]
         if isinstance(result, ImportError):
             raise KalscopeError(
@@ -333,7 +319,6 @@ class _Run:
         # not a recording's fault, so the run ends; what is finished is kept
         raise result if isinstance(result, Exception) else RuntimeError(repr(result))
 
-    def _keep(self, done: Done) -> None:
-        self.store.keep(done.units)
-        self.tally.done += len(done.units)
-        self.tally.rows += done.rows
+    def _keep(self, units: list[Stored]) -> None:
+        self.store.keep(units)
+        self.tally.done += len(units)

@@ -7,11 +7,11 @@ import hashlib
 import math
 import threading
 import time
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,30 +56,24 @@ class Fitted(NamedTuple):
     """What all of them contribute to one filter for all."""
 
 
-class Done(NamedTuple):
-    """What a task returns."""
-
-    units: list[Stored]
-    """Units done, from the first on; the others of the batch were not started."""
-    rows: int
-    """Their rows."""
-
-
 class TimedOut(Exception):
     """A unit of the batch has ended an earlier worker; the note names it."""
 
 
-def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done:
-    """Fit the units of a batch.
+def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> list[Stored]:
+    """Fit the units of a batch, from the first on; the last ones are left out where it takes long.
+
+    A unit that takes too long ends its process, wherever it hangs, and a note names it. A thread of C does it
+    without the lock of the interpreter, which a compiled loop may hold for ever.
 
     Args:
         units: The batch; at least the first is done.
         options: The options.
-        folder: Of the results, under the path that the worker has for it: for the note of the time limits.
+        folder: Of the results, under the path that the worker has for it: for the note.
 
     Raises:
         BadSetting: the worker does not see the folder, or has another version.
-        TimedOut: an earlier attempt at the batch was ended by its time limit.
+        TimedOut: an earlier attempt was ended by its time limit: a scheduler tries a batch again by itself.
         OSError: the note cannot be written.
     """
     if not (Path(folder) / STORE).exists():
@@ -87,21 +81,46 @@ def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done
     if options.program != program():
         raise BadSetting(f"every worker of --cluster must have {options.program} (got {program()})")
     end, fingerprint = time.monotonic() + MAX_SECONDS, options.fingerprint()
+    keys, done = [unit.key(fingerprint) for unit in units], list[Stored]()
+    path = note_path(Path(folder), keys)
+    if noted_unit(path)[1]:
+        raise TimedOut
     if fingerprint not in _compiled:  # before the clock of a unit runs: it may take longer than most fits
         _compiled.add(fingerprint)
         z = np.random.default_rng(1).normal(size=(200, 1))
         recording = Recording(np.arange(200.0), ("x",), ("",), np.cumsum(z, axis=0) + z[::-1], 1.0)
         fit_each("", recording, replace(options, channel=None))
-    keys, done, rows = [unit.key(fingerprint) for unit in units], list[Stored](), 0
-    with _one_batch, _note(Path(folder), keys) as note:
+    with _one_batch, path.open("wb", buffering=0) as note:
         for unit, key in zip(units, keys, strict=True):
-            with time_limited(note, key, time_limit(unit.size)):
-                fitted = fit_unit(unit, options)
-                done.append(stored(key, *fitted))
-                rows += len(fitted.rows)
+            note.seek(0)
+            note.truncate()
+            note.write(f"{key}\n".encode())
+            faulthandler.dump_traceback_later(time_limit(unit.size), exit=True, file=note)
+            fitted = fit_unit(unit, options)
+            faulthandler.cancel_dump_traceback_later()
+            done.append(stored(key, *fitted))
             if time.monotonic() > end:
                 break
-    return Done(done, rows)
+    path.unlink()
+    return done
+
+
+def time_limit(size: int) -> float:
+    """Longest time for a unit of `size` bytes, s."""
+    return min(DEVICE_LIMIT_S * max(1.0, size / FULL_BYTES), threading.TIMEOUT_MAX)
+
+
+def note_path(folder: Path, keys: Sequence[str]) -> Path:
+    """The note of a batch, there while it is being done: it names the unit."""
+    return folder / f".{hashlib.sha256(''.join(keys).encode()).hexdigest()[:32]}.note"
+
+
+def noted_unit(path: Path) -> tuple[str, bool]:
+    """The unit at which the last attempt at a batch ended, "" where none is known; and whether it took too long."""
+    with suppress(OSError):
+        key, _, report = path.read_bytes().partition(b"\n")
+        return key.decode("ascii", "replace"), report.startswith(_TIMEOUT)
+    return "", False
 
 
 def fit_unit(unit: Unit, options: FleetOptions) -> Fitted:
@@ -255,56 +274,3 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
             known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))
     return Fitted(rows, pool)
-
-
-# A unit that takes too long ends its process, wherever it hangs, and a note names it. A thread of C does it without
-# the lock of the interpreter, which a compiled loop may hold for ever.
-
-
-def time_limit(size: int) -> float:
-    """Longest time for a unit of `size` bytes, s."""
-    return DEVICE_LIMIT_S * max(1.0, size / FULL_BYTES)
-
-
-def note_path(folder: Path, keys: Sequence[str]) -> Path:
-    """The note of a batch, there while it is being done."""
-    return folder / f".{hashlib.sha256(''.join(keys).encode()).hexdigest()[:32]}.note"
-
-
-def noted_unit(path: Path) -> tuple[str, bool]:
-    """The unit at which the last attempt at a batch ended, "" where none is known; and whether it took too long."""
-    with suppress(OSError):
-        key, _, report = path.read_bytes().partition(b"\n")
-        return key.decode("ascii", "replace"), report.startswith(_TIMEOUT)
-    return "", False
-
-
-@contextmanager
-def _note(folder: Path, keys: Sequence[str]) -> Generator[BinaryIO]:
-    """The note that names the unit of a batch that is being done.
-
-    Raises:
-        TimedOut: an earlier attempt has written it: a scheduler tries a batch again by itself.
-        OSError: the note cannot be written.
-    """
-    path = note_path(folder, keys)
-    if noted_unit(path)[1]:
-        raise TimedOut
-    try:
-        with path.open("wb", buffering=0) as note:
-            yield note
-    finally:
-        path.unlink(missing_ok=True)
-
-
-@contextmanager
-def time_limited(note: BinaryIO, key: str, seconds: float) -> Generator[None]:
-    """End this process if the block, the unit with this key, takes longer."""
-    note.seek(0)
-    note.truncate()
-    note.write(f"{key}\n".encode())
-    faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=note)
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()

@@ -32,7 +32,9 @@ def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names
     losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
     one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
     note = RunNote(ReadOptions(), None)
-    return Fleet(Path("fleet"), devices, one, np.where(unlike, 9.0, 1.0), unlike, note)
+    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
+    return fleet
 
 
 def large(n=100_000):
