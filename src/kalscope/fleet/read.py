@@ -137,12 +137,9 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
     roots = [path for one in sources for path in (read_list(one[1:]) if one.startswith("@") else _matches(one))]
     base, skipped = _base(roots), os.path.realpath(output)
     units: dict[str, Unit] = {}
-    for root in roots:
-        if not os.path.join(os.path.realpath(root), "").startswith(os.path.join(skipped, "")):
-            # else a pattern such as ** matches the results of an earlier run
-            for path, reason in _below(root, skipped):
-                if path not in units:
-                    units[path] = _unit(path, base, reason)
+    for path, reason in (found for root in roots for found in _below(root, skipped)):
+        if path not in units:
+            units[path] = _unit(path, base, reason)
     if not units:
         raise BadSetting(f"SOURCE must name at least one file (got {', '.join(map(repr, sources))}, all empty)")
     return sorted(_spread(units.values()), key=lambda unit: (unit.data_set, unit.id))
@@ -168,21 +165,14 @@ def _spread(units: Iterable[Unit]) -> Iterator[Unit]:
 
 
 def _matches(source: str) -> list[str]:
-    """The paths that a source stands for; ** is any depth of folders and follows no link, which might be a loop."""
-    if os.path.lexists(source):
-        return [os.path.abspath(source)]
-    paths: list[str] = []
-    if glob.has_magic(source):
-        parts = Path(os.path.abspath(source)).parts
-        at = next(i for i, part in enumerate(parts) if glob.has_magic(part))
-        root = Path(*parts[:at])
-        met = (path.relative_to(root) for path in root.glob(os.path.join(*parts[at:])))
-        paths = sorted(str(root / path) for path in met if not any(part.startswith(".") for part in path.parts))
-    if not paths:
+    """The paths that a source stands for."""
+    paths = [source] if os.path.lexists(source) else sorted(glob.glob(source))
+    if not paths or "**" in source:  # which would miss what lies deeper
         raise BadSetting(
-            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' or @LIST (got {source!r})"
+            "SOURCE must be a folder, with all below it, a file, a pattern such as 'logs/*.csv' without **, or @LIST"
+            f" (got {source!r})"
         )
-    return paths
+    return [os.path.abspath(path) for path in paths]
 
 
 def _base(paths: Sequence[str]) -> str:
@@ -313,8 +303,7 @@ def _ends(file: Any, i: int, name: str) -> tuple[int, Any, Any]:
 def _long_files(paths: Iterable[str]) -> dict[str, list[_Group]]:
     """The row groups of those Parquet files of a folder that are one data set in the long form.
 
-    They are judged together: an id must have two rows or more, on average. Where each
-    file is a day, say, it may hold each id once.
+    They are judged together: an id must have two rows or more, on average. A file of a day may hold each id once.
     """
     scanned, together = {path: groups for path in paths if (groups := _scan(path))}, dict[str, list[_Group]]()
     for name in {groups[0].id_column for groups in scanned.values()}:

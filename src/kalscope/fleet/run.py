@@ -142,10 +142,7 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     dask, distributed = map(library, ("dask", "distributed"))
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
-        place: Any = address
-        if address is None:
-            folder = stack.enter_context(temporary_folder())
-            place = stack.enter_context(_this_machine(distributed, workers_here(tasks), folder))
+        place = address or _this_machine(stack, distributed, workers_here(tasks))
         try:
             client = stack.enter_context(distributed.Client(place, timeout=PATIENCE_S, set_as_default=False))
             if address is not None:
@@ -164,35 +161,35 @@ def workers_here(tasks: int) -> int:
     return max(1, min(tasks, library("dask.system").CPU_COUNT, memory // WORKER_BYTES))
 
 
-@contextmanager
-def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
-    """Workers on this machine that keep their temporary files in `folder`."""
-    cluster: Any = None
+def _this_machine(stack: ExitStack, distributed: Any, count: int) -> Any:
+    """Workers on this machine, until the stack is left."""
+    folder, clusters = str(stack.enter_context(temporary_folder())), list[Any]()
 
     def kill() -> None:
-        for worker in () if cluster is None else [*cluster.workers.values()]:  # Dask changes them meanwhile
+        for worker in [one for cluster in clusters for one in list(cluster.workers.values())]:  # Dask changes them
             worker.status = distributed.Status.closing  # else Dask would start it again
         for process in active_children():
             process.kill()
 
-    with done_at_stop(kill):
-        with without_interrupts():
-            cluster = distributed.LocalCluster(
+    stack.enter_context(done_at_stop(kill))
+    with without_interrupts():
+        clusters.append(
+            distributed.LocalCluster(
                 threads_per_worker=1,
                 n_workers=count,
                 processes=True,
                 dashboard_address=None,
                 # Dask serves metrics on this port, as 8787 may be taken; a scheduler keeps files in a folder, too.
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": str(folder)},
-                local_directory=str(folder),
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": folder},
+                local_directory=folder,
                 silence_logs=60,  # a worker that dies is handled here
                 preload=[__name__],  # for dask_setup
             )
-        try:
-            yield cluster
-        finally:
-            if not is_ending():  # a worker would finish its recording first
-                cluster.close(timeout=10.0)
+        )
+    stack.callback(
+        lambda: is_ending() or clusters[0].close(timeout=10.0)
+    )  # a worker would finish its recording first
+    return clusters[0]
 
 
 def dask_setup(worker: Any) -> None:
