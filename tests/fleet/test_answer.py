@@ -12,7 +12,7 @@ import pytest
 from fleet_folder import devices_with, table_of
 
 from kalscope.estimation.many import estimate_many
-from kalscope.estimation.pool import Pool, fit_pool, held_out, loss_inputs, pool_of
+from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -62,16 +62,6 @@ def test_the_odd_devices_are_found_and_no_others(fleet):
     assert set(answer.outliers["q"].devices) == set(DRIFTING)
     assert len(answer.outliers["rate_hz"].devices) == 0
     assert all(one.expected == 0.05 for one in answer.outliers.values())
-
-
-@pytest.mark.slow
-def test_the_filter_for_all_holds_in_its_interval_what_ten_such_fleets_would_find(fleet):
-    low, high = answered(*fleet).shared.ratio_interval
-    several = Pool.empty()
-    for _ in range(10):
-        several = several + pool_of(simulated())
-    assert low < fit_pool(several).ratio < high
-    assert high / low < 1.15
 
 
 @pytest.mark.slow

@@ -146,19 +146,6 @@ def test_recordings_that_number_their_rows_stay_apart(tmp_path):
     assert [unit.id for unit in find_units([str(tmp_path)], tmp_path / "out")] == ["a.parquet", "b.parquet"]
 
 
-def test_ids_that_a_footer_cuts_short_give_no_row_of_their_own(tmp_path, monkeypatch):
-    """A writer may round the ends of long ids: the spans then hold no id at all."""
-    series = fleet(4)
-    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
-    plain = read_module._ends
-    monkeypatch.setattr(read_module, "_ends", lambda *of: (0, plain(*of)[1][:-1], plain(*of)[2] + "~"))
-    units = find_units([str(tmp_path)], tmp_path / "out")
-    units.append(replace(units[0], span=("x", "y")))
-    rows = [row for unit in units for row in fit_unit(unit, FleetOptions(PLAIN)).rows]
-    assert [row.id for row in rows] == list(series)
-    assert all(not row.reason for row in rows)
-
-
 def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
     series = {str(i): one for i, one in enumerate(fleet().values())}
     table = long_table(series)
@@ -171,16 +158,6 @@ def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
         (tmp_path / name).mkdir()
         pq.write_table(one, tmp_path / name / "x.parquet", row_group_size=50, **options)
         assert equal(read(tmp_path / name), series), name
-
-
-def test_two_folders_are_two_data_sets(tmp_path):
-    series = fleet(3)
-    for site in ("north", "south"):
-        (tmp_path / site).mkdir()
-        pq.write_table(long_table(series), tmp_path / site / "x.parquet")
-    assert {name for name, _ in read(tmp_path)} == {
-        f"{site}/{name}" for site in ("north", "south") for name in series
-    }
 
 
 def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):

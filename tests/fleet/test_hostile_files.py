@@ -6,7 +6,7 @@ import os
 import re
 
 import pytest
-from fleet_runs import run_here, table
+from fleet_runs import ANSWER, files_of, run_here, table
 from hostile_folder import write_hostile
 
 from kalscope.common import files
@@ -33,3 +33,4 @@ def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, m
     assert said.out.startswith(f"{counted}; {count} of {count} files or row groups done in ")
     assert about_fleet(read_fleet(out)).startswith(f"{counted}. ")
     assert not CONTROL.search(said.out + said.err)
+    assert files_of(out) == ANSWER

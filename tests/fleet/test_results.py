@@ -145,28 +145,12 @@ def test_numbers_that_cannot_be_are_left_out(own):
 
 
 @pytest.mark.parametrize(
-    "source",
-    [
-        "",
-        "logs/dev00.csv",
-        "demo",
-        "serial:COM1",
-        "/no/such/file.csv",
-        "/",
-        "[",
-        "[]",
-        "[null, []]",
-        '[null, [["a"]]]',
-        '[null, [["/no/such", [0]]]]',
-        '[null, [["/no/such", [-1]]]]',
-        "[" * 100_000,
-        '["x", [[3, 4]]]',
-    ],
+    "source", ["", "demo", "/no/such.csv", "/", "[", "[]", "[null, []]", '[null, [["a"]]]', '["x", [[3, 4]]]']
 )
 def test_only_a_recording_that_lies_where_the_table_says_is_opened(own, source):
     table = pq.read_table(own / TABLE)
     i = table.schema.get_field_index("source")
-    pq.write_table(table.set_column(i, "source", pa.array([source[:4000]] * len(table))), own / TABLE)
+    pq.write_table(table.set_column(i, "source", pa.array([source] * len(table))), own / TABLE)
     fleet = read_fleet(own)
     with pytest.raises(BadFile) as refused:
         reopen(fleet.devices.ids[0], fleet.devices.sources[0], fleet.note)

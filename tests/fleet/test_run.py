@@ -22,32 +22,6 @@ from kalscope.fleet.store import STORE, open_store
 
 
 @pytest.mark.slow
-def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
-    """Generated recordings, an empty file, a picture, an unreadable file, a dead link, a folder named x.csv."""
-    logs = tmp_path / "logs"
-    write_devices(logs, 12)
-    (logs / "empty.csv").write_text("")
-    (logs / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
-    (logs / "x.csv").mkdir()
-    os.symlink(tmp_path / "nowhere", logs / "gone.csv")
-    (logs / "locked.csv").write_text("1\n2\n3\n")
-    (logs / "locked.csv").chmod(0)  # root reads it all the same: it has a row in both cases
-    done = run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
-    rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert set(rows) == {path.name for path in logs.iterdir()}
-    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
-    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
-    for name, reason in said.items():
-        assert rows[name]["verdict"] == "failed"
-        assert reason in rows[name]["reason"]
-    assert done.out.startswith("17 rows: 12 with q and r, ")
-    assert "failed; 17 of 17 files or row groups done in " in done.out
-    assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
-    assert "One filter for all: q = " in done.out
-    assert files_of(tmp_path / "out") == ANSWER
-
-
-@pytest.mark.slow
 def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys):
     logs, out = tmp_path / "logs", tmp_path / "out"
     write_devices(logs, 12)
@@ -85,6 +59,7 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
         (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
         (["--all", "--channel", "light"], "--all must be used without --channel (got --channel 'light')"),
         (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
+        (["--still", "1:2"], "--still must be auto for a fleet, whose recordings differ (got '1:2')"),
     ],
 )
 def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once, capsys, options, said):

@@ -39,14 +39,6 @@ def test_mean_error_rewards_no_filter_and_rmse_does_not():
     assert (np.diff([row["rmse"] for row in table]) < 1e-9).all()
 
 
-def test_the_rule_40_to_55_admits_the_row_that_the_text_calls_too_aggressive():
-    low, high = map(noise_reducer.admitted_ratio, noise_reducer.RULE)
-    assert low < 10.0
-    assert high > 100.0
-    for ratio, error in ((low, 40.0), (high, 55.0)):
-        assert noise_reducer.theoretical_mean_error(1 / ratio, 72.0) == pytest.approx(error, rel=1e-9)
-
-
 def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     z = generalized.channel("flex_sensor")
     printed = generalized.FLEX.run(z)

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kalscope.common.charts import Line, Mark, Panel, raw_and_filtered
+from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
 from kalscope.filtering.filter import denoise, kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady import ratio_for, steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.papers.document import Block, Chapter, Check, Experiment, Prose
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
@@ -188,11 +188,8 @@ def try_advice(kind: str, draws: int) -> dict[str, Any]:
     rng = np.random.default_rng(100)
     truth = truth_of(kind, draws, rng)
     z = truth + SIGMA * rng.standard_normal(truth.shape)
-    rmse, mean_error = np.empty(len(RATIOS)), np.empty(len(RATIOS))
-    for i, ratio in enumerate(RATIOS):
-        x = denoise(z, FilterParams(q=1.0 / ratio, r=1.0))
-        rmse[i] = np.sqrt(np.mean((x - truth)[SETTLING:] ** 2))
-        mean_error[i] = np.mean(np.abs(x - z)[SETTLING:])
+    filtered = (denoise(z, FilterParams(q=1.0 / ratio, r=1.0)) for ratio in RATIOS)
+    rmse = [np.sqrt(np.mean((x - truth)[SETTLING:] ** 2)) for x in filtered]
     best, advised = int(np.argmin(rmse)), float(rmse[np.argmin(np.abs(np.log(RATIOS / ADVISED)))])
     return {
         "kind": kind,
@@ -201,8 +198,6 @@ def try_advice(kind: str, draws: int) -> dict[str, Any]:
         "advised_rmse": advised,
         "loss": advised / float(rmse[best]),
         "raw_rmse": float(np.sqrt(np.mean((z - truth)[SETTLING:] ** 2))),  # no filter at all; its mean error is 0
-        "rmse": rmse.tolist(),
-        "mean_error": mean_error.tolist(),
     }
 
 
@@ -215,13 +210,6 @@ def swinging_rmse(ratio: float) -> float:
     turn = cmath.exp(-2j * math.pi / SWING_PERIOD)
     lost = abs((1.0 - gain) * (1.0 - turn) / (1.0 - (1.0 - gain) * turn))
     return math.hypot(SWING * lost / math.sqrt(2.0), theoretical_rmse(1.0 / ratio, SIGMA))
-
-
-def admitted_ratio(mean_error: float) -> float:
-    """The r/q whose settled filter has this mean error on white noise, σ = 72: `theoretical_mean_error` for K."""
-    m = 0.5 * math.pi * (mean_error / SIGMA) ** 2  # 2 (1 − K)²/(2 − K)
-    gain = (4.0 - m - math.sqrt((4.0 - m) ** 2 - 16.0 * (1.0 - m))) / 4.0
-    return 1.0 / ratio_for(gain=gain)
 
 
 def _figure_1() -> Block:
@@ -255,18 +243,6 @@ def _figures_9_and_10() -> Block:
     return PROSE.figure("figures_9_and_10", panels, numbers="; ".join(words))
 
 
-def _advice_figure(tests: Sequence[dict[str, Any]]) -> Block:
-    panels: list[Panel] = []
-    for test, title in zip(tests, ("stationary", "wandering, true r/q = 100", "swinging, 60 samples"), strict=True):
-        lines = (
-            Line(RATIOS, test["rmse"], "RMSE against the truth", "s1"),
-            Line(RATIOS, test["mean_error"], "mean error against the raw signal", "s2"),
-        )
-        marks = (Mark(ADVISED, "100"), Mark(RULE[0], "40", "y"), Mark(RULE[1], "55", "y"))
-        panels.append(Panel(title, lines, "R/Q", "error", (0.0, 160.0), log_x=True, marks=marks))
-    return PROSE.figure("advice_figure", panels, sigma=SIGMA)
-
-
 def chapter(report: OnProgress) -> Chapter:
     """Everything of this paper, drawn and checked."""
     report(0.0, "Table 1")
@@ -275,7 +251,6 @@ def chapter(report: OnProgress) -> Chapter:
     advice = [try_advice(kind, ADVICE_DRAWS) for kind in ("stationary", "wandering", "swinging")]
     report(0.8, "figures 1 to 10")
     worst, row_2 = max(abs(row["off"]) for row in table), theoretical_mean_error(0.1, SIGMA)
-    low, high = map(admitted_ratio, RULE)
     best = ["≥ 100,000" if test["best_ratio"] >= RATIOS[-1] else f"{test['best_ratio']:.3g}" for test in advice]
     return PROSE.chapter(
         blocks=(
@@ -284,9 +259,7 @@ def chapter(report: OnProgress) -> Chapter:
             _figures_3_to_8(),
             PROSE.table("table_1", table, sigma=SIGMA, samples=SAMPLES, draws=TABLE_DRAWS, worst=worst),
             PROSE.table("start", [start]),
-            _advice_figure(advice),
             PROSE.table("advice", ({**test, "best": text} for test, text in zip(advice, best, strict=True))),
-            PROSE.table("rule", low=low, high=high, row_2=row_2),
             _figures_9_and_10(),
         ),
         checks=_checks(table, start, advice, row_2),
