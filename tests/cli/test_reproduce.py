@@ -15,7 +15,7 @@ from program import command
 from waiting import PATIENCE
 
 from kalscope.cli import app as cli
-from kalscope.common.charts import Line, Mark, Panel, draw_svg, markup_of_table
+from kalscope.common.charts import Line, Panel, draw_svg, markup_of_table
 from kalscope.common.text import CONTROL
 from kalscope.papers import reproduction
 from kalscope.papers.document import Block, Chapter, Check, page
@@ -172,7 +172,7 @@ def test_a_check_knows_absolute_and_relative_tolerance_and_nan():
 
 def test_the_page_escapes_every_word():
     evil = '<script>alert(1)</script>&"'
-    svg = draw_svg([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil, marks=(Mark(0.5, evil),))], evil)
+    svg = draw_svg([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil)], evil)
     ElementTree.fromstring(svg)
     blocks = [Block("name", evil, body, evil, evil, ()) for body in (svg, markup_of_table((evil,), ((evil,),)))]
     chapter = Chapter("key", evil, evil, (evil,), tuple(blocks), (Check(evil, 9.0, 1.0, 0.1),))

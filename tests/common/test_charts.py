@@ -8,15 +8,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from kalscope.common.charts import Line, Mark, Panel, draw_svg
+from kalscope.common.charts import Line, Panel, draw_svg
 
 
 def chart(name="µ $x^2$ 温度"):
     t = np.linspace(0.0, 1.0, 50)
     lines = (Line(t, np.sin(9 * t), "raw", "raw"), Line(t, np.cos(9 * t), name, "s2"))
-    return draw_svg(
-        [Panel(name, lines, name, name, marks=(Mark(0.5, name), Mark(0.1, name, "y")))] * 2, name, columns=2
-    )
+    return draw_svg([Panel(name, lines, name, name)] * 2, name, columns=2)
 
 
 @pytest.mark.slow

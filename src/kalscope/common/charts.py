@@ -13,7 +13,7 @@ from html import escape
 from io import StringIO
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,18 +78,6 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A dashed straight line at one value, with a word beside it."""
-
-    at: float
-    """Where, on its axis."""
-    text: str
-    """What it marks."""
-    axis: str = "x"
-    """"x": upright at this abscissa; "y": level at this ordinate."""
-
-
-@dataclass(frozen=True)
 class Panel:
     """One pair of axes."""
 
@@ -103,10 +91,6 @@ class Panel:
     """What the ordinate is, with its unit."""
     y_range: tuple[float, float] | None = None
     """Ends of the ordinate; None = what the curves need."""
-    log_x: bool = False
-    """Whether the abscissa is logarithmic."""
-    marks: tuple[Mark, ...] = ()
-    """Marked values."""
 
 
 def raw_and_filtered(
@@ -168,7 +152,7 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel], columns: int = 1) -
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
-    """Curves, marks and labels. Nothing is clipped, so a curve is interrupted where it leaves its axes."""
+    """Curves and labels. Nothing is clipped, so a curve is interrupted where it leaves its axes."""
     low, high = panel.y_range or (-math.inf, math.inf)
     for line in panel.lines:
         colour, width, dashes = STYLES[line.style]
@@ -176,11 +160,6 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         y = np.where((y < low) | (y > high), np.nan, y)
         axes.plot(np.asarray(line.x), y, dashes, color=COLOURS[colour], linewidth=width, clip_on=False)
     axes.locator_params("y", nbins=5)
-    if panel.log_x:
-        from matplotlib.ticker import EngFormatter
-
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     ends = [end for line in panel.lines for end in (np.min(line.x), np.max(line.x))]
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xlim=(min(ends), max(ends)), ylim=panel.y_range)
@@ -188,19 +167,6 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         if not 1e-5 <= np.abs(axis.get_view_interval()).max() < 1e12:  # all digits would be too long
             axis.set_major_formatter("{x:g}")
-    for mark in panel.marks:
-        _draw_mark(axes, mark)
-
-
-def _draw_mark(axes: Axes, mark: Mark) -> None:
-    style: Any = {"color": COLOURS["ink"], "linewidth": 1, "linestyle": (0, (4, 3)), "clip_on": False}
-    if mark.axis == "x":
-        axes.axvline(mark.at, **style)
-        at, frame, offset, align = (mark.at, 0.0), axes.get_xaxis_transform(), (4, 6), "left"
-    else:
-        axes.axhline(mark.at, **style)
-        at, frame, offset, align = (1.0, mark.at), axes.get_yaxis_transform(), (-4, -13), "right"
-    axes.annotate(mark.text, at, offset, frame, textcoords="offset points", ha=align)
 
 
 def _svg_text(figure: Figure, name: str) -> str:
