@@ -121,7 +121,7 @@ class Prose:
     def table(self, name: str, rows: Iterable[Mapping[str, Any]] = ({},), **numbers: Any) -> Block:
         """The table of this name: its rows once for each of `rows`, whose numbers they take beside `numbers`."""
         one, each = self._texts[name], [{**row, **numbers} for row in rows]
-        cells = [[cell.format(**row) for cell in line] for row in each for line in one["rows"]]
+        cells = [[cell.format(**row).replace("-", "−") for cell in line] for row in each for line in one["rows"]]
         return self._block(name, markup_of_table(one["head"], cells), each, numbers)
 
     def _block(self, name: str, body: str, rows: Sequence[dict[str, Any]], numbers: dict[str, Any]) -> Block:
