@@ -425,6 +425,12 @@ class FleetOptions:
     program: str = field(default_factory=program)
     """The program with its version: rows of another one are not the same."""
 
+    def check_period(self, sample_period: float | None) -> None:
+        """Raise BadSetting where the goal needs a sample period, and there is none."""
+        if sample_period is None and self.request.target.keys() & {"lag_s", "cutoff_hz"}:
+            goal = self.request.goal
+            raise BadSetting(f"{goal} needs the time between two samples: give --sample-period (got none)")
+
     def fingerprint(self) -> str:
         """A text that differs where the rows would differ."""
         return f"{FORMAT} {self!r}"

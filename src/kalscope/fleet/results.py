@@ -265,6 +265,7 @@ def answer_for(devices: Devices, pool: pooling.Pool, options: FleetOptions, fold
     """
     shared, refusal = None, ""
     try:
+        options.check_period(devices.sample_period)
         shared = _shared_filter(devices, pool, options.request)
     except BadSetting as error:
         refusal = str(error)

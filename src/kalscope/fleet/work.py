@@ -180,6 +180,7 @@ def fit_each(name: str, recording: Recording, options: FleetOptions) -> Fitted:
 def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Pool]:
     """The row with the result of its fit, and what it contributes to one filter for all."""
     z, dt = recording.channel(row.channel), recording.steps() if recording.gaps == "dt" else None
+    options.check_period(recording.sample_period)
     result = find_parameters(z, options.request, dt=dt, sample_period=recording.sample_period)
     estimate, params = result.estimate, result.params
     outliers = None if estimate is None else estimate.outliers
