@@ -34,11 +34,10 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kalscope.cli.tune_options import TuneOptions
-from kalscope.estimation.pool import Pool
+from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions, find_units
-from kalscope.fleet.results import answer_for, devices_of, save_answer
 from kalscope.fleet.run import lay_out, run_fleet
+from kalscope.fleet.store import STORE
 
 GROUPS = 400
 """Row groups of a data set, at least."""
@@ -80,12 +79,12 @@ def measure(folder: Path, series: int, samples: int, kills: int) -> int:
     tally = json.loads(subprocess.run(driver(source, whole), check=True, stdout=subprocess.PIPE, text=True).stdout)
     seconds = time.monotonic() - begun
     print(
-        f"{tally['rows'] / tally['seconds']:,.0f} rows/s on all cores ({seconds:.1f} s with start"
-        f" and merge); {tally['rows'] / tally['total_s']:,.0f} rows a second of processor time;"
+        f"{series / tally['seconds']:,.0f} rows/s on all cores ({seconds:.1f} s with start"
+        f" and merge); {series / tally['total_s']:,.0f} rows a second of processor time;"
         f" {1 - tally['fitting_s'] / tally['total_s']:.0%} of it outside the compiled fit, start included;"
         f" at most {tally['peak_bytes'] / 1e6:,.0f} MB a worker, {tally['driver_bytes'] / 1e6:,.0f} MB the driver"
     )
-    print(f"rows/s by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
+    print(f"row groups a second by fifths of the run: {', '.join(f'{rate:,.0f}' for rate in tally['fifths'])}")
     return disturbed(source, whole, folder / f"killed-{series}", kills, tally) if kills else 0
 
 
@@ -94,7 +93,7 @@ def disturbed(source: Path, whole: Path, out: Path, kills: int, undisturbed: dic
     shutil.rmtree(out, ignore_errors=True)
     draw, pause = random.Random(1), undisturbed["seconds"] / (kills + 2)
     process = subprocess.Popen(driver(source, out), stdout=subprocess.DEVNULL)
-    while not list(out.glob("parts/??/*.parquet")):
+    while not (out / STORE).exists() or (out / STORE).stat().st_size < 100_000:  # until some batches are kept
         time.sleep(0.01)
     done = 0
     for _ in range(kills):
@@ -105,14 +104,14 @@ def disturbed(source: Path, whole: Path, out: Path, kills: int, undisturbed: dic
             done += 1
     process.kill()
     process.wait()
-    print(f"killed {done} workers and the driver, with {len(list(out.glob('parts/??/*.parquet')))} parts written")
+    print(f"killed {done} workers and the driver")
     again = json.loads(subprocess.run(driver(source, out), check=True, stdout=subprocess.PIPE, text=True).stdout)
     batches = lay_out([unit.size for unit in find_units([str(source)], out)])
     largest = max(map(len, batches)) / again["units"]
     twice = (done + (psutil.cpu_count() or 1)) * largest
     same = table(out).equals(table(whole))
     ids = table(out)["id"].to_pylist()
-    left = list(out.rglob("*.tmp"))
+    left = [path for path in out.iterdir() if path.suffix in (".tmp", ".note")]
     print(
         f"the rerun did {again['done']:,} of {again['units']:,} row groups; at most {twice:.2%} done twice;"
         f" tables {'equal' if same else 'DIFFERENT'}, {len(ids) - len(set(ids))} ids twice, {len(left)} files left"
@@ -127,18 +126,8 @@ def driver(source: Path, out: Path) -> list[str]:
 def drive(source: str, out: str) -> None:
     """One run, as `kalscope fleet` does it."""
     seen: list[tuple[float, int]] = [(0.0, 0)]
-    question = TuneOptions(momentum=0.0, robust=False)
-
-    def finish(table: pa.Table, pool: Pool) -> None:
-        save_answer(answer_for(devices_of(table), pool, question), table, Path(out))
-
-    tally = run_fleet(
-        [source],
-        FleetOptions(question),
-        Path(out),
-        show=lambda tally: seen.append((tally.seconds, tally.rows)),
-        finish=finish,
-    )
+    options = FleetOptions(Request(momentum=0.0, robust=False))
+    tally, _ = run_fleet([source], options, Path(out), show=lambda tally: seen.append((tally.seconds, tally.done)))
     driver, workers = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     used = {
         "total_s": workers.ru_utime + workers.ru_stime,
@@ -150,10 +139,10 @@ def drive(source: str, out: str) -> None:
 
 
 def fifths(seen: list[tuple[float, int]]) -> list[float]:
-    """Rows a second in each fifth of the rows."""
-    seconds, rows = np.array(seen).T
-    ends = np.interp(np.linspace(0.0, rows[-1], 6), rows, seconds)
-    return [rows[-1] / 5 / max(step, 1e-9) for step in np.diff(ends).tolist()]
+    """Row groups a second in each fifth of the run."""
+    seconds, groups = np.array(seen).T
+    ends = np.interp(np.linspace(0.0, groups[-1], 6), groups, seconds)
+    return [groups[-1] / 5 / max(step, 1e-9) for step in np.diff(ends).tolist()]
 
 
 def workers_of(pid: int) -> list[psutil.Process]:

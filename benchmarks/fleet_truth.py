@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 
 import numpy as np
 
-from kalscope.cli.tune_options import NOTHING
 from kalscope.common.numbers import Array
 from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
-from kalscope.fleet.results import Answer, Devices, answer_for
+from kalscope.estimation.request import Request
+from kalscope.fleet.read import FleetOptions
+from kalscope.fleet.results import Devices, Fleet, answer_for
 
 Q, R = 0.04, 1.0
 """Of a device like the others."""
@@ -42,7 +44,9 @@ def devices_of(series: Array) -> Devices:
     left = loss_inputs(q / r, np.zeros(n), held_out(series))
     names, numbers = [f"dev{i:03d}" for i in range(n)], (q, r, *table.q_interval, *table.r_interval)
     zeros, texts = np.zeros(n), (["ok"] * n, [""] * n, [""] * n)
-    return Devices(names, ["light"] * n, ["lx"] * n, zeros + 100.0, *numbers, zeros, zeros, *texts, left)
+    return Devices(
+        names, ["light"] * n, ["lx"] * n, zeros + 100.0, *numbers, zeros, zeros, *texts, loss_inputs=left
+    )
 
 
 def main() -> None:
@@ -60,7 +64,7 @@ def main() -> None:
         seconds = 0.0
         for _ in range(asked.fleets):
             given, begun = fleet(rng, asked.devices, asked.samples, factor), time.process_time()
-            answer = answer_for(*given, NOTHING)
+            answer = answer_for(*given, FleetOptions(Request()), Path("out"))
             seconds += time.process_time() - begun
             for place, (name, odd) in enumerate((("r", NOISY), ("q", DRIFTING))):
                 hits, misses = counted(answer, name, set(odd) if factor > 1.0 else set())
@@ -76,13 +80,13 @@ def main() -> None:
         )
 
 
-def counted(answer: Answer, name: str, odd: set[int]) -> tuple[int, int]:
+def counted(answer: Fleet, name: str, odd: set[int]) -> tuple[int, int]:
     """How many of the odd devices are named as unlike the others, and how many others."""
     named = {int(i) for i in answer.outliers[name].devices}
     return len(named & odd), len(named - odd)
 
 
-def holds(answer: Answer) -> bool:
+def holds(answer: Fleet) -> bool:
     """Whether the interval of the pooled q/r holds the truth of a device like the others."""
     low, high = (0.0, 0.0) if answer.shared is None else answer.shared.ratio_interval
     return low < Q / R < high

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 from mkdocs.structure.files import File, Files
 
-from kalscope.common.charts import markup_of_table
-from kalscope.papers.page import list_disagreements
-from kalscope.papers.parts import Chapter
+from kalscope.papers.document import Chapter, table_of_checks, table_of_disagreements
 from kalscope.papers.reproduction import Reproduction, reproduce
 
 if TYPE_CHECKING:
@@ -39,17 +37,13 @@ def _chapter(chapter: Chapter) -> str:
 
 def _checks(done: Reproduction) -> str:
     """Where the documents contradict themselves, and every number with its tolerance."""
-    where = [[one[key] for key in ("document", "where", "one", "other", "here")] for one in list_disagreements()]
-    checks = [
-        (one.name, f"{one.value:.6g}", f"{one.expected:.6g}", "yes" if one.passed else "no") for one in done.checks
-    ]
     return "\n\n".join(
         [
             "# Contradictions and checks",
             "## Where a document disagrees with itself",
-            markup_of_table(("document", "where", "it says", "it also says", "done here"), where),
-            f"## {len(checks)} reproduced numbers, {len(done.failed)} of them outside of their tolerance",
-            markup_of_table(("number", "reproduced", "expected", "within its tolerance"), checks),
+            table_of_disagreements(),
+            f"## {len(done.checks)} reproduced numbers, {len(done.failed)} of them outside of their tolerance",
+            table_of_checks(done.checks),
             _paragraph("Expected is what the document prints, or what follows from its equations."),
         ]
     )

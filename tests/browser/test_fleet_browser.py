@@ -1,4 +1,4 @@
-"""A fleet as a user opens it: the table, a device by name, a device by a click in the map, a run that goes on."""
+"""A fleet as a user opens it: the table, a device by name, a device by a click in the map."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from fleet_folder import NOISY, FleetRun, finished_fleet, write_logs
+from fleet_folder import NOISY, finished_fleet
 from required import not_here
 from waiting import wait_until
 
@@ -103,20 +103,6 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
 
     page.get_by_role("button", name="Close fleet").click()
     page.get_by_text("sort by").wait_for(state="detached")
-
-
-def test_a_run_that_goes_on_is_watched_until_its_end(screen, tmp_path):
-    """The dashboard sees only the files of a run, so parts written here stand for those of workers."""
-    write_logs(tmp_path / "logs")
-    run = FleetRun(tmp_path / "logs", tmp_path / "result").do(0, 6)
-    open_folder(screen, run.folder)
-    screen.page.get_by_text("Not finished: 6 of 13").wait_for()
-    screen.shot("fleet-running")
-    run.do(6)
-    run.finish()
-    screen.page.get_by_text(re.compile(r"^13 rows: 12 with q and r, 1 failed\. One filter")).wait_for()
-    assert screen.page.get_by_text("Not finished").count() == 0
-    screen.page.get_by_role("button", name="Close fleet").click()
 
 
 def test_a_folder_of_something_else_is_refused_in_one_sentence(screen, tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import nullcontext
 from importlib.util import find_spec
 
 import pytest
@@ -14,17 +14,16 @@ if not REQUIRE_ALL and not all(map(find_spec, ("dask", "distributed", "psutil", 
 
 @pytest.fixture
 def at_once(monkeypatch):
-    """Workers without processes, and the fault that they have."""
+    """Workers without processes: those of each run."""
     from fleet_runs import AtOnce
 
     from kalscope.fleet import run as fleet_run
 
-    faults, made = [], []
+    made = []
 
-    @contextmanager
     def opened(_address, _tasks):
-        made.append(AtOnce(lambda units: faults[0](units) if faults else None))
-        yield made[-1]
+        made.append(AtOnce())
+        return nullcontext(made[-1])
 
     monkeypatch.setattr(fleet_run, "open_workers", opened)
-    return faults, made
+    return made

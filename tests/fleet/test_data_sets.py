@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kalscope.catalogue import open_source
-from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadSetting
+from kalscope.estimation.request import Request
 from kalscope.fleet import read as read_module
 from kalscope.fleet.read import FleetOptions, find_units, read_block
 from kalscope.fleet.work import fit_unit, run_batch
@@ -38,7 +38,7 @@ def long_table(series, **more):
 def read(folder, **options):
     """{(id, channel): (samples, rate)} of all series; each must come once."""
     found = {}
-    asked = FleetOptions(NOTHING, **options)
+    asked = FleetOptions(Request(), **options)
     for unit in find_units([str(folder)], folder / "out"):
         block = read_block(unit, asked.reading)
         for i, name in enumerate(block.ids):
@@ -97,9 +97,8 @@ def test_ids_mixed_over_too_many_bytes_are_a_row_that_says_how_to_sort_them(tmp_
     for limit in ("MAX_UNIT_BYTES", "MIXED_BYTES"):
         monkeypatch.setattr(read_module, limit, 1000)
     (said,) = reasons(tmp_path).items()
-    command = f"COPY (FROM '{tmp_path}/site/*.parquet' ORDER BY id) TO 'sorted.parquet'"
     assert said[0] == "site"
-    assert said[1].endswith(f' GB with mixed ids): duckdb -c "{command}"')
+    assert said[1].endswith(" GB with mixed ids): DuckDB sorts files of any size")
     assert len(find_units([str(tmp_path)], tmp_path / "out")) == 2
 
 
@@ -147,20 +146,6 @@ def test_recordings_that_number_their_rows_stay_apart(tmp_path):
     assert [unit.id for unit in find_units([str(tmp_path)], tmp_path / "out")] == ["a.parquet", "b.parquet"]
 
 
-def test_ids_that_a_footer_cuts_short_give_no_row_of_their_own(tmp_path, monkeypatch):
-    """A writer may round the ends of long ids: the spans then hold no id at all."""
-    series = fleet(4)
-    pq.write_table(long_table(series), tmp_path / "x.parquet", row_group_size=40)
-    plain = read_module._known_ends
-    monkeypatch.setattr(read_module, "MAX_SAMPLED", 1)
-    monkeypatch.setattr(read_module, "_known_ends", lambda *of: (0, plain(*of)[1][:-1], plain(*of)[2] + "~"))
-    units = find_units([str(tmp_path)], tmp_path / "out")
-    units.append(replace(units[0], span=("x", "y")))
-    rows = [row for unit in units for row in fit_unit(unit, FleetOptions(PLAIN)).rows]
-    assert [row.id for row in rows] == list(series)
-    assert all(not row.reason for row in rows)
-
-
 def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
     series = {str(i): one for i, one in enumerate(fleet().values())}
     table = long_table(series)
@@ -173,16 +158,6 @@ def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
         (tmp_path / name).mkdir()
         pq.write_table(one, tmp_path / name / "x.parquet", row_group_size=50, **options)
         assert equal(read(tmp_path / name), series), name
-
-
-def test_two_folders_are_two_data_sets(tmp_path):
-    series = fleet(3)
-    for site in ("north", "south"):
-        (tmp_path / site).mkdir()
-        pq.write_table(long_table(series), tmp_path / site / "x.parquet")
-    assert {name for name, _ in read(tmp_path)} == {
-        f"{site}/{name}" for site in ("north", "south") for name in series
-    }
 
 
 def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):
@@ -213,10 +188,10 @@ def test_a_series_is_read_as_the_same_rows_in_a_file_of_their_own(tmp_path):
         assert period == pytest.approx(alone.sample_period, rel=1e-9)
 
 
-PLAIN = TuneOptions(momentum=0.0, robust=False)
+PLAIN = Request(momentum=0.0, robust=False)
 
 
-@pytest.mark.parametrize("asked", [PLAIN, TuneOptions(momentum=0.0)], ids=["all samples", "spikes set aside"])
+@pytest.mark.parametrize("asked", [PLAIN, Request(momentum=0.0)], ids=["all samples", "spikes set aside"])
 def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_path, monkeypatch, asked):
     """Even stamps take the compiled way, others not; a constant and a short series have a reason in both."""
     series = fleet(8, n=200)
@@ -237,7 +212,7 @@ def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_p
     for one, other in zip(quick.rows, slow.rows, strict=True):
         for name in ("id", "channel", "unit", "samples", "verdict", "spikes", "rejected_lines", "gate", "reason"):
             assert getattr(one, name) == getattr(other, name), (one.id, name)
-        for name in ("rate_hz", "q", "r", "momentum", "lag_samples", "nis"):
+        for name in ("rate_hz", "q", "r", "momentum", "lag_samples"):
             value, expected = getattr(one, name), getattr(other, name)
             assert (value is None) == (expected is None), (one.id, name)
             assert value is None or value == pytest.approx(expected, rel=1e-6), (one.id, name)
@@ -299,6 +274,6 @@ def test_a_series_is_found_again_by_its_name_of_any_type(tmp_path, ids):
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
-    (tmp_path / ".lock").touch()
+    (tmp_path / "units.sqlite").touch()
     with pytest.raises(BadSetting, match=r"every worker of --cluster must have kalscope 9 \(got "):
-        run_batch([], FleetOptions(NOTHING, program="kalscope 9"), str(tmp_path))
+        run_batch([], FleetOptions(Request(), program="kalscope 9"), str(tmp_path))

@@ -57,7 +57,7 @@ def test_a_loop_of_links_ends(tree):
     assert "x.csv/again" in found(tree)
 
 
-@pytest.mark.parametrize("source", ["nowhere.csv", "nowhere/*.csv", ""])
+@pytest.mark.parametrize("source", ["nowhere.csv", "nowhere/*.csv", "**", ""])
 def test_a_source_that_names_nothing_is_refused(tmp_path, source):
     with pytest.raises(BadSetting, match=r"SOURCE must be a folder, a file, a pattern .*\(got "):
         find_units([str(tmp_path / source) if source else ""], tmp_path)
@@ -98,16 +98,8 @@ def test_a_key_changes_with_all_that_the_result_depends_on(tree):
 
 
 def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
-    for name in ("logs/a.csv", "logs/out/fleet.json", "logs/out/parts/ab/x.csv"):
+    for name in ("logs/a.csv", "logs/out/fleet.json", "logs/out/parts/x.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1\n2\n3\n")
-    units = find_units([str(tmp_path / "logs" / "**")], tmp_path / "logs" / "out")
+    units = find_units([str(tmp_path / "logs" / "*")], tmp_path / "logs" / "out")
     assert [unit.id for unit in units] == ["a.csv"]
-
-
-def test_loops_of_links_under_a_pattern_end(tree):
-    for name in ("one", "two", "three"):
-        os.symlink(tree, tree / "x.csv" / name)
-    assert {name for name in reasons(tree / "**") if name.endswith("b.csv")} == {"x.csv/b.csv"}
-    os.symlink("self", tree / "self")
-    assert "symbolic links" in reasons(tree / "self")["self"]

@@ -8,9 +8,7 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from fleet_runs import PLAIN, files_of, parts, run_here, table, write_devices
-
-from kalscope.fleet.store import units_of
+from fleet_runs import PLAIN, files_of, kept, run_here, table, write_devices
 
 
 @contextmanager
@@ -34,12 +32,11 @@ def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_
         full = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)
         assert full.err.startswith("kalscope: ")
         assert full.err.endswith("No space left on device\n")
-        assert files_of(out) == {".lock", "run.json"}
-        kept = sum(len(units_of(part)) for part in parts(out))
-        assert 0 < kept < 30
-        assert all(units_of(part) for part in parts(out)), "a part is torn"
+        assert files_of(out) == {"units.sqlite"}
+        done = kept(out)
+        assert 0 < done < 30
         assert "No space left" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
         subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
         said = run_here(capsys, logs, "-o", out, *PLAIN).out
-        assert f"; {30 - kept} of 30 files or row groups done" in said
+        assert f"; {30 - done} of 30 files or row groups done" in said
         assert [row["id"] for row in table(out)] == sorted(path.name for path in logs.iterdir())

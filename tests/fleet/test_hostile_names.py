@@ -30,7 +30,7 @@ def test_what_a_fleet_says_and_writes_of_hostile_names_is_plain(tmp_path, at_onc
     texts = {
         path.name: path.read_text(encoding="utf-8") for path in out.iterdir() if path.suffix in (".json", ".toml")
     }
-    assert len(texts) == 3
+    assert len(texts) == 2
     assert sum("]52;c;ZXZpbA==" in text for one in said for text in one) >= len(said)
     assert [text for one in said for text in one if CONTROL.search(text)] == []
     assert [name for name, text in texts.items() if CONTROL.search(text)] == []

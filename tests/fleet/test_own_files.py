@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import sqlite3
+from contextlib import closing
 
 import pytest
-from fleet_runs import PLAIN, run_here, write_devices
+from fleet_runs import PLAIN, files_of, run_here, write_devices
 
-from kalscope.fleet.store import SUMMARY, TUNING
+from kalscope.fleet.store import STORE, TUNING, Store
 from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -21,7 +22,7 @@ def fleet(tmp_path, at_once, capsys):
     return tmp_path / "logs", tmp_path / "out"
 
 
-@pytest.mark.parametrize("name", ["run.json", "fleet.json", "fleet.parquet", "tuning.toml"])
+@pytest.mark.parametrize("name", ["units.sqlite", "fleet.json", "fleet.parquet", "tuning.toml"])
 def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, capsys, name):
     logs, out = fleet
     out.mkdir()
@@ -30,7 +31,7 @@ def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, caps
     assert refused.err.startswith("kalscope: -o must name a ")
     assert name in refused.err
     assert (out / name).read_text() == "mine"
-    assert not (out / "parts").exists()
+    assert files_of(out) == {name}
 
 
 @pytest.mark.slow
@@ -55,16 +56,25 @@ def test_the_own_tuning_is_known_whatever_died(fleet, capsys):
     run_here(capsys, logs, "-o", out, *PLAIN)
     first = (out / TUNING).read_text()
     run_here(capsys, logs, "-o", out, "--lag-ms", "50")
-    (out / TUNING).write_text(first)  # as a kill between the two files leaves them
+    (out / TUNING).write_text(first)  # as a kill before the last file leaves it
     run_here(capsys, logs, "-o", out, "--lag-ms", "50")
     assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
-    assert len(json.loads((out / SUMMARY).read_text())["tuning_sha256"]) == 2
 
 
 def test_a_tuning_that_the_user_saves_during_the_run_is_kept(fleet, capsys, monkeypatch):
     logs, out = fleet
     run_here(capsys, logs, "-o", out, *PLAIN)
-    place = "kalscope.fleet.run.check_folder"
-    monkeypatch.setattr(place, lambda folder: save_tuning(OWN, folder / TUNING))  # after the check of the start
+    settled = Store.settled
+    monkeypatch.setattr(Store, "settled", lambda store: save_tuning(OWN, out / TUNING) or settled(store))
     assert "of your own" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
     assert load_tuning(out / TUNING).channels == OWN.channels
+
+
+def test_a_database_of_another_program_is_kept(fleet, capsys):
+    logs, out = fleet
+    out.mkdir()
+    with closing(sqlite3.connect(out / STORE)) as other, other:
+        other.execute("CREATE TABLE mine (x)")
+    before = (out / STORE).read_bytes()
+    assert f"whose {STORE} no fleet wrote" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+    assert (out / STORE).read_bytes() == before

@@ -6,7 +6,7 @@ import sys
 from contextlib import nullcontext
 
 import pytest
-from fleet_runs import PLAIN, InProcesses, parts, run_here, table, write_devices
+from fleet_runs import PLAIN, InProcesses, kept, run_here, table, write_devices
 
 from kalscope.fleet import run as fleet_run
 from kalscope.fleet.run import LOST
@@ -29,7 +29,7 @@ def test_what_failed_is_tried_again_and_nothing_else(tmp_path, at_once, capsys, 
     assert {row["id"] for row in table(out) if row["reason"]} == {"empty.csv"}
     (logs / "empty.csv").unlink()
     assert "nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
-    assert len(parts(out)) == 2  # no trace of the failures
+    assert kept(out) == 6  # no trace of the failures
 
 
 @pytest.mark.slow
@@ -38,7 +38,7 @@ def test_what_kills_its_workers_is_lost_alone_and_tried_again(tmp_path, at_once,
     write_devices(logs, 4)
     (logs / "kills.csv").write_text((logs / "dev0000.csv").read_text())
     with monkeypatch.context() as patch:
-        patch.setattr(fleet_run, "open_workers", lambda *_: nullcontext(InProcesses(lambda _units: None)))
+        patch.setattr(fleet_run, "open_workers", lambda *_: nullcontext(InProcesses()))
         run_here(capsys, logs, "-o", out, *PLAIN)
     assert {row["id"]: row["reason"] for row in table(out) if row["reason"]} == {"kills.csv": LOST}
     assert "; 1 of 5 files" in run_here(capsys, logs, "-o", out, *PLAIN).out

@@ -1,26 +1,24 @@
-"""The folder of a fleet as the dashboard reads it: finished, half done, and written by somebody else."""
+"""The folder of a fleet as the dashboard reads it: finished, and written by somebody else."""
 
 from __future__ import annotations
 
 import json
 import math
-import pickle
 import shutil
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fleet_folder import NOISY, PLAIN, FleetRun, finished_fleet, write_logs
+from fleet_folder import NOISY, finished_fleet, run_steps, write_logs
 
 from kalscope import estimate, kalman_filter, steady_state
-from kalscope.cli.tune_options import TuneOptions
 from kalscope.errors import BadFile, BadSetting
-from kalscope.fleet import store
+from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions
-from kalscope.fleet.results import device_tuning, read_fleet, reopen
-from kalscope.fleet.store import NOTE, SUMMARY, TABLE, TUNING, RunNote, read_json, write_note
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.fleet.results import RunNote, device_tuning, read_fleet, reopen
+from kalscope.fleet.store import SUMMARY, TABLE, TUNING
+from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning
 
@@ -40,10 +38,9 @@ def own(folder, tmp_path):
 def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
     fleet = read_fleet(folder)
     assert fleet.devices.counted == "13 rows: 12 with q and r, 1 failed"
-    assert (len(fleet), fleet.done, fleet.note.units) == (13, None, 13)
+    assert (len(fleet), fleet.note) == (13, RunNote(DEFAULTS, None))
     answer = json.loads((folder / SUMMARY).read_text())["one_filter"]
     assert (fleet.shared.params.q, fleet.shared.params.r) == (answer["q"], answer["r"])
-    assert fleet.shared.served == answer["served"]
     assert np.flatnonzero(fleet.outlier).tolist() == [NOISY]
     assert np.nanargmax(fleet.distance) == NOISY
     assert all(source.endswith(name) for source, name in zip(fleet.devices.sources, fleet.devices.ids, strict=True))
@@ -65,45 +62,11 @@ def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(fold
 
 
 @pytest.mark.slow
-def test_a_running_fleet_grows_and_ends_equal_to_its_table(tmp_path, monkeypatch):
-    """Read as the dashboard does: by another process, each part once."""
-    write_logs(tmp_path / "logs")
-    run = FleetRun(tmp_path / "logs", tmp_path / "result")
-    checked, tables = store.checked_table, []
-    monkeypatch.setattr(store, "checked_table", lambda path, known: tables.append(path) or checked(path, known))
-
-    def read():
-        return pickle.loads(pickle.dumps(read_fleet(run.folder)))
-
-    with pytest.raises(BadFile, match="folder of a fleet"):
-        read()
-    run.do(0, 5)
-    some = read()
-    assert (len(some), some.done, some.note.units) == (5, 5, 13)
-    run.do(5)
-    every = read()
-    assert (len(every), every.done) == (13, 13)
-    assert len(tables) == len(set(tables)) > 1
-    answer = run.finish()
-    final = read()
-    assert final.done is None
-    assert float(every.shared.params.q) == pytest.approx(float(answer.shared.params.q), rel=1e-12)
-    assert sorted(every.devices.ids) == final.devices.ids
-    order = np.argsort(every.devices.ids)
-    np.testing.assert_allclose(every.growth[order], final.growth, rtol=1e-9)
-    assert np.isfinite(final.growth).sum() == 12
-    assert {*zip(every.devices.ids, every.devices.sources, strict=True)} == {
-        *zip(final.devices.ids, final.devices.sources, strict=True)
-    }
-
-
-@pytest.mark.slow
 def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     write_logs(tmp_path / "logs", devices=4)
-    asked = FleetOptions(TuneOptions(lag_ms=20.0, momentum=0.0))
-    run = FleetRun(tmp_path / "logs", tmp_path / "result", asked).do()
-    answer = run.finish()
-    rows = pq.read_table(run.folder / TABLE).to_pylist()
+    asked = FleetOptions(Request(target={"lag_s": 0.02}, momentum=0.0))
+    answer = run_steps(tmp_path / "logs", tmp_path / "result", asked)
+    rows = pq.read_table(tmp_path / "result" / TABLE).to_pylist()
     assert "left" not in rows[0]
     fitted = [row for row in rows if not row["reason"]]
     assert {row["verdict"] for row in fitted} == {"chosen"}
@@ -120,56 +83,29 @@ def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     )
 
 
-@pytest.mark.slow
-def test_parts_of_other_options_do_not_count(tmp_path, monkeypatch):
-    write_logs(tmp_path / "logs", devices=3)
-    FleetRun(tmp_path / "logs", tmp_path / "result").do()
-    monkeypatch.setattr("kalscope.fleet.results.CLOCKS_NS", 0)
-    again = FleetRun(tmp_path / "logs", tmp_path / "result", FleetOptions(TuneOptions(momentum=0.0)))
-    with pytest.raises(BadFile, match="folder of a fleet"):
-        read_fleet(again.folder)
-    again.do(0, 2)
-    assert read_fleet(again.folder).done == 2
-
-
-def test_the_note_keeps_how_files_are_read(tmp_path):
-    reading = ReadOptions(
-        delimiter=";", missing=(-200.0, "n/a"), day_first=True, time_column=2, gaps="dt", rate=3.7
-    )
-    write_note(tmp_path, 7, "a", reading, 0.25, pooled=False)
-    first = read_json(tmp_path / NOTE, RunNote)
-    assert (first.units, first.reading, first.sample_period, first.pooled) == (7, reading, 0.25, False)
-    write_note(tmp_path, 8, "a", DEFAULTS, None, pooled=True)
-    assert read_json(tmp_path / NOTE, RunNote).since == first.since
-    write_note(tmp_path, 8, "b", DEFAULTS, None, pooled=True)
-    assert read_json(tmp_path / NOTE, RunNote).since > first.since
-
-
 @pytest.mark.parametrize(
-    "note", ["", "[]", "{", '{"units": 3}', "[" * 100_000, '{"units": "x", "reading": {"gaps": ["none"]}}']
+    "text",
+    [
+        *("", "[]", "{", '{"why_not": 3}', "[" * 100_000),
+        *({"note": {"sample_period": period}} for period in ("NaN", -1, 0, [])),
+        {"note": {"reading": {"gaps": ["none"]}}},
+        *({"one_filter": {"q": pair[0], "r": pair[1]}} for pair in ((-1, 1), (0, 1), ("x", 1), (math.nan, 1.0))),
+        *({"one_filter": one} for one in ([], 3, {})),
+    ],
 )
-def test_a_note_of_somebody_else_is_refused_with_one_line(own, note):
-    (own / NOTE).write_text(note)
+def test_an_answer_of_somebody_else_is_refused_with_one_line(own, text):
+    if isinstance(text, dict):
+        plain, ((name, value),) = json.loads((own / SUMMARY).read_text()), text.items()
+        text = json.dumps(plain | {name: plain[name] | value if value and isinstance(value, dict) else value})
+    (own / SUMMARY).write_text(text)
     with pytest.raises(BadFile) as refused:
         read_fleet(own)
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("period", ["NaN", "-1", "0", "1e999", '"x"', "[]"])
-def test_a_note_without_a_sample_period_is_refused(own, period):
-    content = (own / NOTE).read_text().replace('"sample_period": null', f'"sample_period": {period}')
-    (own / NOTE).write_text(content)
-    with pytest.raises(BadFile):
-        read_fleet(own)
-
-
-@pytest.mark.parametrize(
-    "one",
-    [[], 3, {}, {"q": -1, "r": 1}, {"q": 0, "r": 0}, {"q": "x"}, {"q": math.nan, "r": 1.0}],
-)
-def test_a_filter_for_all_of_somebody_else_is_refused(own, one):
-    (own / SUMMARY).write_text(json.dumps({"one_filter": one}))
-    with pytest.raises(BadFile):
+def test_a_run_that_is_not_finished_has_no_answer_yet(own):
+    (own / SUMMARY).unlink()
+    with pytest.raises(BadFile, match="must be the folder of a finished fleet"):
         read_fleet(own)
 
 
@@ -209,28 +145,12 @@ def test_numbers_that_cannot_be_are_left_out(own):
 
 
 @pytest.mark.parametrize(
-    "source",
-    [
-        "",
-        "logs/dev00.csv",
-        "demo",
-        "serial:COM1",
-        "/no/such/file.csv",
-        "/",
-        "[",
-        "[]",
-        "[null, []]",
-        '[null, [["a"]]]',
-        '[null, [["/no/such", [0]]]]',
-        '[null, [["/no/such", [-1]]]]',
-        "[" * 100_000,
-        '["x", [[3, 4]]]',
-    ],
+    "source", ["", "demo", "/no/such.csv", "/", "[", "[]", "[null, []]", '[null, [["a"]]]', '["x", [[3, 4]]]']
 )
 def test_only_a_recording_that_lies_where_the_table_says_is_opened(own, source):
     table = pq.read_table(own / TABLE)
     i = table.schema.get_field_index("source")
-    pq.write_table(table.set_column(i, "source", pa.array([source[:4000]] * len(table))), own / TABLE)
+    pq.write_table(table.set_column(i, "source", pa.array([source] * len(table))), own / TABLE)
     fleet = read_fleet(own)
     with pytest.raises(BadFile) as refused:
         reopen(fleet.devices.ids[0], fleet.devices.sources[0], fleet.note)
@@ -249,9 +169,8 @@ def test_a_series_of_a_data_set_is_opened_again(tmp_path, numbers):
         "value": np.concatenate(list(values.values())),
     }
     pq.write_table(pa.table(columns), tmp_path / "data" / "all.parquet", row_group_size=40)
-    run = FleetRun(tmp_path / "data", tmp_path / "result", PLAIN).do()
-    run.finish()
-    fleet = read_fleet(run.folder)
+    run_steps(tmp_path / "data", tmp_path / "result")
+    fleet = read_fleet(tmp_path / "result")
     assert fleet.devices.ids == [str(name) for name in names]
     for i, name in enumerate(names):
         recording = reopen(fleet.devices.ids[i], fleet.devices.sources[i], fleet.note)

@@ -11,40 +11,14 @@ import signal
 import distributed
 import psutil
 import pytest
-from fleet_runs import PLAIN, files_of, fits, parts, run_here, table, write_devices
+from fleet_runs import ANSWER, PLAIN, files_of, fits, kept, run_here, table, write_devices
 from forked import Forked
 from program import command, next_line
 from waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
-from kalscope.fleet import run, work
-from kalscope.fleet.store import locked
-
-
-@pytest.mark.slow
-def test_every_file_is_accounted_for(tmp_path, at_once, capsys):
-    """Generated recordings, an empty file, a picture, an unreadable file, a dead link, a folder named x.csv."""
-    logs = tmp_path / "logs"
-    write_devices(logs, 12)
-    (logs / "empty.csv").write_text("")
-    (logs / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
-    (logs / "x.csv").mkdir()
-    os.symlink(tmp_path / "nowhere", logs / "gone.csv")
-    (logs / "locked.csv").write_text("1\n2\n3\n")
-    (logs / "locked.csv").chmod(0)  # root reads it all the same: it has a row in both cases
-    done = run_here(capsys, logs, "-o", tmp_path / "out", *PLAIN)
-    rows = {row["id"]: row for row in table(tmp_path / "out")}
-    assert set(rows) == {path.name for path in logs.iterdir()}
-    assert all((row["q"] is None) == bool(row["reason"]) for row in rows.values())
-    said = {"empty.csv": "empty file", "picture.png": "PNG image", "x.csv": "is empty", "gone.csv": "No such"}
-    for name, reason in said.items():
-        assert rows[name]["verdict"] == "failed"
-        assert reason in rows[name]["reason"]
-    assert done.out.startswith("17 rows: 12 with q and r, ")
-    assert "failed; 17 of 17 files or row groups done in " in done.out
-    assert "  1 × picture.png must be a text file (got a PNG image)\n" in done.out
-    assert "One filter for all: q = " in done.out
-    assert files_of(tmp_path / "out") == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
+from kalscope.fleet import run
+from kalscope.fleet.store import STORE, open_store
 
 
 @pytest.mark.slow
@@ -79,12 +53,20 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
     assert "3 × channel must be one of light (got 'dark')" in refused.out
 
 
+def test_a_goal_in_time_needs_a_sample_period(tmp_path, at_once, capsys):
+    (tmp_path / "a.csv").write_text("1\n3\n2\n4\n" * 9)
+    said = run_here(capsys, tmp_path / "a.csv", "-o", tmp_path / "out", "--lag-ms", "50").out
+    reason = "a lag of 50 ms needs the time between two samples: give --sample-period (got none)"
+    assert f"1 × {reason}\nNo filter for all: {reason}\n" in said
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
         (["--all", "--channel", "light"], "--all must be used without --channel (got --channel 'light')"),
         (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
+        (["--still", "1:2"], "--still must be auto for a fleet, whose recordings differ (got '1:2')"),
     ],
 )
 def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once, capsys, options, said):
@@ -109,22 +91,17 @@ def devices(tmp_path_factory):
 def whole(devices, tmp_path_factory):
     """The table of an undisturbed run over them, on a scheduler that is named by its address."""
     out = tmp_path_factory.mktemp("whole")
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        distributed.LocalCluster(
-            n_workers=1,
-            threads_per_worker=1,
-            processes=False,
-            protocol="tcp://",
-            silence_logs=60,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        ) as other,
-    ):
-        patch.setattr(work, "MAX_SECONDS", PATIENCE)  # on a busy machine a batch would be shared out, in two parts
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        silence_logs=60,
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as other:
         there = ["--cluster", other.scheduler_address]
         assert kalscope(["fleet", str(devices), "-o", str(out), *there, *PLAIN]) == 0
-    assert len(parts(out)) == 20
     return table(out)
 
 
@@ -134,12 +111,13 @@ import dask.system
 from kalscope.fleet import run
 os.setsid()  # signals to all of its processes reach no other
 dask.system.CPU_COUNT = 2
-ended = run.Dispatcher.ended
-def waits(self, *rest):
-    ended(self, *rest)
+rest = run._Run._rest
+def waits(self, *ended):
+    left = rest(self, *ended)
     while os.path.exists("killed") and not os.path.exists("go on"):
         time.sleep(0.01)
-run.Dispatcher.ended = waits
+    return left
+run._Run._rest = waits
 """
 """A run with two workers that waits for a file once one of them was killed and a batch has ended."""
 
@@ -162,7 +140,7 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
     assert [row["id"] for row in whole] == sorted(path.name for path in devices.iterdir())
     out = tmp_path / "out"
     with command("fleet", devices, "-o", out, *PLAIN, cwd=tmp_path, change=DRIVER) as driver:
-        wait_until(lambda: parts(out), "a part")
+        wait_until(lambda: (out / STORE).exists() and (out / STORE).stat().st_size > EMPTY, "a batch")
         workers = wait_until(lambda: workers_of(driver))
         (tmp_path / "killed").touch()
         workers[0].kill()
@@ -180,21 +158,22 @@ def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
     assert stderr.count("\n") == 1, stderr
     assert [*(tmp_path / "tmp").iterdir()] == []
     assert not (out / "fleet.parquet").exists()
-    kept = len(parts(out))
-    assert 0 < kept < 20
-    (parts(out)[0].parent / f".{parts(out)[0].name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    run_here(capsys, devices, "-o", out, *PLAIN)
+    done = kept(out)
+    assert 0 < done < 40
+    (out / f".{'0' * 32}.note").write_text("of a run that was killed")
+    assert f"; {40 - done} of 40 files" in run_here(capsys, devices, "-o", out, *PLAIN).out
     assert table(out) == whole
-    assert files_of(out) == {".lock", "run.json", "fleet.parquet", "fleet.json", "tuning.toml"}
-    assert len(parts(out)) > kept
+    assert files_of(out) == ANSWER
 
 
+EMPTY = 20480
+"""Bytes of a database without units."""
 HOLDER = """
 import time
 from pathlib import Path
 from kalscope.fleet.run import open_workers
-from kalscope.fleet.store import locked
-with locked(Path()), open_workers(None, 1):
+from kalscope.fleet.store import open_store
+with open_store(Path()), open_workers(None, 1):
     print("workers", flush=True)
     time.sleep(1e6)
 """
@@ -207,7 +186,7 @@ def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
         assert workers_of(driver)
     _, alive = psutil.wait_procs(below, timeout=PATIENCE)
     assert alive == []
-    with locked(tmp_path):
+    with open_store(tmp_path):
         pass
 
 

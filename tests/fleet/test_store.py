@@ -1,4 +1,4 @@
-"""The lock, the parts and the merged table."""
+"""The database of a fleet: one run at a time, whole batches, and the merged table."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from effort import FUZZ
 
-from kalscope.errors import BadSetting
-from kalscope.estimation.pool import Pool, pool_of
-from kalscope.fleet.store import Row, find_parts, locked, merge, sweep, write_part
+from kalscope.errors import BadFile, BadSetting
+from kalscope.estimation.pool import WIDTH, Pool, pool_of
+from kalscope.fleet.store import Row, Stored, open_store, stored
 
 
 def rows_of(key, n=2):
@@ -22,30 +22,23 @@ def rows_of(key, n=2):
     return rows, pool_of(np.random.default_rng(list(key.encode())).normal(size=(n, 20)))
 
 
-def merged(folder, batches):
-    table, pool = merge(batches, find_parts(folder))
-    return [Row(**row) for row in table.to_pylist()], pool
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3 * FUZZ))
-def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
+def test_the_table_is_the_same_in_whatever_order_units_were_stored(tmp_path, seed):
     draw = random.Random(seed)
     keys = [f"k{i}" for i in range(40)]
-    contents = {key: rows_of(key, draw.randrange(3)) for key in keys}
-    batches = [keys[:15], keys[15:16], keys[16:]]
-    for batch in batches:
-        left = batch[:]
-        draw.shuffle(left)
-        while left:
-            some, left = left[: draw.randrange(1, 6)], left[draw.randrange(0, 6) :]  # in two parts, or none
-            write_part(tmp_path, {key: contents[key] for key in some})
-    done = find_parts(tmp_path)
-    for key in keys:
-        if key not in done:
-            write_part(tmp_path, {key: contents[key]})
-    rows, pool = merged(tmp_path, batches)
-    assert rows == [row for key in keys for row in contents[key][0]]
+    contents = {key: rows_of(key, draw.randrange(3)) for key in [*keys, "stale"]}
+    left = [*contents, *draw.choices(keys, k=9)]  # some twice
+    draw.shuffle(left)
+    for i in range(0, len(left), 7):
+        with open_store(tmp_path) as store:
+            store.keep(stored(key, *contents[key]) for key in left[i : i + 7])
+    with open_store(tmp_path) as store:
+        table, inputs, pool = store.merged(keys)
+        assert store.settled() == set(keys)
+    rows = [row for key in keys for row in contents[key][0]]
+    assert [Row(**row) for row in table.to_pylist()] == rows
+    assert np.isnan(inputs).all()
+    assert inputs.shape == (len(rows), WIDTH)
     whole = Pool.empty()
     for key in keys:
         whole = whole + contents[key][1]
@@ -53,64 +46,50 @@ def test_the_table_is_the_same_however_the_parts_came_about(tmp_path, seed):
     assert (pool.devices, pool.innovations) == (whole.devices, whole.innovations)
 
 
-@pytest.mark.parametrize("cut", [0, 1, 100, -1])
-def test_a_torn_part_counts_for_nothing(tmp_path, cut):
-    path = write_part(tmp_path, {"k": rows_of("k")})
-    path.write_bytes(path.read_bytes()[:cut])
-    assert find_parts(tmp_path) == {}
-
-
-def test_a_sweep_removes_what_killed_runs_left_and_what_is_stale(tmp_path):
-    kept, stale = (write_part(tmp_path, {key: rows_of(key)}) for key in "ab")
-    (kept.parent / f".{kept.name}.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    (tmp_path / ".fleet.parquet.kalscope-0123456789abcdef.tmp").write_bytes(b"torn")
-    sweep(tmp_path)
-    assert {path for path in tmp_path.rglob("*") if path.is_file()} == {kept, stale}
-    sweep(tmp_path, {kept})
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [kept]
-
-
 HOLD = """
 import sys, pathlib
-from kalscope.fleet.store import locked
-with locked(pathlib.Path(sys.argv[1])):
+from kalscope.estimation.pool import Pool
+from kalscope.fleet.store import Row, open_store, stored
+def units():
+    yield from [stored(f"{i}", [Row("a", verdict="ok")] * 1000, Pool.empty()) for i in range(100)]
     print("held", flush=True)
     sys.stdin.read()
+with open_store(pathlib.Path(sys.argv[1])) as store:
+    store.keep([stored("k", [Row("a", verdict="ok")], Pool.empty())])
+    store.keep(units())
 """
 
 
-def test_a_folder_has_one_run_and_a_dead_one_holds_nothing(tmp_path):
+def test_a_folder_has_one_run_and_one_that_dies_leaves_whole_batches(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "held\n"
-        with (
-            pytest.raises(BadSetting, match="no other run writes") as refused,
-            locked(tmp_path),
-        ):
+        with pytest.raises(BadSetting, match="no other run writes") as refused, open_store(tmp_path):
             pass
         assert "\n" not in str(refused.value)
         other.kill()
         other.wait()
-    with locked(tmp_path):
-        pass
+    with open_store(tmp_path) as store:
+        assert store.settled() == {"k"}
 
 
 def test_a_file_is_no_folder_of_results(tmp_path):
     Path(tmp_path / "x").write_text("")
-    with pytest.raises(BadSetting, match="must go to a folder"), locked(tmp_path / "x"):
+    with pytest.raises(BadSetting, match="must go to a folder"), open_store(tmp_path / "x"):
         pass
 
 
 def test_a_name_that_is_no_utf_8_does_not_end_a_run(tmp_path):
-    write_part(tmp_path, {"k": ([Row("a", source="/logs/\udcff.csv")], Pool.empty())})
-    assert merged(tmp_path, [["k"]])[0][0].source == "/logs/\\udcff.csv"
+    with open_store(tmp_path) as store:
+        store.keep([stored("k", [Row("a", source="/logs/\udcff.csv")], Pool.empty())])
+        assert store.merged(["k"])[0]["source"].to_pylist() == ["/logs/\\udcff.csv"]
 
 
-def test_files_of_the_user_are_not_swept_away(tmp_path):
-    own = [tmp_path / ".draft.tmp", tmp_path / "parts" / "v1" / "wing.parquet", tmp_path / "parts" / "v1" / "a.tmp"]
-    own[1].parent.mkdir(parents=True)
-    for path in own:
-        path.write_text("mine")
-    sweep(tmp_path, ())
-    assert all(path.exists() for path in own)
+@pytest.mark.parametrize("rows", [b"", b"\xc1", b"\x91\x91\x01", "text", b"\x91\x01"])
+def test_units_of_somebody_else_are_refused_with_one_line(tmp_path, rows):
+    with open_store(tmp_path) as store:
+        for pool in (None, b"123"):
+            store.keep([Stored("k", True, rows, pool)])
+            with pytest.raises(BadFile, match="must hold the units of a fleet"):
+                store.merged(["k"])

@@ -9,24 +9,15 @@ import pytest
 from each import each
 
 from kalscope.errors import BadSetting
-from kalscope.filtering.filter import denoise, kalman_filter
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.papers import interactive_matter_2009 as lis302dl
 from kalscope.papers import khan as generalized
 from kalscope.papers import maarif_2019 as noise_reducer
-from kalscope.papers.generalized import GeneralizedParams
-from kalscope.papers.page import list_disagreements
 from kalscope.papers.reproduction import list_experiments, open_experiment
 
 pytestmark = pytest.mark.slow
-
-
-def test_the_appendix_noise_is_not_the_tables():
-    z = np.concatenate([noise_reducer.appendix_signal(seed=seed) for seed in range(100)])
-    assert z.std() == pytest.approx(100 / math.sqrt(6), rel=0.02)
-    x = kalman_filter(z, FilterParams(q=0.01, r=1.0, p0=0.0, x0=0.0)).x
-    assert noise_reducer.mean_error(z, x) < 0.6 * 53.4466
 
 
 @each("ratio", [10.0, 1.0, 0.1, 0.01, 0.001])
@@ -48,37 +39,13 @@ def test_mean_error_rewards_no_filter_and_rmse_does_not():
     assert (np.diff([row["rmse"] for row in table]) < 1e-9).all()
 
 
-def test_rows_3_and_4_say_that_neither_start_of_the_paper_was_used():
-    clue = noise_reducer.question_the_start(1000)
-    assert clue["printed"] == pytest.approx(0.0075)
-    assert clue["p0_zero"] < 1e-12
-    assert clue["p0_one"] == pytest.approx(0.45, abs=0.03)
-    assert clue["share"] < 0.02
-    assert clue["own_signals_spread"] > 5.0
-    assert 0.001 < clue["p0_needed"] < 0.004
-    assert 5000 < clue["samples_needed"] < 7000
-
-
-def test_the_rule_40_to_55_is_a_rule_for_one_noise():
-    rule = noise_reducer.judge_rule()
-    low, high = rule["ratios"]
-    assert low < 10.0  # the row that the text calls too aggressive
-    assert high > 100.0
-    assert 40.0 < rule["row_2"] < 55.0
-    for ratio, error in ((low, 40.0), (high, 55.0)):
-        assert noise_reducer.theoretical_mean_error(1 / ratio, 72.0) == pytest.approx(error, rel=1e-9)
-    assert noise_reducer.theoretical_mean_error(1e-12, rule["sigma_too_small"]) == pytest.approx(40.0, rel=1e-5)
-    assert noise_reducer.theoretical_mean_error(0.01, rule["sigma_too_large"]) == pytest.approx(55.0)
-
-
 def test_figure_7_forgets_a_high_start_and_without_the_slip_it_freezes():
     z = generalized.channel("flex_sensor")
     printed = generalized.FLEX.run(z)
     assert printed.x[0] > 900.0
-    good = GeneralizedParams(generalized.FLEX.sigma_m).run(z).x
-    assert generalized.samples_to_recover(printed.x, good, 3.0) < 40
+    assert generalized.samples_to_forget()[0] < 40
     assert np.ptp(printed.x[900:]) > 220.0
-    assert np.ptp(generalized.without_slip(generalized.FLEX, 12.0).run(z).x[900:]) < 10.0
+    assert np.ptp(generalized.FLEX_WITHOUT_SLIP.run(z).x[900:]) < 10.0
 
 
 def test_the_moved_board_is_eight_bits_with_a_known_truth():
@@ -93,21 +60,13 @@ def test_q_and_r_can_be_estimated_and_serve_better_than_the_eye():
     assert answer["found"] == 1.0
     assert answer["q_low"] < 0.125 < answer["q_high"]
     assert answer["board_rmse"] < 0.7 * answer["by_eye_rmse"]
-    assert answer["resting_verdicts"] == ("no_movement",) * 3
-
-
-def test_two_sensors_are_better_than_one():
-    tilt = lis302dl.answer_tilt()
-    assert tilt["r_second"] == pytest.approx(0.64, rel=0.25)
-    assert tilt["offset_low"] < 2.5 < tilt["offset_high"]
-    assert tilt["fused"] < 0.85 * min(tilt["first"], tilt["second"])
+    assert answer["verdicts"] == "no movement"
 
 
 def test_experiments_open_with_settings_for_every_channel():
     names = [experiment.name for experiment in list_experiments()]
-    assert len(set(names)) == len(names) >= 18
+    assert len(set(names)) == len(names) == 20
     for experiment in list_experiments():
-        assert all((experiment.title, experiment.paper, experiment.figure, experiment.summary))
         recording, filters = open_experiment(experiment.name)
         assert recording.source == f"experiment:{experiment.name}"
         assert recording.title == experiment.title
@@ -121,15 +80,3 @@ def test_experiments_open_with_settings_for_every_channel():
 def test_an_unknown_experiment_names_the_choices():
     with pytest.raises(BadSetting, match=r"experiment must be one of noise_reducer_figure_3.*got 'x'"):
         open_experiment("experiment:x")
-
-
-def test_the_disagreements_of_the_issue_are_told():
-    told = " ".join(f"{d['where']} {d['one']} {d['other']}" for d in list_disagreements())
-    for words in (
-        "Table 1 leaves figure 3 out",
-        "R = 100, Q = 0.1",
-        "R = 10, Q = 0.01",
-        "(7) and (12)",
-        "Equation (3)",
-    ):
-        assert words in told

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
-from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
+from kalscope.papers.generalized import GeneralizedParams, printed_gain
 
 EXACT = 0.0
 ROUNDING = 1e-12
@@ -35,7 +35,7 @@ def equations_1_to_3(measurements, sigma_m, e, sigma_e):
 
 
 def test_the_printed_reading_is_the_three_printed_equations():
-    result = generalized_filter(SIGNAL, GeneralizedParams(100.0, sigma_e0=7.0, e0=20.0))
+    result = GeneralizedParams(100.0, sigma_e0=7.0, e0=20.0).run(SIGNAL)
     for ours, theirs in zip(
         (result.x, result.p, result.k), equations_1_to_3(SIGNAL.tolist(), 100.0, 20.0, 7.0), strict=True
     ):
@@ -46,7 +46,7 @@ def test_the_printed_reading_is_the_three_printed_equations():
 def test_without_the_slip_it_is_the_five_line_filter_with_q_0(start):
     z = SIGNAL.copy()
     z[[0, 5, 6]] = np.nan
-    ours = generalized_filter(z, GeneralizedParams(16.0, reading="without_slip", **start))
+    ours = GeneralizedParams(16.0, reading="without_slip", **start).run(z)
     five = kalman_filter(z, FilterParams(q=0.0, r=16.0, p0=start.get("sigma_e0"), x0=start.get("e0")))
     for field in ("x", "p", "k", "innovation", "s"):
         np.testing.assert_array_equal(getattr(ours, field), getattr(five, field))
@@ -54,7 +54,7 @@ def test_without_the_slip_it_is_the_five_line_filter_with_q_0(start):
 
 
 def test_without_the_slip_the_gain_is_one_over_n_and_x_is_the_mean():
-    result = generalized_filter(SIGNAL, GeneralizedParams(16.0, reading="without_slip"))
+    result = GeneralizedParams(16.0, reading="without_slip").run(SIGNAL)
     n = np.arange(1, len(SIGNAL) + 1)
     np.testing.assert_allclose(result.k, 1.0 / n, rtol=ROUNDING)
     np.testing.assert_allclose(result.x, np.cumsum(SIGNAL) / n, rtol=ROUNDING)
@@ -71,7 +71,7 @@ def test_the_fixed_point_solves_its_quadratic(level, sigma_m):
 def test_a_constant_signal_settles_at_the_fixed_point_from_any_start(level, sigma_m):
     gain = printed_gain(level, sigma_m)
     for start in (0.01 * level, level, 50.0 * level):
-        result = generalized_filter(np.full(5000, level), GeneralizedParams(sigma_m, sigma_e0=start, e0=start))
+        result = GeneralizedParams(sigma_m, sigma_e0=start, e0=start).run(np.full(5000, level))
         settled = result.x[-1], result.p[-1], result.k[-1]
         assert settled == pytest.approx((level, (1 - gain) * level, gain), rel=SETTLED)
 
@@ -79,10 +79,10 @@ def test_a_constant_signal_settles_at_the_fixed_point_from_any_start(level, sigm
 def test_the_gain_depends_on_the_level_but_not_on_a_common_factor():
     assert printed_gain(1.0, 4.0) < 0.2
     assert printed_gain(1000.0, 4.0) > 0.9
-    one = generalized_filter(SIGNAL, GeneralizedParams(9.0))
-    scaled = generalized_filter(1024.0 * SIGNAL, GeneralizedParams(1024.0 * 9.0))
+    one = GeneralizedParams(9.0).run(SIGNAL)
+    scaled = GeneralizedParams(1024.0 * 9.0).run(1024.0 * SIGNAL)
     np.testing.assert_array_equal(scaled.k, one.k)
-    moved = generalized_filter(SIGNAL + 273.15, GeneralizedParams(9.0))  # °C to K
+    moved = GeneralizedParams(9.0).run(SIGNAL + 273.15)  # °C to K
     assert moved.k[-1] > one.k[-1] + 0.02
 
 
@@ -97,7 +97,7 @@ def test_the_gain_depends_on_the_level_but_not_on_a_common_factor():
 )
 def test_at_zero_and_below_the_printed_reading_says_what_must_hold(z, params):
     with pytest.raises(BadSetting, match=r"needs estimates above 0.*without_slip"):
-        generalized_filter(z, params)
+        params.run(z)
     stream = params.stream()
     for sample in z[:-1] if z[0] != 0.0 else []:
         stream.update(sample)
@@ -111,8 +111,7 @@ def test_batch_and_stream_agree_bit_for_bit_whatever_was_refused(reading, start)
     z = np.array(SIGNAL)
     z[[0, 3]] = np.nan
     params = GeneralizedParams(30.0, reading=reading, **start)
-    stream, x = params.stream(), generalized_filter(z, params).x
-    np.testing.assert_array_equal(params.run(z).x, x)
+    stream, x = params.stream(), params.run(z).x
     for i, sample in enumerate(z):
         np.testing.assert_array_equal(stream.update(sample), x[i])
         for bad, dt in ((math.inf, None), (1.0, -1.0), ([1.0], None)):
@@ -123,9 +122,9 @@ def test_batch_and_stream_agree_bit_for_bit_whatever_was_refused(reading, start)
 def test_a_missing_sample_changes_nothing():
     params = GeneralizedParams(30.0)
     gappy = np.insert(SIGNAL, [4, 4, 9], np.nan)
-    result = generalized_filter(gappy, params)
+    result = params.run(gappy)
     kept = np.isfinite(gappy)
-    np.testing.assert_array_equal(result.x[kept], generalized_filter(SIGNAL, params).x)
+    np.testing.assert_array_equal(result.x[kept], params.run(SIGNAL).x)
     assert (result.k[~kept] == 0.0).all()
     assert np.isnan(result.innovation[~kept]).all()
 
@@ -154,6 +153,6 @@ def test_bad_data_is_named():
         ([1.0], [-1.0], "dt must be finite"),
     ):
         with pytest.raises(BadSetting, match=says):
-            generalized_filter(z, GeneralizedParams(1.0), dt)
+            GeneralizedParams(1.0).run(z, dt)
     with pytest.raises(BadSetting, match="level must be"):
         printed_gain(0.0, 1.0)

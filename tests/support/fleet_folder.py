@@ -6,13 +6,13 @@ from dataclasses import asdict
 
 import numpy as np
 
-from kalscope.cli.tune_options import TuneOptions
+from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions, find_units
 from kalscope.fleet.results import Devices, answer_for, devices_of, save_answer
-from kalscope.fleet.store import Row, find_parts, merge, schema, write_note, write_part
+from kalscope.fleet.store import Row, open_store, schema, stored
 from kalscope.fleet.work import fit_unit
 
-PLAIN = FleetOptions(TuneOptions(momentum=0.0, robust=False))
+PLAIN = FleetOptions(Request(momentum=0.0, robust=False))
 """What is asked of each recording."""
 NOISY = 3
 """The device with a hundred times the noise variance."""
@@ -30,36 +30,22 @@ def write_logs(folder, devices=12, n=300):
     (folder / "empty.csv").write_text("")
 
 
-class FleetRun:
-    """A run that can be stopped between two units."""
-
-    def __init__(self, source, folder, asked=PLAIN):
-        self.folder, self.asked, self.options = folder, asked, asked.fingerprint()
-        folder.mkdir(exist_ok=True)
-        self.units = find_units([str(source)], folder)
-        pooled = asked.is_pooled
-        write_note(folder, len(self.units), self.options, asked.reading, asked.sample_period, pooled=pooled)
-
-    def do(self, first=0, last=None):
-        """Write the parts of some units."""
-        for unit in self.units[first:last]:
-            fitted = fit_unit(unit, self.asked)
-            write_part(self.folder, {unit.key(self.options): (fitted.rows, fitted.pool)})
-        return self
-
-    def finish(self):
-        """Merge the table and write the answer."""
-        keys = [[unit.key(self.options) for unit in self.units]]
-        table, pool = merge(keys, find_parts(self.folder))
-        answer = answer_for(devices_of(table), pool, self.asked.question)
-        save_answer(answer, table, self.folder)
-        return answer
+def run_steps(source, folder, options=PLAIN):
+    """The answer of a fleet, and its folder filled, by the steps of `run_fleet`."""
+    with open_store(folder) as store:
+        units = find_units([str(source)], folder)
+        keys = [unit.key(options.fingerprint()) for unit in units]
+        store.keep(stored(key, *fit_unit(unit, options)) for key, unit in zip(keys, units, strict=True))
+        table, inputs, pool = store.merged(keys)
+        answer = answer_for(devices_of(table, inputs), pool, options, folder)
+        save_answer(answer, table, store)
+    return answer
 
 
 def finished_fleet(folder):
     """The folder of a finished fleet of 12 devices and an empty file, which lie beside it."""
     write_logs(folder / "logs")
-    FleetRun(folder / "logs", folder / "result").do().finish()
+    run_steps(folder / "logs", folder / "result")
     return folder / "result"
 
 

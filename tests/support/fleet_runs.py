@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 from forked import fork_server
@@ -41,30 +43,33 @@ def fits(folder):
     return [{name: value for name, value in row.items() if name not in lost} for row in table(folder)]
 
 
-def parts(folder):
-    return sorted((folder / "parts").glob("??/*.parquet"))
+ANSWER = {"units.sqlite", "fleet.parquet", "fleet.json", "tuning.toml"}
+"""Names of the files of a finished fleet."""
 
 
 def files_of(folder):
-    return {path.name for path in folder.rglob("*") if path.is_file()} - {path.name for path in parts(folder)}
+    return {path.name for path in folder.rglob("*") if path.is_file()}
+
+
+def kept(folder):
+    """How many units the database holds; no run may have it open."""
+    with closing(sqlite3.connect(folder / "units.sqlite")) as database:
+        return database.execute("SELECT count(*) FROM units").fetchone()[0]
 
 
 class AtOnce:
-    """Workers of this process: a batch is done when it is asked for; `fault` may give something else instead."""
+    """Workers of this process: a batch is done when its result is wanted."""
 
-    threads = 2
-
-    def __init__(self, fault):
-        self.flight, self.fault, self.most, self.batches = [], fault, 0, []
+    def __init__(self):
+        self.flight, self.batches = [], []
 
     def submit(self, batch, *call):
         self.flight.append((batch, call))
         self.batches.append(batch)
-        self.most = max(self.most, len(self.flight))
 
     def ended(self, _timeout):
-        batch, (function, units, *rest) = self.flight.pop(0)
-        return batch, self.fault(units) or function(units, *rest)
+        batch, (function, *rest) = self.flight.pop(0)
+        return batch, function(*rest)
 
 
 class InProcesses(AtOnce):
@@ -81,7 +86,7 @@ def done_by_hanging_worker(function, units, *rest):
 
     The time limit of a unit is in proportion to its bytes.
     """
-    plain, work.FULL_BYTES = work.fit_unit, 1
+    plain, work.FULL_BYTES, work.DEVICE_LIMIT_S = work.fit_unit, 1, 0.5
 
     def fit(unit, asked):
         if unit.id.startswith("hangs"):

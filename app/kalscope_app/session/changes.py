@@ -558,17 +558,6 @@ def open_fleet(fleet: Fleet) -> Change:
     return lambda state: replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
 
 
-def renew_fleet(fleet: Fleet) -> Change:
-    """The newer state of a fleet that is still open."""
-
-    def change(state: State) -> State:
-        if state.fleet is None or state.fleet.fleet.folder != fleet.folder:
-            return state
-        return replace(state, fleet=replace(state.fleet, fleet=fleet, picked=None))  # its rows have changed
-
-    return change
-
-
 def close_fleet(state: State) -> State:
     """Close the fleet."""
     return replace(state, fleet=None)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import threading
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -13,14 +11,13 @@ from typing import TYPE_CHECKING
 import viser
 
 from kalscope.common.text import count, lag_in_full, one_line, percent, plural, squared, trimmed
-from kalscope.errors import BadSetting, KalscopeError
+from kalscope.errors import BadSetting
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import (
     close_fleet,
     find_devices,
     open_fleet,
-    renew_fleet,
     set_at_shared,
     set_fleet_colour,
     set_fleet_order,
@@ -42,11 +39,8 @@ MAX_NAME = 16
 
 
 def about_fleet(fleet: Fleet) -> str:
-    """How many recordings there are, one filter for all, how many devices it suits, and the progress of a run."""
+    """How many recordings there are, one filter for all, and how many devices it suits."""
     said = [f"{fleet.devices.counted}."]
-    if fleet.done is not None:
-        done = f"{count(fleet.done)} of {count(fleet.note.units)}"
-        said.append(f"**Not finished: {done} files or row groups done.**")
     if fleet.shared is not None:
         params, devices = fleet.shared.params, fleet.devices
         lag = lag_in_full(steady_state(params, devices.sample_period).lag_samples, devices.sample_period)
@@ -103,13 +97,7 @@ def _variance(value: float) -> str:
 # A fleet beside the recording: what `kalscope fleet` found, sorted; a device is opened by name or in the map.
 
 
-log = logging.getLogger(__name__)
-
 NONE = "–"
-WATCH_S = 5.0
-"""Seconds after which the folder of a run in progress is read again."""
-MAX_FAILURES = 5
-"""How many times in a row this may fail, for instance while the run merges its parts."""
 
 
 class FleetView:
@@ -126,14 +114,12 @@ class FleetView:
         """Args: the usual; the process that reads; opens the recording of a row."""
         self._session, self._jobs, self._worker, self._open_device = session, jobs, worker, open_device
         self._shown: OpenFleet | None = None
-        self._opened: Fleet | None = None
-        self._failures = 0
         with gui.add_folder("Fleet", expand_by_default=False):
             with gui.add_form(None) as form:
                 self._path = gui.add_text(
                     "fleet folder",
                     "",
-                    hint="The output folder (-o) of a kalscope fleet run, finished or still running.",
+                    hint="The output folder (-o) of kalscope fleet.",
                 )
             open_button = gui.add_button("Open fleet", hint="Show its devices here and in the map of q and r.")
             self._about = gui.add_markdown("", visible=False)
@@ -178,50 +164,12 @@ class FleetView:
         def work() -> None:
             if not folder or not Path(folder).is_dir():
                 raise BadSetting(f"fleet folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
-            fleet = self._read(Path(folder))
-            self._opened, self._failures = fleet, 0
+            from kalscope.fleet.results import read_fleet  # with the fits of a fleet
+
+            fleet = self._worker.run(partial(read_fleet, Path(folder)), one_line(Path(folder).name)[:100])
             self._session.request(open_fleet(fleet), failed=Failed.FLEET)
-            self._watch(fleet, fleet)
 
         self._jobs.run(work, Failed.FLEET)
-
-    def _read(self, folder: Path) -> Fleet:
-        from kalscope.fleet.results import read_fleet  # with the fits of a fleet
-
-        return self._worker.run(partial(read_fleet, folder), one_line(folder.name)[:100])
-
-    def _watch(self, opened: Fleet, fleet: Fleet) -> None:
-        """Read the folder of a run in progress again later; `opened` is the fleet as first read."""
-
-        def look() -> None:
-            if self._jobs.is_full:  # the user's work comes first
-                self._watch(opened, fleet)
-            else:
-                self._jobs.run(lambda: self._again(opened, fleet), Failed.FLEET)
-
-        if fleet.done is not None:
-            timer = threading.Timer(WATCH_S, look)
-            timer.daemon = True
-            timer.start()
-
-    def _again(self, opened: Fleet, before: Fleet) -> None:
-        """Show what is new, while this fleet is open."""
-        shown = self._shown
-        if opened is not self._opened or shown is None or shown.fleet.folder != before.folder:
-            return
-        try:
-            fleet = self._read(before.folder)
-        except (KalscopeError, OSError) as error:
-            self._failures += 1
-            if self._failures >= MAX_FAILURES:
-                raise
-            log.info("The fleet could not be read this time: %s", error)
-            self._watch(opened, before)
-            return
-        self._failures = 0
-        if (fleet.done, len(fleet)) != (before.done, len(before)):
-            self._session.request(renew_fleet(fleet))
-        self._watch(opened, fleet)
 
     def show(self, shown: OpenFleet | None) -> None:
         """Show the fleet of a frame, once for each."""
@@ -232,7 +180,7 @@ class FleetView:
         for part in (*about, self._device, self._at_shared, self._colour, self._close):
             put(part, visible=shown is not None)
         if shown is None:
-            self._opened = self._shown = None
+            self._shown = None
             return
         if before is None or before.fleet is not shown.fleet:
             self._about.content = about_fleet(shown.fleet)

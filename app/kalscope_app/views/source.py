@@ -50,7 +50,7 @@ from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
-    from kalscope.papers.parts import Experiment
+    from kalscope.papers.document import Experiment
     from kalscope.papers.reproduction import Reproduction
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
-from kalscope.cli.options import SamplePeriod, number_option, read_options, text_option, with_options
+from kalscope.cli.options import SamplePeriod, read_options, text_option, with_options
 from kalscope.cli.tune_options import NOTHING, TuneOptions
 from kalscope.errors import BadSetting
+from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
-    from kalscope.estimation.pool import Pool
-    from kalscope.fleet.run import Tally
+    from kalscope.fleet.results import Tally
 
 
 @with_options(reading=read_options, question=TuneOptions)
@@ -35,10 +36,6 @@ def fleet_command(
         typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Tune every channel.")] = False,
-    device_limit: Annotated[
-        float | None,
-        number_option("Longest time for one device in s, more for a file above 16 MiB; default: 120."),
-    ] = None,
     question: TuneOptions = NOTHING,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
@@ -53,42 +50,39 @@ def fleet_command(
 
     for module in LIBRARIES:
         library(module)
-    from kalscope.fleet.read import DEVICE_LIMIT_S, FleetOptions, any_recording
-    from kalscope.fleet.results import Answer, answer_for, devices_of, save_answer, summary
+    from kalscope.fleet.read import FleetOptions
+    from kalscope.fleet.results import summary
     from kalscope.fleet.run import run_fleet
 
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
-    options = FleetOptions(question, reading, sample_period, channel, every, device_limit or DEVICE_LIMIT_S)
-    if question.still is None:  # a stretch lies in each recording or not
-        question.request(any_recording()).checked_momentum()
-    line, answers, kept = TerminalLine(sys.stderr), list[Answer](), "what was done is kept"
+    if question.still not in (None, "auto"):
+        raise BadSetting(f"--still must be auto for a fleet, whose recordings differ (got {question.still!r})")
+    request = question.request(Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0))
+    request.checked_momentum()
+    options = FleetOptions(request, question.gate, reading, sample_period, channel, every)
+    line, kept = TerminalLine(sys.stderr), "what was done is kept"
 
     def show(tally: Tally) -> None:
         nonlocal kept
         kept = f"{tally.kept + tally.done} of {tally.units} done, all kept"
         line.show(progress_text(tally))
 
-    def finish(table: Any, pool: Pool) -> None:
-        answers.append(answer_for(devices_of(table), pool, question))
-        save_answer(answers[0], table, output)
-
     try:
         line.show("looking for recordings")
         with said_at_stop(lambda: f"{kept}: run the same command again to continue"):
-            tally = run_fleet(sources, options, output, cluster, show, finish)
+            tally, answer = run_fleet(sources, options, output, cluster, show)
     finally:
         line.clear()
-    write_output(iter([summary(answers[0], tally, output)]), None)
+    write_output(iter([summary(answer, tally, output)]), None)
 
 
 def progress_text(tally: Tally) -> str:
-    """How far a run is, how fast, and the time left, in one line."""
-    from kalscope.common.text import count, duration, number, percent
+    """How far a run is and the time left, in one line."""
+    from kalscope.common.text import count, duration, percent
 
     finished = tally.kept + tally.done
     text = f"{count(finished)} of {count(tally.units)} done ({percent(finished / tally.units)})"
-    if not tally.seconds or not tally.done:
+    if not tally.done:
         return text
-    left = duration(tally.seconds * (tally.units - finished) / tally.done)
-    return f"{text}, {number(tally.rows / tally.seconds)} rows/s, {left} left"
+    return f"{text}, {duration(tally.seconds * (tally.units - finished) / tally.done)} left"

@@ -78,7 +78,6 @@ def report_command(
 def reproduce_command(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, not as a table.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer random draws, the same tolerances.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Reproduce the results of the three source documents.
@@ -94,7 +93,7 @@ def reproduce_command(
     check_new(page, numbers, force=force)
     make_folder(output)  # before the work, so that a failure is immediate
     with progress_line() as progress:
-        done = reproduce(quick, progress=progress)
+        done = reproduce(progress=progress)
     write_atomic(numbers, done.json.encode())
     write_atomic(page, done.html.encode())
     write_output(iter([done.json if as_json else summary(done, output)]), None)

@@ -91,8 +91,6 @@ class Panel:
     """What the ordinate is, with its unit."""
     y_range: tuple[float, float] | None = None
     """Ends of the ordinate; None = what the curves need."""
-    log_x: bool = False
-    """Whether the abscissa is logarithmic."""
 
 
 def raw_and_filtered(
@@ -157,11 +155,6 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         y = np.where((y < low) | (y > high), np.nan, y)
         axes.plot(np.asarray(line.x), y, dashes, color=COLOURS[colour], linewidth=width, clip_on=False)
     axes.locator_params("y", nbins=5)
-    if panel.log_x:
-        from matplotlib.ticker import EngFormatter
-
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     ends = [end for line in panel.lines for end in (np.min(line.x), np.max(line.x))]
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xlim=(min(ends), max(ends)), ylim=panel.y_range)

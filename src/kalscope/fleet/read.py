@@ -14,16 +14,16 @@ import json
 import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import program
-from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
+from kalscope.errors import BadFile, BadSetting, describe
 from kalscope.estimation.request import Request
 from kalscope.fleet.store import pa, pc, pq
 from kalscope.recording import Recording
@@ -40,7 +40,7 @@ ID_NAMES = ("id", "series_id", "unique_id", "device_id", "sensor_id", "device", 
 WITHOUT = "rows without an id"
 """Name in the table of the rows that belong to no series."""
 MAX_SAMPLED = 8
-"""Row groups of a file whose ids are read in any case."""
+"""Row groups of a file whose ids say whether ids repeat."""
 MAX_READINGS = 8
 """How often the bytes of a data set may be read in all, where its ids are mixed."""
 SORTED_READINGS = 2
@@ -137,12 +137,9 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
     roots = [path for one in sources for path in (read_list(one[1:]) if one.startswith("@") else _matches(one))]
     base, skipped = _base(roots), os.path.realpath(output)
     units: dict[str, Unit] = {}
-    for root in roots:
-        if not os.path.join(os.path.realpath(root), "").startswith(os.path.join(skipped, "")):
-            # else a pattern such as ** matches the results of an earlier run
-            for path, reason in _below(root, skipped):
-                if path not in units:
-                    units[path] = _unit(path, base, reason)
+    for path, reason in (found for root in roots for found in _below(root, skipped)):
+        if path not in units:
+            units[path] = _unit(path, base, reason)
     if not units:
         raise BadSetting(f"SOURCE must name at least one file (got {', '.join(map(repr, sources))}, all empty)")
     return sorted(_spread(units.values()), key=lambda unit: (unit.data_set, unit.id))
@@ -168,23 +165,13 @@ def _spread(units: Iterable[Unit]) -> Iterator[Unit]:
 
 
 def _matches(source: str) -> list[str]:
-    """The paths that a source stands for; ** is any depth of folders and follows no link, which might be a loop."""
-    if os.path.lexists(source):
-        return [os.path.abspath(source)]
-    paths: list[str] = []
-    if glob.has_magic(source):
-        parts = Path(os.path.abspath(source)).parts
-        at = next(i for i, part in enumerate(parts) if glob.has_magic(part))
-        root = Path(*parts[:at])
-        if parts[at:] == ("**",):
-            return [str(root)]
-        met = (path.relative_to(root) for path in root.glob(os.path.join(*parts[at:])))
-        paths = sorted(str(root / path) for path in met if not any(part.startswith(".") for part in path.parts))
-    if not paths:
+    """The paths that a source stands for."""
+    paths = [source] if os.path.lexists(source) else sorted(glob.glob(source))
+    if not paths or "**" in source:  # which would miss what lies deeper
         raise BadSetting(
-            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' or @LIST (got {source!r})"
+            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' without **, or @LIST (got {source!r})"
         )
-    return paths
+    return [os.path.abspath(path) for path in paths]
 
 
 def _base(paths: Sequence[str]) -> str:
@@ -239,8 +226,6 @@ class _Group:
 
     piece: Piece
     """Its file and number, with its bytes in memory: a file holds equal values once."""
-    columns: frozenset[str]
-    """Names of all columns."""
     id_column: str
     missing: int
     """Rows without an id."""
@@ -248,8 +233,6 @@ class _Group:
     """The least id, or less; None where there is none."""
     last: Any
     """The largest id, or more."""
-    ids: Any
-    """See `_ids`; None where the footer gives the others."""
 
 
 def id_column(names: Sequence[str]) -> str | None:
@@ -267,8 +250,7 @@ def _ids(file: Any, i: int, name: str) -> Any:
     """The ids of a row group, each once, null and NaN left out: a pyarrow Table of `values` and `counts`."""
     table = pa.Table.from_struct_array(file.read_row_group(i, columns=[name])[name].value_counts())
     values = plain_ids(table["values"])
-    missing = values.is_null(nan_is_null=True)
-    return table.set_column(0, "values", values).filter(pc.invert(missing))
+    return table.set_column(0, "values", values).filter(pc.invert(values.is_null(nan_is_null=True)))
 
 
 def _parquet(path: str) -> Any:
@@ -277,81 +259,64 @@ def _parquet(path: str) -> Any:
 
 def _counted(groups: Iterable[_Group]) -> Any:
     """The ids in ascending order and their rows; ArrowException where they are of several types."""
-    read = (one.ids or _ids(_parquet(one.piece.path), one.piece.groups[0], one.id_column) for one in groups)
+    read = (_ids(_parquet(one.piece.path), one.piece.groups[0], one.id_column) for one in groups)
     table = pa.concat_tables(read, promote_options="permissive")
     return table.group_by("values").aggregate([("counts", "sum")]).sort_by("values")
 
 
 def _scan(path: str) -> list[_Group]:
-    """The row groups of a file with their ids; none where it has no id, or cannot be read."""
-    groups: list[_Group] = []
+    """The row groups of a file with their ids; none where it has no id or just numbers its rows, or is damaged."""
     try:
         file, stamp = _parquet(path), os.stat(path).st_mtime_ns
-        names = file.schema_arrow.names
-        name = id_column(names)
-        if name is None or len(names) < 2:
+        name = id_column(file.schema_arrow.names)
+        if name is None or len(file.schema_arrow.names) < 2 or not file.num_row_groups:
             return []
-        exact = not pa.types.is_floating(file.schema_arrow.field(name).type)  # footers do not count NaN
+        values, counts = (column.to_numpy() for column in _ids(file, 0, name))
+        whole = np.issubdtype(values.dtype, np.integer) and len(values) == counts.sum()
+        if whole and np.all(np.diff(values.astype(np.float64)) == 1.0):
+            return []
+        groups: list[_Group] = []
         for i in range(file.num_row_groups):
-            footer, ids = file.metadata.row_group(i), None
-            ends = _known_ends(footer, name) if exact and i >= MAX_SAMPLED else None
-            if ends is None:
-                ids = _ids(file, i, name)
-                both = pc.min_max(ids["values"])
-                rows = pc.sum(ids["counts"]).as_py() or 0
-                ends = footer.num_rows - rows, both["min"].as_py(), both["max"].as_py()
+            footer = file.metadata.row_group(i)
             piece = Piece(path, max(footer.total_byte_size, 8 * footer.num_rows * footer.num_columns), stamp, (i,))
-            groups.append(_Group(piece, frozenset(names), name, *ends, ids))
+            groups.append(_Group(piece, name, *_ends(file, i, name)))
     except (pa.ArrowException, OSError, ValueError, TypeError):
         return []
     return groups if any(group.first is not None for group in groups) else []
 
 
-def _known_ends(footer: Any, name: str) -> tuple[int, Any, Any] | None:
-    """The number of rows without an id, the least and the largest id by the footer; None where it has none."""
-    columns = map(footer.column, range(footer.num_columns))
-    known = next(one.statistics for one in columns if one.path_in_schema == name)
-    try:
-        if known is not None and known.has_min_max and known.has_null_count:
+def _ends(file: Any, i: int, name: str) -> tuple[int, Any, Any]:
+    """Rows of a row group without an id, the least and the largest id: by its footer where that has them."""
+    footer = file.metadata.row_group(i)
+    with suppress(AttributeError, ValueError, pa.ArrowException):  # a text may be cut within a character
+        columns = map(footer.column, range(footer.num_columns))
+        known = next(one.statistics for one in columns if one.path_in_schema == name)
+        exact = not pa.types.is_floating(file.schema_arrow.field(name).type)  # footers do not count NaN
+        if exact and known.has_min_max and known.has_null_count:
             return known.null_count, known.min, known.max
-    except (ValueError, pa.ArrowException):  # a text that was cut within a character
-        pass
-    return None
+    ids = _ids(file, i, name)
+    ends = pc.min_max(ids["values"])
+    return footer.num_rows - (pc.sum(ids["counts"]).as_py() or 0), ends["min"].as_py(), ends["max"].as_py()
 
 
 def _long_files(paths: Iterable[str]) -> dict[str, list[_Group]]:
     """The row groups of those Parquet files of a folder that are one data set in the long form.
 
-    They are judged together: where each file is a day, say, it may hold each id once, and the other files decide.
-    Ids that just number the rows of each file name no series.
+    They are judged together: an id must have two rows or more, on average. A file of a day may hold each id once.
     """
     scanned, together = {path: groups for path in paths if (groups := _scan(path))}, dict[str, list[_Group]]()
     for name in {groups[0].id_column for groups in scanned.values()}:
         several = {path: groups for path, groups in scanned.items() if groups[0].id_column == name}
-        kinds = {groups[0].columns for groups in several.values() if not _is_count(groups)}
-        joining = {path: groups for path, groups in several.items() if groups[0].columns in kinds}
-        if joining and _repeats([group for groups in joining.values() for group in groups]):
-            together |= joining
-    return together
-
-
-def _is_count(groups: Sequence[_Group]) -> bool:
-    """Whether the ids just number the rows."""
-    values, counts = (column.to_numpy() for column in groups[0].ids)
-    whole = np.issubdtype(values.dtype, np.integer) and len(values) == counts.sum()
-    return bool(whole and np.all(np.diff(values.astype(np.float64)) == 1.0))
-
-
-def _repeats(groups: Sequence[_Group]) -> bool:
-    """Whether an id has two rows or more, on average; all are read only where some do."""
-    for some in ([group for group in groups if group.ids is not None], groups):
         try:
-            rows = _counted(some)["counts_sum"].to_numpy()
+            for most in (MAX_SAMPLED, None):  # all are read only where some ids of the first repeat
+                counted = _counted(one for groups in several.values() for one in groups[:most])
+                rows, ids = pc.sum(counted["counts_sum"]).as_py(), len(counted)
+                if rows == ids or rows >= 2 * ids:
+                    break
+            together |= several if rows >= 2 * ids else {}
         except pa.ArrowException:  # ids of several types
-            return True
-        if 2 * len(rows) <= rows.sum() or len(rows) == rows.sum():
-            break
-    return 2 * len(rows) <= rows.sum()
+            together |= several
+    return together
 
 
 def _data_set_units(files: dict[str, list[_Group]], name: str, label: str) -> Iterator[Unit]:
@@ -401,11 +366,9 @@ def _shares(groups: Sequence[_Group]) -> list[Share]:
     if read <= SORTED_READINGS * whole and not any(_is_mixed(inside) for _, inside in shares):
         return shares
     if whole > MAX_READINGS * MAX_UNIT_BYTES:
-        folder, name = os.path.dirname(groups[0].piece.path), groups[0].id_column
         raise BadFile(
-            f"a data set of more than {MAX_READINGS * MAX_UNIT_BYTES >> 30} GiB must be sorted by {name} (got"
-            f" {whole / 1e9:.3g} GB with mixed ids): duckdb -c"
-            f" \"COPY (FROM '{folder}/*.parquet' ORDER BY {name}) TO 'sorted.parquet'\""
+            f"a data set of more than {MAX_READINGS * MAX_UNIT_BYTES >> 30} GiB must be sorted by"
+            f" {groups[0].id_column} (got {whole / 1e9:.3g} GB with mixed ids): DuckDB sorts files of any size"
         )
     counted = _counted(groups)
     upto, share = np.cumsum(counted["counts_sum"].to_numpy()), max(MIXED_BYTES / whole, 1.0 / MAX_READINGS)
@@ -436,40 +399,21 @@ def _cut(groups: Sequence[_Group], ends: Sequence[Any]) -> list[Share]:
 
 
 FORMAT = 7
-"""Raised when the same recording would give another row: parts of another format are not used."""
-DEVICE_LIMIT_S = 120.0
-"""Longest time for a unit of up to 16 MiB, s, by default; see `time_limit`."""
+"""Raised when the same recording would give another row: rows of another format are not used."""
 TIME_NAMES = ("time", "timestamp", "t", "ts", "ds", "datetime", "date", "time_s", "time_ms", "time_us", "time_ns")
 """Names of the time column, in lower case, the first that exists; a column of dates comes before all."""
 EVEN = 1e-6
 """Steps that differ by less than this share are one step."""
 
 
-class Question(Protocol):
-    """What the user of `kalscope tune` requests; a dataclass whose `repr` contains all of it."""
-
-    @property
-    def gate(self) -> float | None:
-        """Outlier gate on v²/s; NaN = off, None = as estimated."""
-        ...
-
-    def request(self, recording: Recording) -> Request:
-        """The same as a request to `find_parameters`, for this recording."""
-        ...
-
-
-@cache
-def any_recording() -> Recording:
-    """A placeholder recording, for questions where only the options count."""
-    return Recording(np.arange(3.0), ("x",), ("",), np.zeros((3, 1)), 1.0)
-
-
 @dataclass(frozen=True)
 class FleetOptions:
     """What is to be done with each recording."""
 
-    question: Question
-    """What is estimated of each channel."""
+    request: Request
+    """What is wanted and known of each channel; a goal holds for the filter of all too."""
+    gate: float | None = None
+    """Outlier gate on v²/s; NaN = off, None = as estimated."""
     reading: ReadOptions = DEFAULTS
     """How files are read."""
     sample_period: float | None = None
@@ -478,24 +422,14 @@ class FleetOptions:
     """The channel of each recording; None = the first that measures something."""
     every: bool = False
     """Whether all channels are fitted."""
-    device_limit: float = field(default=DEVICE_LIMIT_S, repr=False)
-    """Longest time for a unit, s, see `time_limit`; not in the `repr`, because no row depends on it."""
     program: str = field(default_factory=program)
     """The program with its version: rows of another one are not the same."""
 
-    @property
-    def request(self) -> Request | None:
-        """The request where it is the same for each recording; None where a still stretch is within each or not."""
-        try:
-            return self.question.request(any_recording())
-        except KalscopeError:
-            return None
-
-    @property
-    def is_pooled(self) -> bool:
-        """Whether the filter for all is the most likely one, and no goal decides it."""
-        request = self.request
-        return request is None or (not request.target and request.ratio is None)
+    def check_period(self, sample_period: float | None) -> None:
+        """Raise BadSetting where the goal needs a sample period, and there is none."""
+        if sample_period is None and self.request.target.keys() & {"lag_s", "cutoff_hz"}:
+            goal = self.request.goal
+            raise BadSetting(f"{goal} needs the time between two samples: give --sample-period (got none)")
 
     def fingerprint(self) -> str:
         """A text that differs where the rows would differ."""

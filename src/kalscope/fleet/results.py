@@ -1,22 +1,20 @@
 """The answer of a fleet: one filter for all devices, what each loses by it, which differ from the others.
 
-It is written when a run ends. The dashboard reads a folder again, finished or not: any program may have written its
-tables, so that they are checked, and refused with one line.
+It is written when a run ends. The dashboard reads it again: any program may have written it, so that it is
+checked, and refused with one line.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -34,18 +32,17 @@ from kalscope.common.text import (
     lag_text,
     number,
     percent,
-    program,
     squared,
     trimmed,
 )
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation import pool as pooling
 from kalscope.estimation.fit import params_for_specification
+from kalscope.estimation.request import Request
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.fleet import store
-from kalscope.fleet.read import Piece, Question, Unit, read_block
-from kalscope.fleet.run import Tally
+from kalscope.fleet.read import FleetOptions, Piece, Unit, read_block
 from kalscope.fleet.store import pa, pq
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -71,12 +68,12 @@ RANGES = {
     "momentum": (0.0, MAX_MOMENTUM),
 }
 """Columns of numbers, and what they may hold: any program may have written the table."""
-CLOCKS_NS = 2_000_000_000
-"""By how much the clocks of a file system and of the driver may differ, ns."""
+MAX_JSON_BYTES = 10_000_000
+"""Bytes of fleet.json, at most: with all its lists it has less than one million."""
 MAX_LISTED = 1000
 """Devices of a list in fleet.json; the table has all."""
-MAX_REASONS, MAX_NAMED = 5, 5
-"""Reasons and devices that are printed; the table and fleet.json have more."""
+MAX_NAMED = 5
+"""Reasons and devices that are printed; the table has all."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +95,9 @@ class Devices:
     verdicts: list[str]
     reasons: list[str]
     sources: list[str] = field(default_factory=list[str])
-    loss_inputs: Array | None = None
-    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); None in a finished
-    table."""
+    loss_inputs: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """What the fits stored to compute what each loses by a filter for all, shape (rows, WIDTH); empty where the
+    losses are known."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -134,18 +131,10 @@ class Devices:
         return self._usual(self.units)
 
     @property
-    def known_rates(self) -> Array:
-        """The sample rates of those with q and r."""
-        return self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
-
-    @property
     def sample_period(self) -> float | None:
         """The median sample period of those with q and r, s; None where none is known."""
-        return 1.0 / float(np.median(self.known_rates)) if len(self.known_rates) else None
-
-    def outliers(self, name: str) -> pooling.Outliers:
-        """Which devices differ from the others in one of QUANTITIES."""
-        return pooling.outliers(*self.logs(name), EXPECTED)
+        known = self.rate_hz[self.usable & np.isfinite(self.rate_hz)]
+        return 1.0 / float(np.median(known)) if len(known) else None
 
     def logs(self, name: str) -> tuple[Array, tuple[Array, Array]]:
         """Ln of one of QUANTITIES, NaN where there is none, and its interval, unbounded where it is not known."""
@@ -177,14 +166,12 @@ def numbers_of(table: Any, name: str, low: float, high: float) -> Array:
     return np.where((values >= low) & (values <= high), values, math.nan)
 
 
-def devices_of(table: Any) -> Devices:
-    """A pyarrow Table with the columns of a fleet as arrays."""
+def devices_of(table: Any, inputs: Array | None = None) -> Devices:
+    """A pyarrow Table with the columns of a fleet as arrays, and the inputs of `Devices`."""
     names = ("id", "channel", "unit", "verdict", "reason", "source")
     columns: dict[str, Any] = {f"{name}s": table[name].to_pylist() for name in names}
     columns |= {name: numbers_of(table, name, *ends) for name, ends in RANGES.items()}
-    cells = table[store.LOSS_INPUTS].to_pylist() if store.LOSS_INPUTS in table.column_names else None
-    inputs = None if cells is None else store.loss_rows(cells)
-    return Devices(**columns, loss_inputs=inputs)
+    return Devices(**columns, loss_inputs=np.empty((0, 0)) if inputs is None else inputs)
 
 
 @dataclass(frozen=True)
@@ -216,67 +203,121 @@ class Shared:
         beyond = np.flatnonzero(self.losses.error > WITHIN)
         return beyond[np.argsort(-self.losses.error[beyond], kind="stable")].tolist()
 
-    @property
-    def columns(self) -> dict[str, Array]:
-        """What each device loses, by its name in the table and in fleet.json."""
-        return dict(zip(LOST, (self.losses.lag_samples, self.losses.noise_db, self.losses.error), strict=True))
-
 
 @dataclass(frozen=True)
-class Answer:
-    """The answer for a fleet."""
+class RunNote:
+    """How the recordings of a fleet were read: they are opened again in the same way."""
 
+    reading: ReadOptions
+    """How files are read."""
+    sample_period: Annotated[float, msgspec.Meta(gt=0.0)] | None
+    """Sample period in s in place of that of the recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """A fleet and its answer, arrays of shape (rows,); compared by identity."""
+
+    folder: Path
+    """Its folder."""
     devices: Devices
-    """The table."""
+    """The table; q and r are NaN where they are not variances."""
     shared: Shared | None
     """One filter for all; None where there is none, and `refusal` says why."""
     refusal: str
     """Why there is no such filter; "" where there is one."""
-    outliers: dict[str, pooling.Outliers]
-    """Which devices differ from the others in each of QUANTITIES."""
+    note: RunNote
+    """How its recordings were read."""
+
+    def __len__(self) -> int:
+        return len(self.devices)
+
+    @cached_property
+    def outliers(self) -> dict[str, pooling.Outliers]:
+        """Which devices differ from the others in each of QUANTITIES."""
+        return {name: pooling.outliers(*self.devices.logs(name), EXPECTED) for name in QUANTITIES}
+
+    @cached_property
+    def outlier(self) -> Mask:
+        """Which differ from the others in r or q."""
+        named = np.concatenate([self.outliers[name].devices for name in ("r", "q")])
+        return np.isin(np.arange(len(self)), named)
+
+    @cached_property
+    def distance(self) -> Array:
+        """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN: unknown."""
+        return np.fmax(*(np.abs(self.outliers[name].z) for name in ("r", "q")))
+
+    @property
+    def growth(self) -> Array:
+        """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
+        return np.full(len(self), math.nan) if self.shared is None else self.shared.losses.error
 
 
-def answer_for(devices: Devices, pool: pooling.Pool, question: Question) -> Answer:
-    """The answer for a fleet.
+def answer_for(devices: Devices, pool: pooling.Pool, options: FleetOptions, folder: Path) -> Fleet:
+    """The fleet with its answer.
 
     Args:
         devices: Its table.
         pool: What all recordings contribute to one filter without momentum.
-        question: What was estimated of each recording; a goal holds for the filter of all too.
+        options: What was estimated of each recording; a goal holds for the filter of all too.
+        folder: Of the results.
     """
     shared, refusal = None, ""
     try:
-        shared = shared_filter(devices, pool, question)
+        options.check_period(devices.sample_period)
+        shared = _shared_filter(devices, pool, options.request)
     except BadSetting as error:
         refusal = str(error)
-    return Answer(devices, shared, refusal, {name: devices.outliers(name) for name in QUANTITIES})
+    return Fleet(folder, devices, shared, refusal, RunNote(options.reading, options.sample_period))
 
 
-def shared_filter(devices: Devices, pool: pooling.Pool, question: Question | None) -> Shared:
-    """One filter for all; without a question the most likely one. Raises BadSetting where there is none."""
-    period, momentum = devices.sample_period, 0.0
-    step = period or 1.0
-    recording = Recording(np.arange(3.0) * step, ("",), ("",), np.zeros((3, 1)), period)
-    request = None if question is None else question.request(recording)
-    if request is not None and request.target:
+def _shared_filter(devices: Devices, pool: pooling.Pool, request: Request) -> Shared:
+    """One filter for all, the most likely one or that of a goal. Raises BadSetting where there is none."""
+    momentum = 0.0
+    if request.target:
         tau = request.checked_momentum() or 0.0
         wanted = params_for_specification(
-            1.0, **request.target, sample_period=period, momentum=tau, overshoot=request.overshoot
+            1.0, **request.target, sample_period=devices.sample_period, momentum=tau, overshoot=request.overshoot
         )
         fit, how, momentum = pooling.pool_at(pool, wanted.ratio), request.goal, wanted.momentum
-    elif request is not None and request.ratio is not None:
-        fit, how = pooling.pool_at(pool, request.ratio), f"q/r = {request.ratio:g}"
+    elif request.ratio is not None:
+        fit, how = pooling.pool_at(pool, request.ratio), request.goal
     else:
         fit, how = pooling.fit_pool(pool), "pooled maximum likelihood"
     if fit.params is None:
         got = "r = 0" if fit.q > 0.0 else "q = 0"
         raise BadSetting(f"q and r of all must both be above 0 (got {got}): a goal such as --lag-ms 50 gives both")
     params = FilterParams(fit.q, fit.r, momentum=momentum)
-    inputs = store.loss_rows([None] * len(devices)) if devices.loss_inputs is None else devices.loss_inputs
-    return Shared(params, fit.ratio_interval, how, pooling.losses_of(inputs, params))
+    return Shared(params, fit.ratio_interval, how, pooling.losses_of(devices.loss_inputs, params))
 
 
-def save_answer(answer: Answer, table: Any, folder: Path) -> None:
+@dataclass(frozen=True)
+class SavedFilter:
+    """The filter for all in fleet.json; None for a number that is not finite."""
+
+    q: Annotated[float, msgspec.Meta(gt=0.0)]
+    r: Annotated[float, msgspec.Meta(gt=0.0)]
+    momentum: float
+    ratio_interval: tuple[float | None, float | None]
+    """The q/r that the fleet allows, 95 %."""
+    how: str
+    """How it was chosen, in a few words."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The answer for programs, fleet.json."""
+
+    one_filter: SavedFilter | None
+    why_not: str
+    """Why there is none."""
+    unlike: dict[str, list[str]]
+    """The devices that are unlike the others in each of QUANTITIES, the most unlike first, MAX_LISTED at most."""
+    note: RunNote
+
+
+def save_answer(fleet: Fleet, table: Any, place: store.Store) -> None:
     """Write the table with what each device loses, fleet.json for programs and the tuning of the filter for all.
 
     Each is written whole or not at all. Without a filter for all there is no tuning file.
@@ -285,251 +326,152 @@ def save_answer(answer: Answer, table: Any, folder: Path) -> None:
         OSError: The folder cannot be written; the files are unchanged.
         BadSetting: there is a tuning file that no fleet wrote; the files are unchanged.
     """
-    shared = answer.shared
+    folder, devices, shared, one = place.folder, fleet.devices, fleet.shared, None
+    place.check_tuning()
     if shared is not None:
-        store.check_tuning(folder)
-        for name, values in shared.columns.items():
+        for name, values in zip(
+            LOST, (shared.losses.lag_samples, shared.losses.noise_db, fleet.growth), strict=True
+        ):
             column = pa.array(values, pa.float64(), mask=~np.isfinite(values))
             table = table.set_column(table.column_names.index(name), name, column)
+        pair = shared.params.q, float(shared.params.r)
+        one = SavedFilter(*pair, shared.params.momentum, shared.ratio_interval, shared.how)
+    unlike = {name: [devices.name(i) for i in one.devices[:MAX_LISTED]] for name, one in fleet.outliers.items()}
+    plain = msgspec.json.format(msgspec.json.encode(Summary(one, fleet.refusal, unlike, fleet.note)), indent=1)
+    (folder / store.SUMMARY).unlink(missing_ok=True)  # it must not stand beside another table
     with atomic_file(folder / store.TABLE) as file:
-        pq.write_table(table.select(store.FINISHED).cast(store.schema(store.FINISHED)), file, compression="zstd")
-    before = store.known_digest(folder)
-    tuning = b"" if shared is None else dumps(tuning_of(answer.devices, shared)).encode()
-    digests = [one for one in (before, tuning and hashlib.sha256(tuning).hexdigest()) if one]
-    # first: a run that is killed here recognizes both files
-    plain = msgspec.json.format(msgspec.json.encode(as_plain(answer) | {"tuning_sha256": digests}), indent=1)
+        pq.write_table(table, file, compression="zstd")
     write_atomic(folder / store.SUMMARY, (escaped(plain.decode()) + "\n").encode())
-    if tuning:
-        write_atomic(folder / store.TUNING, tuning)
-    elif before is not None:
-        (folder / store.TUNING).unlink()
-
-
-def tuning_of(devices: Devices, shared: Shared) -> Tuning:
-    """The tuning of the filter for all."""
-    q, r, momentum = shared.params.q, float(shared.params.r), shared.params.momentum
+    if shared is None:
+        (folder / store.TUNING).unlink(missing_ok=True)
+        return
     served = f", serves {percent(shared.served)} of {count(shared.judged)} within {percent(WITHIN)}"
     how = f"one filter for a fleet, {shared.how}{served if shared.judged else ''}"
-    channel = ChannelTuning(devices.channel, devices.unit, q, r, how=how, momentum=momentum)
-    return Tuning((channel,), source_name=f"fleet of {len(devices)}", sample_period=devices.sample_period)
+    tuning = _tuning(devices.channel, devices.unit, shared.params, how, devices.sample_period)
+    content = dumps(replace(tuning, source_name=f"fleet of {len(devices)}")).encode()
+    place.note_tuning(content)
+    write_atomic(folder / store.TUNING, content)
 
 
-def as_plain(answer: Answer) -> dict[str, Any]:
-    """The answer in values that JSON can represent: what is not finite becomes null."""
-    devices, shared = answer.devices, answer.shared
-
-    def listed(rows: Sequence[int] | Indices, values: dict[str, Array]) -> list[dict[str, Any]]:
-        return [
-            {"id": devices.ids[i], "channel": devices.channels[i]}
-            | {name: float(column[i]) for name, column in values.items()}
-            for i in map(int, rows[:MAX_LISTED])
-        ]
-
-    one_filter = None
-    if shared is not None:
-        settled = steady_state(shared.params, devices.sample_period)
-        one_filter = {
-            "q": shared.params.q,
-            "r": float(shared.params.r),
-            "ratio": shared.params.q / float(shared.params.r),
-            "ratio_interval": list(shared.ratio_interval),
-            "momentum": shared.params.momentum,
-            "lag_samples": settled.lag_samples,
-            "noise_reduction_db": settled.noise_reduction_db,
-            "how": shared.how,
-            "within": WITHIN,
-            "judged": shared.judged,
-            "served": shared.served,
-            "lost": {
-                name: (spread := _spread(values)) and dict(zip(("p5", "median", "p95"), spread, strict=True))
-                for name, values in shared.columns.items()
-            },
-            "not_served": listed(shared.not_served, shared.columns),
-        }
-    return {
-        "tool": program(),
-        "rows": len(devices),
-        "usable": int(devices.usable.sum()),
-        "failed": devices.failed,
-        "reasons": dict(Counter(filter(None, devices.reasons)).most_common(MAX_LISTED)),
-        "channel": devices.channel,
-        "unit": devices.unit,
-        "sample_period": devices.sample_period,
-        "one_filter": one_filter,
-        "why_not": answer.refusal or None,
-        "unlike": {
-            name: {
-                "expected_by_chance": one.expected,
-                "middle": math.exp(one.middle),
-                "devices": listed(one.devices, {name: getattr(devices, name), "z": one.z}),
-            }
-            for name, one in answer.outliers.items()
-        },
-    }
+def _tuning(channel: str, unit: str, params: FilterParams, how: str, period: float | None) -> Tuning:
+    q, r, gate, momentum = params.q, float(params.r), params.gate, params.momentum
+    return Tuning(
+        (ChannelTuning(channel, unit, q, r, how=how, gate=gate, momentum=momentum),), sample_period=period
+    )
 
 
-def _spread(values: Array) -> list[float] | None:
-    """The ends of the middle 90 % of the devices, and between them the median; None where none is judged."""
-    known = values[np.isfinite(values)]
-    return np.percentile(known, (5.0, 50.0, 95.0)).tolist() if len(known) else None
+@dataclass
+class Tally:
+    """What a run has done so far."""
+
+    units: int
+    """Units of the fleet."""
+    kept: int
+    """Units that an earlier run had done."""
+    done: int = 0
+    """Units done."""
+    seconds: float = 0.0
+    """How long the batches took, s."""
 
 
-def summary(answer: Answer, tally: Tally, folder: Path) -> str:
+def summary(fleet: Fleet, tally: Tally, folder: Path) -> str:
     """How many rows, how many without q and r and why, one filter for all, the devices that differ, the files."""
-    done = "nothing was missing"
-    if tally.done:
-        speed = (
-            f" in {duration(tally.seconds)}, {number(tally.rows / tally.seconds)} rows/s" if tally.seconds else ""
-        )
-        done = f"{count(tally.done)} of {count(tally.units)} files or row groups done{speed}"
-    files = [f"Table: {folder / store.TABLE}"] + ([f"tuning: {folder / store.TUNING}"] if answer.shared else [])
-    lines = [f"{answer.devices.counted}; {done}", *_lines(answer), "; ".join(files)]
+    done = f"{count(tally.done)} of {count(tally.units)} files or row groups done in {duration(tally.seconds)}"
+    files = f"Table: {folder / store.TABLE}{f'; tuning: {folder / store.TUNING}' if fleet.shared else ''}"
+    lines = [f"{fleet.devices.counted}; {done if tally.done else 'nothing was missing'}", *_lines(fleet), files]
     # Names come from files, and might move the cursor of a terminal.
     return "".join("".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line) + "\n" for line in lines)
 
 
-def _lines(answer: Answer) -> Iterator[str]:
-    devices, reasons = answer.devices, Counter(filter(None, answer.devices.reasons))
+def _lines(fleet: Fleet) -> Iterator[str]:
+    devices, reasons = fleet.devices, Counter(filter(None, fleet.devices.reasons))
     if reasons:
-        common = reasons.most_common(MAX_REASONS)
+        common = reasons.most_common(MAX_NAMED)
         yield "Why not all have q and r:"
         yield from (f"  {count(times)} × {reason}" for reason, times in common)
         if others := reasons.total() - sum(times for _, times in common):
             yield f"  {count(others)} for other reasons"
-    if answer.shared is None:
-        yield f"No filter for all: {answer.refusal}"
+    if fleet.shared is None:
+        yield f"No filter for all: {fleet.refusal}"
     else:
-        yield from _filter_lines(devices, answer.shared)
-    if devices.usable.any() and not any(len(one.devices) for one in answer.outliers.values()):
+        yield from _filter_lines(devices, fleet.shared)
+    if devices.usable.any() and not any(len(one.devices) for one in fleet.outliers.values()):
         yield "No device is unlike the others in r, q or sample rate"
-    for quantity, one in answer.outliers.items():
+    for quantity, one in fleet.outliers.items():
         if len(one.devices):
             factors = getattr(devices, quantity) / math.exp(one.middle)
-            named = _named(one.devices, lambda i: f"{devices.name(i)} ({number(factors[i])} ×)")  # noqa: B023
+            named = _named(devices, one.devices, lambda i: f"{number(factors[i])} ×")  # noqa: B023
             chance = trimmed(one.expected)
             yield f"Unlike the others in {QUANTITIES[quantity]}, {chance} expected by chance: {named}"
 
 
 def _filter_lines(devices: Devices, shared: Shared) -> Iterator[str]:
     """The filter for all, how many devices it suits, and what it costs them."""
-    period, losses, rates = devices.sample_period, shared.losses, devices.known_rates
+    period, losses = devices.sample_period, shared.losses
     q, r = trimmed(shared.params.q, 4), trimmed(float(shared.params.r), 4)
     settled = steady_state(shared.params, period)
     lag, noise = lag_in_full(settled.lag_samples, period), decibels(-settled.noise_reduction_db)
     yield f"One filter for all: q = {q}, r = {r} {squared(devices.unit)}, lag {lag}, noise {noise} ({shared.how})"
-    kinds = [
-        ("error", losses.error, percent),
-        ("lag", losses.lag_samples, None),
-        ("noise", losses.noise_db, decibels),
-    ]
-
-    def loss(i: int) -> str:
-        own = partial(lag_text, period=1.0 / float(devices.rate_hz[i]) if devices.rate_hz[i] > 0.0 else None)
-        known = ((name, float(values[i]), text or own) for name, values, text in kinds)
-        texts = (f"{name} {_signed(text(value))}" for name, value, text in known if math.isfinite(value))
-        return f"{devices.name(i)} ({', '.join(texts)})"
-
     if shared.judged:
-        worst = _named(shared.not_served, loss)
+        worst = _named(devices, shared.not_served, lambda i: _signed(percent(losses.error[i])))
         yield (
             f"  for {percent(shared.served)} of {count(shared.judged)} its prediction error on unseen samples is "
             f"at most {percent(WITHIN)} above that of the device's own filter{worst and f'; not {worst}'}"
         )
-        usual = [
-            f"{name} {_signed(text(spread[0]))} to {_signed(text(spread[2]))}"
-            for name, values, text in (
-                (name, one, text or partial(lag_text, period=period)) for name, one, text in kinds
-            )
-            if (spread := _spread(values)) is not None
-        ]
+    usual: list[str] = []
+    kinds = {"error": (losses.error, percent), "lag": (losses.lag_samples, partial(lag_text, period=period))}
+    for name, (values, text) in (kinds | {"noise": (losses.noise_db, decibels)}).items():
+        if np.isfinite(values).any():
+            low, high = np.nanpercentile(values, (5.0, 95.0)).tolist()
+            usual.append(f"{name} {_signed(text(low))} to {_signed(text(high))}")
+    if usual:
         yield f"  nine of ten devices, against their own filters: {', '.join(usual)}"
-    elif shared.params.momentum > 0.0:
-        yield "  what each device loses is only tried without momentum"
-    if len(rates) and np.any(np.abs(rates / np.median(rates) - 1.0) > 0.1):  # one q per sample does not suit them
-        yield f"  the sample rates differ: q holds for {duration(period)} a sample"
 
 
 def _signed(text: str) -> str:
     return text if text.startswith(("−", "-")) else f"+{text}"
 
 
-def _named(rows: Sequence[int] | Indices, text: Callable[[int], str]) -> str:
-    """The texts of the first of these rows, and how many more there are."""
-    named = ", ".join(text(int(i)) for i in rows[:MAX_NAMED])
+def _named(devices: Devices, rows: Sequence[int] | Indices, text: Callable[[int], str]) -> str:
+    """The first of these devices, each with its text, and how many more there are."""
+    named = ", ".join(f"{devices.name(int(i))} ({text(int(i))})" for i in rows[:MAX_NAMED])
     return named + (f" and {count(len(rows) - MAX_NAMED)} more" if len(rows) > MAX_NAMED else "")
 
 
-@dataclass(frozen=True, eq=False)
-class Fleet:
-    """A fleet, its arrays of shape (rows,); compared by identity."""
-
-    folder: Path
-    """Its folder."""
-    devices: Devices
-    """The table; q and r are NaN where they are not variances."""
-    shared: Shared | None
-    """One filter for all; None where there is none, or not yet."""
-    distance: Array
-    """Distance of each from the others in r or q, whichever is larger, standard deviations; NaN where unknown."""
-    outlier: Mask
-    """Which differ from the others in r or q."""
-    note: store.RunNote
-    """The note of the run."""
-    done: int | None
-    """Files or row groups done; None where the run is finished."""
-
-    def __len__(self) -> int:
-        return len(self.devices)
-
-    @property
-    def growth(self) -> Array:
-        """By which share the error of predicting unseen samples is larger with the filter for all, see `Losses`."""
-        return np.full(len(self), math.nan) if self.shared is None else self.shared.losses.error
-
-
 def read_fleet(folder: Path) -> Fleet:
-    """The fleet of a folder as it is now, finished or not.
+    """The finished fleet of a folder.
 
     Raises:
-        BadFile: the folder is not that of a fleet, or a file in it is not valid.
+        BadFile: the folder is not that of a finished fleet, or a file in it is not valid.
     """
     folder = folder.absolute()
-    note, written = store.read_json(folder / store.NOTE, store.RunNote), (folder / store.NOTE).stat().st_mtime_ns
-    answer, done, shared = folder / store.SUMMARY, None, None
-    if (folder / store.TABLE).is_file() and answer.is_file() and answer.stat().st_mtime_ns >= written:
-        table = store.checked_table(folder / store.TABLE, store.schema(store.FINISHED))  # a run writes it before
-        devices, saved = devices_of(table), store.read_json(answer, store.Summary).one_filter
-        if saved is not None:
-            low, high = (math.nan if end is None else end for end in saved.ratio_interval)
-            ends = {"error_growth": (math.nextafter(-1.0, 0.0), math.inf)}
-            losses = pooling.Losses(
-                *(numbers_of(table, name, *ends.get(name, (-math.inf, math.inf))) for name in LOST)
-            )
-            params = FilterParams(saved.q, saved.r, momentum=saved.momentum)
-            shared = Shared(params, (low, high), saved.how[:200], losses)
-    else:
-        parts = store.find_parts(folder, since=note.since - CLOCKS_NS)
-        if not parts:
-            raise BadFile(
-                f"{str(folder)!r} must be the folder of a fleet, -o of kalscope fleet (got no {store.TABLE} and no"
-                " part of one; where a run has just begun, try again)"
-            )
-        table, pool = store.merge([list(parts)], parts)
-        devices, done = devices_of(table), len(parts)
-        if note.pooled and pool.devices:
-            with suppress(BadSetting):
-                shared = shared_filter(devices, pool, None)
-    compared = [devices.outliers(name) for name in ("r", "q")]
-    outlier = np.zeros(len(devices), dtype=bool)
-    outlier[np.concatenate([one.devices for one in compared])] = True
-    distance = np.fmax(*(np.abs(one.z) for one in compared))
-    return Fleet(folder, devices, shared, distance, outlier, note, done)
+    answer = folder / store.SUMMARY
+    try:
+        if answer.stat().st_size > MAX_JSON_BYTES:
+            raise ValueError(f"more than {MAX_JSON_BYTES} bytes")
+        read = msgspec.json.decode(answer.read_bytes(), type=Summary)
+    except FileNotFoundError:
+        raise BadFile(
+            f"{str(folder)!r} must be the folder of a finished fleet, -o of kalscope fleet (got no {answer.name};"
+            " the same command continues a run that was stopped)"
+        ) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadFile(f"{str(answer)!r} must be written by kalscope fleet (got {str(error)[:100]})") from None
+    table, shared, saved = store.checked_table(folder / store.TABLE), None, read.one_filter
+    devices = devices_of(table)
+    if saved is not None:
+        low, high = (math.nan if end is None else end for end in saved.ratio_interval)
+        ends = {"error_growth": (math.nextafter(-1.0, 0.0), math.inf)}
+        losses = (numbers_of(table, name, *ends.get(name, (-math.inf, math.inf))) for name in LOST)
+        params = FilterParams(saved.q, saved.r, momentum=saved.momentum)
+        shared = Shared(params, (low, high), saved.how[:200], pooling.Losses(*losses))
+    return Fleet(folder, devices, shared, read.why_not, read.note)
 
 
 def reopen(
     name: str,
     source: str,
-    note: store.RunNote,
+    note: RunNote,
     options: ReadOptions | None = None,
     *,
     progress: OnProgress | None = None,
@@ -573,18 +515,12 @@ def device_tuning(fleet: Fleet, i: int, *, shared: bool = False) -> Tuning:
     Raises:
         BadSetting: the device has none.
     """
-    devices = fleet.devices
+    devices, channel = fleet.devices, (fleet.devices.channels[i], fleet.devices.units[i])
     if shared and fleet.shared is not None:
-        params, how, period = fleet.shared.params, fleet.shared.how, devices.sample_period
-    else:
-        numbers = (devices.q, devices.r, devices.momentum, devices.gate, devices.rate_hz)
-        q, r, momentum, gate, rate = (None if math.isnan(one[i]) else float(one[i]) for one in numbers)
-        if q is None or r is None:
-            raise BadSetting(f"the device must have q and r (got none: {devices.reasons[i]})")
-        params = FilterParams(q, r, momentum=momentum or 0.0, gate=gate)
-        how, period = "its own fit in the fleet", rate and 1.0 / rate
-    q, r, gate = params.q, float(params.r), params.gate
-    channel = ChannelTuning(
-        devices.channels[i], devices.units[i], q, r, how=how, gate=gate, momentum=params.momentum
-    )
-    return Tuning((channel,), sample_period=period)
+        return _tuning(*channel, fleet.shared.params, fleet.shared.how, devices.sample_period)
+    numbers = (devices.q, devices.r, devices.momentum, devices.gate, devices.rate_hz)
+    q, r, momentum, gate, rate = (None if math.isnan(one[i]) else float(one[i]) for one in numbers)
+    if q is None or r is None:
+        raise BadSetting(f"the device must have q and r (got none: {devices.reasons[i]})")
+    params = FilterParams(q, r, momentum=momentum or 0.0, gate=gate)
+    return _tuning(*channel, params, "its own fit in the fleet", rate and 1.0 / rate)

@@ -1,8 +1,4 @@
-"""A run on Dask: batches of units that are missing, workers that die, and the merged table.
-
-A batch is one task and one part. Batches are laid out over the whole fleet in the order of the table, and what an
-earlier run has finished is taken out of them, so that a part never reaches beyond its batch.
-"""
+"""A run on Dask: batches of units that are missing, workers that die, and the answer at the end."""
 
 from __future__ import annotations
 
@@ -18,28 +14,17 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import active_children, resource_tracker
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import done_at_stop, is_ending
 from kalscope.common.text import trimmed
-from kalscope.errors import BadDevice, BadSetting, KalscopeError
+from kalscope.errors import BadDevice, KalscopeError
 from kalscope.estimation.pool import Pool
 from kalscope.fleet.read import FleetOptions, Unit, find_units
-from kalscope.fleet.store import (
-    FAILED,
-    TIMED_OUT,
-    check_folder,
-    find_parts,
-    library,
-    locked,
-    merge,
-    part_path,
-    sweep,
-    write_note,
-    write_part,
-)
-from kalscope.fleet.work import Done, TimedOut, lost_row, noted_unit, run_batch, time_limit
+from kalscope.fleet.results import Fleet, Tally, answer_for, devices_of, save_answer
+from kalscope.fleet.store import FAILED, TIMED_OUT, Store, Stored, library, open_store, stored
+from kalscope.fleet.work import TimedOut, lost_row, note_path, noted_unit, run_batch, time_limit
 
 MAX_BATCH_BYTES = 64 << 20
 """Most bytes of a batch of several units: with them a worker needs about 0.5 GB."""
@@ -91,55 +76,12 @@ def lay_out(sizes: Sequence[int]) -> list[range]:
     return [*batches, range(first, len(sizes))] if sizes else []
 
 
-Batch = Sequence[int]
+Batch = list[int]
 """Units that one task does: their indices in the fleet, ascending."""
-
-
-@dataclass
-class Dispatcher:
-    """Gives out batches until each unit is done or lost.
-
-    A unit at which a worker died is tried alone, and the rest of its batch without it.
-    """
-
-    waiting: deque[Batch]
-    """Those that are not in flight."""
-    running: int = 0
-    """Batches in flight."""
-    deaths: Counter[int] = field(default_factory=Counter[int])
-    """How many times the workers of a batch died at each unit."""
-
-    @property
-    def active(self) -> bool:
-        """Whether anything is not done."""
-        return bool(self.waiting or self.running)
-
-    def next(self) -> Batch | None:
-        """The next batch, now in flight; None where none may start before another has ended."""
-        if not self.waiting or self.running >= MAX_IN_FLIGHT:
-            return None
-        self.running += 1
-        return self.waiting.popleft()
-
-    def ended(self, *rest: Batch) -> None:
-        """A batch has ended; the rest of its units is given out next."""
-        self.running -= 1
-        self.waiting.extendleft(filter(len, reversed(rest)))
-
-    def died(self, batch: Batch, unit: int) -> bool:
-        """The workers of a batch have died at this unit of it; whether the unit is lost."""
-        self.deaths[unit] += 1
-        is_lost = self.deaths[unit] >= MAX_DEATHS
-        self.ended([other for other in batch if other != unit], [] if is_lost else [unit])
-        return is_lost
 
 
 class WorkerDied(Exception):
     """The workers of a task are gone, killed or out of memory."""
-
-
-class TaskLost(Exception):
-    """The task was forgotten: the scheduler was lost, or another one took its place."""
 
 
 class Workers:
@@ -168,15 +110,17 @@ class Workers:
             if self._client.status in ("closed", "closing"):
                 raise BadDevice("the scheduler must stay reachable (got no answer)") from None
             return None
-        batch = self._batches.pop(future)
         try:
-            result = future.result(timeout=PATIENCE_S)
-        except CancelledError:
-            result = TaskLost()
+            result: Any = future.result(timeout=PATIENCE_S)
+        except TimeoutError:  # its worker is busy
+            self._ended.put(future)
+            return None
+        except CancelledError:  # forgotten: the scheduler was lost, or another one took its place
+            result = []
         except Exception as error:
             result = WorkerDied() if isinstance(error, library("distributed").KilledWorker) else error
         future.release()
-        return batch, result
+        return self._batches.pop(future), result
 
     def cancel(self) -> None:
         """Cancel all batches that have not ended."""
@@ -198,10 +142,7 @@ def open_workers(address: str | None, tasks: int) -> Generator[Workers]:
     dask, distributed = map(library, ("dask", "distributed"))
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(SETTINGS))
-        place: Any = address
-        if address is None:
-            folder = stack.enter_context(temporary_folder())
-            place = stack.enter_context(_this_machine(distributed, workers_here(tasks), folder))
+        place = address or _this_machine(stack, distributed, workers_here(tasks))
         try:
             client = stack.enter_context(distributed.Client(place, timeout=PATIENCE_S, set_as_default=False))
             if address is not None:
@@ -220,35 +161,35 @@ def workers_here(tasks: int) -> int:
     return max(1, min(tasks, library("dask.system").CPU_COUNT, memory // WORKER_BYTES))
 
 
-@contextmanager
-def _this_machine(distributed: Any, count: int, folder: Path) -> Generator[Any]:
-    """Workers on this machine that keep their temporary files in `folder`."""
-    cluster: Any = None
+def _this_machine(stack: ExitStack, distributed: Any, count: int) -> Any:
+    """Workers on this machine, until the stack is left."""
+    folder, clusters = str(stack.enter_context(temporary_folder())), list[Any]()
 
-    def kill() -> None:  # a part is whole or absent, whenever this happens
-        for worker in () if cluster is None else [*cluster.workers.values()]:  # Dask changes them meanwhile
+    def kill() -> None:
+        for worker in [one for cluster in clusters for one in list(cluster.workers.values())]:  # Dask changes them
             worker.status = distributed.Status.closing  # else Dask would start it again
         for process in active_children():
             process.kill()
 
-    with done_at_stop(kill):
-        with without_interrupts():
-            cluster = distributed.LocalCluster(
+    stack.enter_context(done_at_stop(kill))
+    with without_interrupts():
+        clusters.append(
+            distributed.LocalCluster(
                 threads_per_worker=1,
                 n_workers=count,
                 processes=True,
                 dashboard_address=None,
                 # Dask serves metrics on this port, as 8787 may be taken; a scheduler keeps files in a folder, too.
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": str(folder)},
-                local_directory=str(folder),
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0", "local_directory": folder},
+                local_directory=folder,
                 silence_logs=60,  # a worker that dies is handled here
                 preload=[__name__],  # for dask_setup
             )
-        try:
-            yield cluster
-        finally:
-            if not is_ending():  # a worker would finish its recording first
-                cluster.close(timeout=10.0)
+        )
+    stack.callback(
+        lambda: is_ending() or clusters[0].close(timeout=10.0)
+    )  # a worker would finish its recording first
+    return clusters[0]
 
 
 def dask_setup(worker: Any) -> None:
@@ -277,31 +218,14 @@ def without_interrupts() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-@dataclass
-class Tally:
-    """What a run has done so far."""
-
-    units: int
-    """Units of the fleet."""
-    kept: int
-    """Units that an earlier run had done."""
-    done: int = 0
-    """Units done."""
-    rows: int = 0
-    """Rows written."""
-    seconds: float = 0.0
-    """How long the batches took, s."""
-
-
 def run_fleet(
     sources: Sequence[str],
     options: FleetOptions,
     folder: Path,
     cluster: str | None = None,
     show: Callable[[Tally], None] | None = None,
-    finish: Callable[[Any, Pool], None] | None = None,
-) -> Tally:
-    """Do the missing work of a fleet.
+) -> tuple[Tally, Fleet]:
+    """Do the missing work of a fleet, and write its answer.
 
     It can be ended at any moment, by an exception or by kill -9: what is finished by then is kept.
 
@@ -311,39 +235,30 @@ def run_fleet(
         folder: Of the results; every worker must see it under this path.
         cluster: Address of a scheduler; None = the cores of this machine.
         show: Called with the tally whenever a task has ended, and a few times a second.
-        finish: Called with the merged rows and the sum of the pools, while no other run may write into the folder.
 
     Returns:
-        What was done.
+        What was done, and the fleet with its answer.
 
     Raises:
-        BadSetting: a source names nothing, another run holds the folder, a library is missing, or what was
-            finished has been removed from the folder meanwhile.
+        BadSetting: a source names nothing, another run holds the folder, a library is missing.
         BadDevice: the scheduler cannot be reached.
         OSError: the disk is full, or the folder cannot be written; what is finished is kept.
     """
     folder = folder.absolute()
-    with locked(folder):
-        check_folder(folder)
-        sweep(folder)
-        units, fingerprint = find_units(sources, folder), options.fingerprint()
-        write_note(
-            folder, len(units), fingerprint, options.reading, options.sample_period, pooled=options.is_pooled
-        )
-        keys, settled = [unit.key(fingerprint) for unit in units], find_parts(folder, settled=True)
-        batches = lay_out([unit.size for unit in units])
-        missing = [todo for batch in batches if (todo := [i for i in batch if keys[i] not in settled])]
-        tally = Tally(len(units), len(units) - sum(map(len, missing)))
+    with open_store(folder) as store:
+        for path in folder.glob(f".{'[0-9a-f]' * 32}.note"):  # of a run that was killed
+            path.unlink(missing_ok=True)
+        units, fingerprint, settled = find_units(sources, folder), options.fingerprint(), store.settled()
+        keys = [unit.key(fingerprint) for unit in units]
+        missing = [i for i, key in enumerate(keys) if key not in settled]
+        tally = Tally(len(units), len(units) - len(missing))
         if missing:
             with open_workers(cluster, len(missing)) as workers:
-                _Run(units, keys, options, folder, tally).do(missing, workers, show)
-        parts = find_parts(folder)
-        if (gone := sum(key not in parts for key in keys)) > 0:
-            raise BadSetting(f"-o must name a folder that nothing else changes ({gone} finished units are gone)")
-        sweep(folder, {parts[key] for key in keys})
-        if finish is not None:
-            finish(*merge([[keys[i] for i in batch] for batch in batches], parts))
-        return tally
+                _Run(units, keys, options, store, tally).do(missing, workers, show)
+        table, inputs, pool = store.merged(keys)
+        fleet = answer_for(devices_of(table, inputs), pool, options, folder)
+        save_answer(fleet, table, store)
+        return tally, fleet
 
 
 @dataclass(frozen=True)
@@ -353,51 +268,54 @@ class _Run:
     units: Sequence[Unit]
     keys: Sequence[str]
     options: FleetOptions
-    folder: Path
+    store: Store
     tally: Tally
+    deaths: Counter[int] = field(default_factory=Counter[int])
+    """How many times the workers of a batch died at each unit."""
 
-    def do(self, missing: Sequence[Sequence[int]], workers: Workers, show: Callable[[Tally], None] | None) -> None:
-        """Do the units, given batch by batch."""
-        jobs, start = Dispatcher(deque(missing)), time.monotonic()
-        while jobs.active:
-            while (batch := jobs.next()) is not None:
+    def do(self, missing: Sequence[int], workers: Workers, show: Callable[[Tally], None] | None) -> None:
+        """Do these units: each until it is done, or lost."""
+        batches = lay_out([self.units[i].size for i in missing])
+        waiting, running, start = deque([missing[i] for i in batch] for batch in batches), 0, time.monotonic()
+        while waiting or running:
+            while waiting and running < MAX_IN_FLIGHT:
+                batch, running = waiting.popleft(), running + 1
                 units = [self.units[i] for i in batch]
-                workers.submit(batch, run_batch, units, self.options, str(self.folder))
+                workers.submit(batch, run_batch, units, self.options, str(self.store.folder))
             if (ended := workers.ended(LOOK_S)) is not None:
-                self._ended(jobs, *ended)
+                running -= 1
+                waiting.extendleft(filter(None, reversed(self._rest(*ended))))
                 self.tally.seconds = time.monotonic() - start
             if show is not None:
                 show(self.tally)
 
-    def _ended(self, jobs: Dispatcher, batch: Batch, result: Any) -> None:
-        if isinstance(result, Done):
-            self.tally.done += result.units
-            self.tally.rows += result.rows
-            rest = batch[result.units :]  # to two workers
-            jobs.ended(rest[: len(rest) // 2], rest[len(rest) // 2 :])
-        elif isinstance(result, TaskLost):
-            jobs.ended(batch)
-        elif isinstance(result, WorkerDied | TimedOut):
+    def _rest(self, batch: Batch, result: Any) -> list[Batch]:
+        """What a batch has left to do; a unit at which a worker died is tried alone, and the others without it."""
+        if isinstance(result, list):
+            self._keep(cast("list[Stored]", result))
+            rest = batch[len(cast("list[Stored]", result)) :]  # to two workers
+            return [rest[: len(rest) // 2], rest[len(rest) // 2 :]]
+        if isinstance(result, WorkerDied | TimedOut):
             keys = [self.keys[i] for i in batch]
-            key, is_late = noted_unit(self.folder, keys)
+            note = note_path(self.store.folder, keys)
+            key, is_late = noted_unit(note)
+            note.unlink(missing_ok=True)
             i = batch[keys.index(key)] if key in keys else batch[0]
-            part_path(self.folder, keys, ".note").unlink(missing_ok=True)
-            limit = trimmed(time_limit(self.units[i].size, self.options.device_limit))
-            if is_late:
-                jobs.ended([other for other in batch if other != i])
-                reason = f"it must be read and fitted within {limit} s (got no result): --device-limit allows more"
-                self._give_up(i, reason, TIMED_OUT)
-            elif jobs.died(batch, i):
-                self._give_up(i, LOST, FAILED)
-        elif isinstance(result, ImportError):
+            others = [other for other in batch if other != i]
+            self.deaths[i] += 1
+            if not is_late and self.deaths[i] < MAX_DEATHS:
+                return [others, [i]]
+            late = f"it must be read and fitted within {trimmed(time_limit(self.units[i].size))} s (got no result)"
+            row = lost_row(self.units[i], late if is_late else LOST, TIMED_OUT if is_late else FAILED)
+            self._keep([stored(self.keys[i], [row], Pool.empty())])
+            return [others]
+        if isinstance(result, ImportError):
             raise KalscopeError(
                 f"every worker of --cluster must have kalscope installed, this version (got {result})"
             )
-        else:  # not a recording's fault, so the run ends; what is finished is kept
-            raise result if isinstance(result, Exception) else RuntimeError(repr(result))
+        # not a recording's fault, so the run ends; what is finished is kept
+        raise result if isinstance(result, Exception) else RuntimeError(repr(result))
 
-    def _give_up(self, i: int, reason: str, verdict: str) -> None:
-        """A row for a unit that has none of its worker."""
-        write_part(self.folder, {self.keys[i]: ([lost_row(self.units[i], reason, verdict)], Pool.empty())})
-        self.tally.done += 1
-        self.tally.rows += 1
+    def _keep(self, units: list[Stored]) -> None:
+        self.store.keep(units)
+        self.tally.done += len(units)

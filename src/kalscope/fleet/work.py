@@ -1,16 +1,17 @@
-"""What a worker does: fit the recordings of a batch, each within its time limit, and write a part."""
+"""What a worker does: fit the recordings of a batch, each within its time limit."""
 
 from __future__ import annotations
 
 import faulthandler
+import hashlib
 import math
 import threading
 import time
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,17 +22,17 @@ from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
 from kalscope.estimation.many import Series, estimate_many, fitted_ratios, pair_intervals, series_of
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request, find_parameters
-from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.fleet.read import Block, FleetOptions, Question, Unit, read_block
-from kalscope.fleet.store import FAILED, LOCK, Row, loss_cells, part_path, write_part
+from kalscope.fleet.read import Block, FleetOptions, Unit, read_block
+from kalscope.fleet.store import FAILED, STORE, Row, Stored, stored
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
 MAX_SECONDS = 10.0
 """A batch that takes longer ends after its current unit; the others are distributed to idle workers."""
+DEVICE_LIMIT_S = 120.0
+"""Longest time for a unit of up to FULL_BYTES, s."""
 FULL_BYTES = 16 << 20
 """A larger unit has more time, in proportion to its bytes."""
 CHOSEN = "chosen"
@@ -55,51 +56,71 @@ class Fitted(NamedTuple):
     """What all of them contribute to one filter for all."""
 
 
-class Done(NamedTuple):
-    """What a task reports to the driver; the rows themselves are in the part."""
-
-    units: int
-    """Units done, from the first on; the others of the batch were not started."""
-    rows: int
-    """Rows written."""
-
-
 class TimedOut(Exception):
     """A unit of the batch has ended an earlier worker; the note names it."""
 
 
-def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> Done:
-    """Fit the units of a batch and write their part.
+def run_batch(units: Sequence[Unit], options: FleetOptions, folder: str) -> list[Stored]:
+    """Fit the units of a batch, from the first on; the last ones are left out where it takes long.
+
+    A unit that takes too long ends its process, wherever it hangs, and a note names it. A thread of C does it
+    without the lock of the interpreter, which a compiled loop may hold for ever.
 
     Args:
         units: The batch; at least the first is done.
         options: The options.
-        folder: Of the results, under the path that the worker has for it.
+        folder: Of the results, under the path that the worker has for it: for the note.
 
     Raises:
         BadSetting: the worker does not see the folder, or has another version.
-        TimedOut: an earlier attempt at the batch was ended by its time limit.
-        OSError: the part cannot be written.
+        TimedOut: an earlier attempt was ended by its time limit: a scheduler tries a batch again by itself.
+        OSError: the note cannot be written.
     """
-    if not (Path(folder) / LOCK).exists():
+    if not (Path(folder) / STORE).exists():
         raise BadSetting(f"-o must name a folder that every worker of --cluster sees (got {folder!r})")
     if options.program != program():
         raise BadSetting(f"every worker of --cluster must have {options.program} (got {program()})")
     end, fingerprint = time.monotonic() + MAX_SECONDS, options.fingerprint()
+    keys, done = [unit.key(fingerprint) for unit in units], list[Stored]()
+    path = note_path(Path(folder), keys)
+    if noted_unit(path)[1]:
+        raise TimedOut
     if fingerprint not in _compiled:  # before the clock of a unit runs: it may take longer than most fits
         _compiled.add(fingerprint)
         z = np.random.default_rng(1).normal(size=(200, 1))
         recording = Recording(np.arange(200.0), ("x",), ("",), np.cumsum(z, axis=0) + z[::-1], 1.0)
         fit_each("", recording, replace(options, channel=None))
-    keys, fitted = [unit.key(fingerprint) for unit in units], dict[str, Fitted]()
-    with _one_batch, _note(Path(folder), keys) as note:
+    with _one_batch, path.open("wb", buffering=0) as note:
         for unit, key in zip(units, keys, strict=True):
-            with time_limited(note, key, time_limit(unit.size, options.device_limit)):
-                fitted[key] = fit_unit(unit, options)
+            note.seek(0)
+            note.truncate()
+            note.write(f"{key}\n".encode())
+            faulthandler.dump_traceback_later(time_limit(unit.size), exit=True, file=note)
+            fitted = fit_unit(unit, options)
+            faulthandler.cancel_dump_traceback_later()
+            done.append(stored(key, *fitted))
             if time.monotonic() > end:
                 break
-    write_part(Path(folder), fitted)
-    return Done(len(fitted), sum(len(one.rows) for one in fitted.values()))
+    path.unlink()
+    return done
+
+
+def time_limit(size: int) -> float:
+    """Longest time for a unit of `size` bytes, s."""
+    return min(DEVICE_LIMIT_S * max(1.0, size / FULL_BYTES), threading.TIMEOUT_MAX)
+
+
+def note_path(folder: Path, keys: Sequence[str]) -> Path:
+    """The note of a batch, there while it is being done: it names the unit."""
+    return folder / f".{hashlib.sha256(''.join(keys).encode()).hexdigest()[:32]}.note"
+
+
+def noted_unit(path: Path) -> tuple[str, bool]:
+    """The unit at which the last attempt at a batch ended, "" where none is known; and whether it took too long."""
+    with suppress(OSError):
+        key, _, report = path.read_bytes().partition(b"\n")
+        return key.decode("ascii", "replace"), report.startswith(_TIMEOUT)
+    return "", False
 
 
 def fit_unit(unit: Unit, options: FleetOptions) -> Fitted:
@@ -148,7 +169,7 @@ def fit_each(name: str, recording: Recording, options: FleetOptions) -> Fitted:
             rejected_lines=recording.report.rejected,
         )
         try:
-            row, one = _fit(recording, row, options.question)
+            row, one = _fit(recording, row, options)
             pool = pool + one
         except Exception as error:  # whatever is wrong with one recording, the others go on
             row = replace(row, reason=_reason(error))
@@ -156,10 +177,11 @@ def fit_each(name: str, recording: Recording, options: FleetOptions) -> Fitted:
     return Fitted(rows, pool)
 
 
-def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]:
+def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Pool]:
     """The row with the result of its fit, and what it contributes to one filter for all."""
     z, dt = recording.channel(row.channel), recording.steps() if recording.gaps == "dt" else None
-    result = find_parameters(z, question.request(recording), dt=dt, sample_period=recording.sample_period)
+    options.check_period(recording.sample_period)
+    result = find_parameters(z, options.request, dt=dt, sample_period=recording.sample_period)
     estimate, params = result.estimate, result.params
     outliers = None if estimate is None else estimate.outliers
     many = series_of([z if outliers is None else np.where(outliers, np.nan, z)], None if dt is None else [dt])
@@ -173,8 +195,8 @@ def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]
         spikes = 0 if outliers is None else int(np.count_nonzero(outliers))
         row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high, spikes=spikes)
     growth = held_out(many, momentum=np.array([tau > 0.0]))
-    if question.gate is not None:
-        params = replace(params, gate=None if math.isnan(question.gate) else question.gate)
+    if options.gate is not None:
+        params = replace(params, gate=None if math.isnan(options.gate) else options.gate)
     row = replace(
         row,
         q=params.q,
@@ -182,18 +204,9 @@ def _fit(recording: Recording, row: Row, question: Question) -> tuple[Row, Pool]
         momentum=params.momentum,
         gate=params.gate,
         lag_samples=steady_state(params).lag_samples,
-        nis=mean_nis(z, params, dt),
-        left=loss_cells(loss_inputs(ratio, np.array([tau]), growth))[0],
+        left=loss_inputs(ratio, np.array([tau]), growth).astype("<f4").tobytes(),
     )
     return row, pool_of(many)
-
-
-def mean_nis(z: Array, params: FilterParams, dt: Array | None = None) -> float | None:
-    """The mean of v²/s over the samples that the filter takes; None where there is none."""
-    result = kalman_filter(z, params, dt)
-    taken = (result.k > 0.0) & np.isfinite(result.innovation) & np.isfinite(result.s) & (result.s > 0.0)
-    scored = result.innovation[taken] ** 2 / result.s[taken]
-    return float(scored.mean()) if len(scored) else None
 
 
 def first_sentence(text: str) -> str:
@@ -225,7 +238,7 @@ def _plain_steps(block: Block, options: FleetOptions) -> Array:
     as_stamped = (
         replace(reading, time_column=None, time_unit=None) == ReadOptions() and options.sample_period is None
     )
-    if not (one_channel and as_stamped and options.question.gate is None and options.request in PLAIN):
+    if not (one_channel and as_stamped and options.gate is None and options.request in PLAIN):
         return np.full(len(block.ids), math.nan)
     infinite: Mask = np.logical_or.reduceat(np.isinf(block.table.columns[0]), block.starts[:-1])
     return np.where(infinite, math.nan, block.even_steps())
@@ -233,7 +246,7 @@ def _plain_steps(block: Block, options: FleetOptions) -> Array:
 
 def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOptions) -> Fitted:
     """Fit the chosen recordings, one channel each with even stamps, in one compiled call."""
-    start, request = time.thread_time(), options.request or PLAIN[0]
+    start, request = time.thread_time(), options.request
     values, sizes = block.table.columns[0], np.diff(block.starts)
     if len(chosen) < len(sizes):
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
@@ -245,7 +258,7 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         cleaned = replace(many, values=values.copy())
         cleaned.values[table.set_aside] = math.nan
     ratio = np.where(table.usable, table.ratio, math.nan)
-    cells = loss_cells(loss_inputs(ratio, np.zeros(len(ratio)), held_out(cleaned)))
+    inputs = loss_inputs(ratio, np.zeros(len(ratio)), held_out(cleaned)).astype("<f4")
     pool, seconds = pool_of(cleaned), (time.thread_time() - start) / len(chosen)
     names = ("q", "r", "q_low", "q_high", "r_low", "r_high", "lag_samples")
     pairs = (table.q, table.r, *table.q_interval, *table.r_interval, table.lag_samples)
@@ -257,60 +270,8 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         if table.usable[i]:
             known |= dict(zip(names, numbers[i], strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
-            # The scale of the likelihood's maximum makes the mean of v²/s one; a floor of r or a gate does not.
-            exact, params = verdict != "below_resolution" and not table.spikes[i], (known["q"], known["r"])
-            nis = 1.0 if exact else mean_nis(many.one(i)[0], FilterParams(*params, gate=gate))
-            known |= {"momentum": 0.0, "gate": gate, "nis": nis, "left": cells[i], "spikes": int(table.spikes[i])}
+            known |= {"momentum": 0.0, "gate": gate, "left": inputs[i].tobytes(), "spikes": int(table.spikes[i])}
         else:
             known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))
     return Fitted(rows, pool)
-
-
-# A unit that takes too long ends its process, wherever it hangs, and a note names it. A thread of C does it without
-# the lock of the interpreter, which a compiled loop may hold for ever.
-
-
-def time_limit(size: int, device_limit: float) -> float:
-    """Longest time for a unit of `size` bytes, s."""
-    return device_limit * max(1.0, size / FULL_BYTES)
-
-
-def noted_unit(folder: Path, keys: Sequence[str]) -> tuple[str, bool]:
-    """The unit at which the last attempt at a batch ended, "" where none is known; and whether it took too long."""
-    with suppress(OSError):
-        key, _, report = part_path(folder, keys, ".note").read_bytes().partition(b"\n")
-        return key.decode("ascii", "replace"), report.startswith(_TIMEOUT)
-    return "", False
-
-
-@contextmanager
-def _note(folder: Path, keys: Sequence[str]) -> Generator[BinaryIO]:
-    """The note that names the unit of a batch that is being done, there until the block ends.
-
-    Raises:
-        TimedOut: an earlier attempt has written it: a scheduler tries a batch again by itself.
-        OSError: the note cannot be written.
-    """
-    if noted_unit(folder, keys)[1]:
-        raise TimedOut
-    path = part_path(folder, keys, ".note")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with path.open("wb", buffering=0) as note:
-            yield note
-    finally:
-        path.unlink(missing_ok=True)
-
-
-@contextmanager
-def time_limited(note: BinaryIO, key: str, seconds: float) -> Generator[None]:
-    """End this process if the block, the unit with this key, takes longer."""
-    note.seek(0)
-    note.truncate()
-    note.write(f"{key}\n".encode())
-    faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=note)
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()

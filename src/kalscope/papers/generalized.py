@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.common.compiled import compiled
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, above_zero
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import Filter, FilterResult, KalmanFilter, kalman_filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record, one_sample, step_of
@@ -90,11 +89,10 @@ class GeneralizedParams(Filter):
     def __post_init__(self) -> None:
         if self.reading not in READINGS:
             raise BadSetting(f"reading must be one of {', '.join(READINGS)} (got {self.reading!r})")
-        _check_above_zero("sigma_m", self.sigma_m)
-        if self.sigma_e0 is not None:
-            _check_above_zero("sigma_e0", self.sigma_e0)
-        if self.e0 is not None and self.reading == "printed":
-            _check_above_zero("e0", self.e0)
+        e0 = self.e0 if self.reading == "printed" else None
+        for name, value in (("sigma_m", self.sigma_m), ("sigma_e0", self.sigma_e0), ("e0", e0)):
+            if value is not None:
+                above_zero(name, value, MAX_VARIANCE)
         if self.e0 is not None and self.sigma_e0 is None and self.reading == "without_slip":
             raise BadSetting(f"e0 needs sigma_e0, the error of that first estimate (got e0 = {self.e0} alone)")
 
@@ -104,11 +102,33 @@ class GeneralizedParams(Filter):
         return FilterParams(q=0.0, r=self.sigma_m, p0=self.sigma_e0, x0=self.e0)
 
     def run(self, z: ArrayLike, dt: ArrayLike | None = None) -> FilterResult:
-        """`generalized_filter`."""
-        return generalized_filter(z, self, dt)
+        """Filter a record; called like `kalman_filter`, with a result of the same kind.
+
+        Args:
+            z: measurements, shape (n,); NaN is a missing sample, in which nothing changes.
+            dt: checked as everywhere, shape (n,), ≥ 0, but without effect: the filter has no process noise.
+
+        Returns:
+            `x` is E, `p` is σE, `k` is K, `innovation` is M − E, `s` is σE + σM. In the printed reading σE is not a
+            variance, so `loglik` is NaN and `m` is 0.
+
+        Raises:
+            BadSetting: z holds inf or has another shape; dt does not fit z; in the printed reading an estimate
+                that is not above 0.
+
+        Source: Khan et al., equations (1)–(3).
+        """
+        if self.reading == "without_slip":
+            return kalman_filter(z, self.five_line_params, dt)
+        samples, _ = one_record(z, dt)
+        x, p, k, innovation, s = (np.empty_like(samples) for _ in range(5))
+        stopped = _run_printed(samples, self.sigma_m, *_start(self), (x, p, k, innovation, s))
+        if stopped >= 0:
+            raise _not_above_zero(f"at sample {stopped}", float(samples[stopped]))
+        return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
 
     def stream(self) -> KalmanFilter | PrintedStream:
-        """The same filter, sample by sample, equal to `generalized_filter` bit for bit."""
+        """The same filter, sample by sample, equal to `run` bit for bit."""
         return KalmanFilter(self.five_line_params) if self.reading == "without_slip" else PrintedStream(self)
 
     def settled(self, result: FilterResult, sample_period: float | None = None) -> SteadyState:
@@ -132,40 +152,12 @@ def printed_gain(level: float, sigma_m: float) -> float:
 
     Source: derived from Khan et al., equations (1) and (3).
     """
-    _check_above_zero("level", level)
-    _check_above_zero("sigma_m", sigma_m)
+    above_zero("level", level, MAX_VARIANCE)
+    above_zero("sigma_m", sigma_m, MAX_VARIANCE)
     # s = σE/σM solves s² + s = E/σM; this form loses no digits where E is small against σM.
     u = level / sigma_m
     s = 2.0 * u / (1.0 + math.sqrt(1.0 + 4.0 * u))
     return s / (1.0 + s)
-
-
-def generalized_filter(z: ArrayLike, params: GeneralizedParams, dt: ArrayLike | None = None) -> FilterResult:
-    """Filter a record with the generalized filter; called like `kalman_filter`, with a result of the same kind.
-
-    Args:
-        z: measurements, shape (n,); NaN is a missing sample, in which nothing changes.
-        params: σM, the start and the reading of equation (3).
-        dt: checked as everywhere, shape (n,), ≥ 0, but without effect: the filter has no process noise.
-
-    Returns:
-        A FilterResult of z's shape: `x` is E, `p` is σE, `k` is K, `innovation` is M − E, `s` is σE + σM. In the
-        printed reading σE is not a variance, so `loglik` is NaN and `m` is 0.
-
-    Raises:
-        BadSetting: z holds inf or has another shape; dt does not fit z; in the printed reading an estimate
-            that is not above 0.
-
-    Source: Khan et al., equations (1)–(3).
-    """
-    if params.reading == "without_slip":
-        return kalman_filter(z, params.five_line_params, dt)
-    samples, _ = one_record(z, dt)
-    x, p, k, innovation, s = (np.empty_like(samples) for _ in range(5))
-    stopped = _run_printed(samples, params.sigma_m, *_start(params), (x, p, k, innovation, s))
-    if stopped >= 0:
-        raise _not_above_zero(f"at sample {stopped}", float(samples[stopped]))
-    return FilterResult(x, p, k, innovation, s, math.nan, 0, 0)
 
 
 class PrintedStream:
@@ -206,9 +198,3 @@ def _not_above_zero(when: str, sample: float) -> BadSetting:
         f" (got an estimate of 0 or less {when}, where the sample is {sample:g}); add an offset to the signal,"
         ' start from an e0 above 0, or choose the reading "without_slip"'
     )
-
-
-def _check_above_zero(name: str, value: Any) -> None:
-    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= MAX_VARIANCE:
-        raise BadSetting(f"{name} must be a finite number above 0 (got {value!r})")

@@ -1,34 +1,30 @@
-"""Interactive matter (2009), "Filtering Sensor Data with a Kalman Filter": a LIS302DL, one walk, three questions.
+"""Interactive matter (2009), "Filtering Sensor Data with a Kalman Filter": a LIS302DL, one walk, two questions.
 
 The pictures show a board that is moved by hand. It is re-created here: three axes, ±128 counts, tilted and put
 down again, under white noise of σ = 3 counts. The text gives q for three pictures without r; r = 4 is assumed.
 
-The document ends with three questions, answered here with numbers. Can q and r be estimated instead of guessed?
-What would several sensors bring? Is there a much easier filter?
+Two of the questions at its end are answered here with numbers. Can q and r be estimated instead of guessed? Is
+there a much easier filter? The third, what several sensors would bring, is a chapter of the guide.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from kalscope.common.charts import Line, Panel, raw_and_filtered
+from kalscope.common.charts import Panel, raw_and_filtered
 from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
 from kalscope.estimation.fit import estimate
-from kalscope.estimation.fusion import estimate_fusion
-from kalscope.filtering.filter import denoise, fuse
+from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
-from kalscope.papers.parts import Chapter, Check, Effort, Experiment, Figure, Prose
+from kalscope.papers.document import Block, Chapter, Check, Experiment, Prose
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
-from kalscope.sources.synthetic import synthesize
 
-PAPER = "Filtering Sensor Data with a Kalman Filter (interactive matter 2009)"
 PROSE = Prose(__name__)
 ASSUMED_R = 4.0
 """r of the three q pictures, counts²: more than 1, because the text then turns it down to 1."""
@@ -77,21 +73,22 @@ def walk_params(q: float, r: float) -> FilterParams:
     return FilterParams(q=q, r=r, p0=P0, x0=X0)
 
 
-def try_walk(r_of_q_pictures: float = ASSUMED_R) -> list[dict[str, Any]]:
-    """The six pictures in numbers, with another r for the first three if given.
+def try_walk() -> list[dict[str, Any]]:
+    """The six pictures in numbers, with the gains that another r would give the first three.
 
-    `noise_left` is the standard deviation of white noise, out over in, √(K/(2 − K)); `rmse` that of x − truth over
-    the three axes after the start, counts, of which the raw signal has about 3.
+    `percent` is what is left of white noise, √(K/(2 − K)); `rmse` that of x − truth over the three axes after the
+    start, counts, of which the raw signal has about 3.
     """
     board = moved_board()
     rows: list[dict[str, Any]] = []
     for name, q, r in WALK:
-        used = r_of_q_pictures if name.startswith("q_") else r
-        params = walk_params(q, used)
-        settled = steady_state(params)
-        error = (denoise(board.values, params) - truth_of(board))[20:]
-        row = {"name": name, "q": q, "r": used, "gain": settled.gain, "lag_samples": settled.lag_samples}
-        row |= {"noise_left": (settled.gain / (2.0 - settled.gain)) ** 0.5}
+        settled = steady_state(walk_params(q, r))
+        error = (denoise(board.values, walk_params(q, r)) - truth_of(board))[20:]
+        row: dict[str, Any] = {"q": q, "r": r, "gain": settled.gain, "lag_samples": settled.lag_samples}
+        row |= {"percent": 100 * (settled.gain / (2.0 - settled.gain)) ** 0.5}
+        for other in (1.0, 32.0):
+            gain = f"{steady_state(walk_params(q, other)).gain:.3f}" if name.startswith("q_") else ""
+            row[f"gain_if_{other:g}"] = gain
         rows.append({**row, "rmse": float(np.sqrt(np.mean(error * error)))})
     return rows
 
@@ -107,12 +104,8 @@ def _hold(time: Array, start: float, stop: float) -> Array:
 
 
 def _picture(key: str, q: float, r: float) -> Experiment:
-    assumed = " (r assumed)" if key.startswith("q_") else ""
-    title = f"LIS302DL: q = {q:g}, r = {r:g}{assumed}"
-    gain = float(steady_state(walk_params(q, r)).gain)
-    summary = f"Three independent filters on a board moved by hand; settled gain {gain:.3g}."
-    figure = f"Picture of {'q' if key.startswith('q_') else 'r'} = {q if key.startswith('q_') else r:g}"
-    return Experiment(f"lis302dl_{key}", title, PAPER, figure, summary, lambda: (moved_board(), walk_params(q, r)))
+    title = f"LIS302DL: q = {q:g}, r = {r:g}{' (r assumed)' if key.startswith('q_') else ''}"
+    return Experiment(f"lis302dl_{key}", title, lambda: (moved_board(), walk_params(q, r)))
 
 
 EXPERIMENTS = tuple(_picture(*row) for row in WALK)
@@ -123,6 +116,8 @@ TRUE_Q, TRUE_R = 0.125, 9.0
 """The document's q and the noise of the re-created board, counts²: what the estimates should find."""
 RECORD, START = 2000, 100
 """Samples per recording, 20 s, and those left out of the errors."""
+DRAWS = 60
+"""Recordings whose q and r are estimated."""
 
 
 def answer_estimation(draws: int) -> dict[str, Any]:
@@ -132,31 +127,30 @@ def answer_estimation(draws: int) -> dict[str, Any]:
     one; then the RMSE on the moved board, and the verdicts of the stationary one, where there is no q to find.
     """
     rng = np.random.default_rng(1960)
-    pairs: list[tuple[float, float]] = []
-    losses: list[float] = []
-    true = FilterParams(q=TRUE_Q, r=TRUE_R)
+    rows: list[tuple[float, float, float]] = []
     for _ in range(draws):
         truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(RECORD))
         z = truth + math.sqrt(TRUE_R) * rng.standard_normal(RECORD)
         found = estimate(z, momentum=0.0)
-        if found.params is None:
-            continue
-        pairs.append((float(found.q), float(found.r)))
-        losses.append(_rmse(denoise(z, found.params), truth) / _rmse(denoise(z, true), truth))
-    quantiles = np.quantile(np.array(pairs), (0.05, 0.5, 0.95), axis=0).T.ravel().tolist()
-    names = ("q_low", "q_median", "q_high", "r_low", "r_median", "r_high")
-    shares = {"loss": float(np.mean(losses)), "found": len(pairs) / draws}
-    return dict(zip(names, quantiles, strict=True)) | shares | _on_the_board()
-
-
-def _on_the_board() -> dict[str, Any]:
-    board = moved_board()
-    truth = truth_of(board)
-    each = np.column_stack([_filtered_alone(z, momentum=0.0) for z in board.values.T])
-    resting = open_sample("lis302dl").values
-    verdicts = tuple(str(estimate(z, momentum=0.0).verdict) for z in resting.T)
-    by_eye = _rmse(denoise(board.values, walk_params(0.125, 4.0)), truth)
-    return {"board_rmse": _rmse(each, truth), "by_eye_rmse": by_eye, "resting_verdicts": verdicts}
+        if found.params is not None:
+            best = _rmse(denoise(z, FilterParams(q=TRUE_Q, r=TRUE_R)), truth)
+            rows.append((float(found.q), float(found.r), _rmse(denoise(z, found.params), truth) / best))
+    q, r, losses = np.array(rows).T
+    names = [f"{name}_{place}" for name in "qr" for place in ("low", "median", "high")]
+    quantiles = np.quantile((q, r), (0.05, 0.5, 0.95), axis=1).T.ravel().tolist()
+    board, resting = moved_board(), open_sample("lis302dl").values
+    fits = [(z, estimate(z, momentum=0.0).params) for z in board.values.T]
+    each = np.column_stack([z if params is None else denoise(z, params) for z, params in fits])
+    verdicts = {str(estimate(z, momentum=0.0).verdict) for z in resting.T}
+    return {
+        "draws": draws,
+        **dict(zip(names, quantiles, strict=True)),
+        "loss": float(losses.mean()),
+        "found": len(rows) / draws,
+        "board_rmse": _rmse(each, truth_of(board)),
+        "by_eye_rmse": _rmse(denoise(board.values, walk_params(0.125, 4.0)), truth_of(board)),
+        "verdicts": ", ".join(sorted(verdicts)).replace("_", " "),
+    }
 
 
 def exponential(z: Array, gain: float, x0: float) -> Array:
@@ -174,17 +168,12 @@ def answer_exponential(q: float, r: float) -> dict[str, Any]:
     The largest difference in the first 10 samples and over the last half, counts, and the samples until it stays
     below 0.01 counts.
     """
-    z = moved_board().values[:, 2]
-    params = walk_params(q, r)
+    z, params = moved_board().values[:, 2], walk_params(q, r)
     gain = steady_state(params).gain
     difference = np.abs(denoise(z, params) - exponential(z, gain, X0))
-    far = np.flatnonzero(difference > 0.01)
-    return {
-        "gain": gain,
-        "at_start": float(difference[:10].max()),
-        "samples_to_agree": int(far[-1]) + 1 if len(far) else 0,
-        "at_end": float(difference[len(z) // 2 :].max()),
-    }
+    at_start, at_end = float(difference[:10].max()), float(difference[len(z) // 2 :].max())
+    agree = int(np.max(np.flatnonzero(difference > 0.01), initial=-1)) + 1
+    return {"q": q, "r": r, "gain": gain, "at_start": at_start, "samples_to_agree": agree, "at_end": at_end}
 
 
 def _rmse(x: Array, truth: Array) -> float:
@@ -192,153 +181,38 @@ def _rmse(x: Array, truth: Array) -> float:
     return float(np.sqrt(np.mean((x - truth)[START:] ** 2)))
 
 
-TILT_SENSORS = ("accelerometer", "tilt sensor")
-TILT_NOISE, TILT_OFFSET = (3.0, 0.8), 2.5
-"""Standard deviations of both sensors, and what the tilt sensor reads too high, degrees."""
-EVERY = 10
-"""How many rows apart the readings of the tilt sensor are."""
-
-
-def tilted_board() -> Recording:
-    """40 s of a board that swings by ±20° once in 4 s, seen by both sensors."""
-    return synthesize(
-        "sine",
-        n=4000,
-        sample_period=SAMPLE_PERIOD,
-        amplitude=20.0,
-        period=4.0,
-        sigmas=TILT_NOISE,
-        offsets=(0.0, TILT_OFFSET),
-        every=(1, EVERY),
-    )
-
-
-def answer_tilt() -> dict[str, Any]:
-    """Estimate two unknown sensors, fuse them, and drop one: r in degrees², the rest in degrees.
-
-    The offset with its 95 % interval; the `share` of the tilt sensor in a row in which both answer; the RMSE of
-    each alone, with what is estimated from it and without the offset, which it cannot know; of the fused value,
-    and the errors that the filter predicts for itself with both and without the tilt sensor.
-    """
-    board = tilted_board()
-    z, truth = board.values, truth_of(board)[:, 0]
-    found = estimate_fusion(z, names=TILT_SENSORS, reference=TILT_SENSORS[0])
-    if found.params is None:
-        raise ArithmeticError(found.message)
-    fused, first = fuse(z, found.params), fuse(z[:, :1], found.params.only([0]))
-    low, high = found.offset_interval[1].tolist()
-    return {
-        "r_first": float(found.r[0]),
-        "r_second": float(found.r[1]),
-        "offset": float(found.offset[1]),
-        "offset_low": low,
-        "offset_high": high,
-        "share": float(found.params.shares[1]),
-        "first": _rmse(_filtered_alone(z[:, 0]), truth),
-        "second": _rmse(_filtered_alone(z[:, 1] - TILT_OFFSET), truth),
-        "fused": _rmse(fused.x, truth),
-        "predicted": _predicted(fused.p),
-        "without_second": _predicted(first.p),
-    }
-
-
-def _filtered_alone(z: Array, momentum: float | Literal["auto"] = "auto") -> Array:
-    found = estimate(z, momentum=momentum)
-    return z if found.params is None else denoise(z, found.params)
-
-
-def _predicted(p: Array) -> float:
-    return math.sqrt(float(np.mean(p[START:])))
-
-
-def chapter(effort: Effort, report: OnProgress) -> Chapter:
+def chapter(report: OnProgress) -> Chapter:
     """Everything of this document, drawn and checked."""
     report(0.0, "the walk through q and r")
     walk = try_walk()
+    best = min(walk, key=lambda row: row["rmse"])
     report(0.1, "estimating q and r")
-    estimated = answer_estimation(effort.estimate_draws)
-    report(0.8, "two sensors, the figures")
-    tilt = answer_tilt()
+    estimated = answer_estimation(DRAWS)
+    report(0.8, "the much easier filter, the figures")
     simple = [answer_exponential(q, r) for _, q, r in WALK]
-    verdicts = ", ".join(sorted(set(estimated["resting_verdicts"]))).replace("_", " ")
     return PROSE.chapter(
         blocks=(
             _walk_figure(),
-            _walk_table(walk),
-            _axes_figure(),
-            PROSE.table("estimate", draws=effort.estimate_draws, verdicts=verdicts, **estimated),
-            PROSE.table("tilt", gain=100 * (1 - tilt["fused"] / min(tilt["first"], tilt["second"])), **tilt),
-            _exponential_table(simple),
-            _exponential_figure(),
+            PROSE.table("walk", walk, best_q=best["q"], best_r=best["r"]),
+            PROSE.table("estimate", **estimated),
+            PROSE.table("exponential", simple, samples=max(row["samples_to_agree"] for row in simple)),
         ),
         checks=(
-            Check("q = 128: noise left, as a share", walk[0]["noise_left"], 1.0, 0.05),
+            Check("q = 128: noise left, percent", walk[0]["percent"], 100.0, 5.0),
             Check("q estimated, median", estimated["q_median"], TRUE_Q, 0.1, relative=True),
             Check("r estimated, median", estimated["r_median"], TRUE_R, 0.03, relative=True),
             Check("RMSE with the estimated pair over the true one", estimated["loss"], 1.0, 0.02),
-            Check("Accelerometer and tilt: offset found", tilt["offset"], TILT_OFFSET, 0.1, relative=True),
-            Check("Accelerometer and tilt: predicted error", tilt["predicted"], tilt["fused"], 0.15, relative=True),
             Check("Exponential filter, worst of the walk, last half", max(a["at_end"] for a in simple), 0.0, 1e-6),
         ),
-        results={
-            "walk": walk,
-            "walk_q_pictures_if_r": {str(r): try_walk(r)[:3] for r in (1.0, 32.0)},
-            "assumed_r": ASSUMED_R,
-            "estimation": estimated,
-            "tilt": tilt,
-            "exponential": simple,
-        },
     )
 
 
-def _walk_figure() -> Figure:
+def _walk_figure() -> Block:
     board = moved_board()
     z, shown = board.values[:, 0], slice(60, 330)
     panels: list[Panel] = []
     for name, q, r in WALK:
-        x = denoise(z, walk_params(q, r))
-        assumed = " (assumed)" if name.startswith("q_") else ""
-        lines = raw_and_filtered(board.time[shown], z[shown], x[shown])
-        panels.append(Panel(f"q = {q:g}, r = {r:g}{assumed}", lines, "time / s", "x / counts", (-15.0, 68.0)))
+        lines = raw_and_filtered(board.time[shown], z[shown], denoise(z, walk_params(q, r))[shown])
+        title = f"q = {q:g}, r = {r:g}{' (assumed)' if name.startswith('q_') else ''}"
+        panels.append(Panel(title, lines, "time / s", "x / counts", (-15.0, 68.0)))
     return PROSE.figure("walk_figure", panels)
-
-
-def _walk_table(walk: Sequence[dict[str, Any]]) -> Figure:
-    other = {f"gain_if_{r:g}": try_walk(r) for r in (1.0, 32.0)}
-    rows: list[dict[str, Any]] = []
-    for i, row in enumerate(walk):
-        gains = {key: f"{other[key][i]['gain']:.3f}" if row["name"].startswith("q_") else "" for key in other}
-        rows.append({**row, "percent": 100 * row["noise_left"], **gains})
-    best = min(walk, key=lambda row: row["rmse"])
-    return PROSE.table("walk", rows, best_q=best["q"], best_r=best["r"])
-
-
-def _axes_figure() -> Figure:
-    board = moved_board()
-    x = denoise(board.values, walk_params(0.125, 4.0))
-    panels: list[Panel] = []
-    for i, name in enumerate(board.names):
-        raw, filtered = raw_and_filtered(board.time, board.values[:, i], x[:, i])
-        lines = (raw, Line(board.time, truth_of(board)[:, i], "truth", "truth"), filtered)
-        panels.append(Panel(f"{name} axis", lines, "time / s", "counts", (-60.0, 70.0)))
-    return PROSE.figure("axes", panels)
-
-
-def _exponential_table(answers: Sequence[dict[str, Any]]) -> Figure:
-    rows = ({**answer, "q": q, "r": r} for (_, q, r), answer in zip(WALK, answers, strict=True))
-    return PROSE.table("exponential", rows, samples=max(a["samples_to_agree"] for a in answers))
-
-
-def _exponential_figure() -> Figure:
-    board = moved_board()
-    z, q, r = board.values[:, 2], 0.125, 32.0
-    params = walk_params(q, r)
-    x = denoise(z, params)
-    simple = exponential(z, answer_exponential(q, r)["gain"], X0)
-    shown = slice(0, 120)
-    lines = (
-        *raw_and_filtered(board.time[shown], z[shown], x[shown], "Kalman filter"),
-        Line(board.time[shown], simple[shown], "exponential smoothing", "s1"),
-    )
-    panel = Panel("z axis, q = 0.125, r = 32, both started at 0", lines, "time / s", "counts")
-    return PROSE.figure("start", [panel])

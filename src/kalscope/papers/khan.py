@@ -7,7 +7,6 @@ that makes equation (3) as printed look like the picture; it is then far from an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -17,20 +16,20 @@ import numpy as np
 from kalscope.common.charts import Line, Panel, raw_and_filtered
 from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress
-from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import ratio_for
-from kalscope.papers.generalized import GeneralizedParams, generalized_filter, printed_gain
-from kalscope.papers.parts import Chapter, Check, Experiment, Figure, Prose, Settings
+from kalscope.papers.document import Block, Chapter, Check, Experiment, Prose
+from kalscope.papers.generalized import GeneralizedParams, printed_gain
 from kalscope.recording import Recording
 from kalscope.sources.samples import open_sample
 
-PAPER = "Single Dimensional Generalized Kalman Filter (Khan et al.)"
 PROSE = Prose(__name__)
 
 FLEX = GeneralizedParams(sigma_m=1500.0, e0=1500.0)
 """Figure 7, counts: an estimate that starts far too high, and a σM under which the smoothing shows."""
+FLEX_WITHOUT_SLIP = GeneralizedParams(12.0**2, 1500.0**2, 1500.0, "without_slip")
+"""The same start in the reading without the slip, where errors are variances, counts²."""
 LDR = GeneralizedParams(sigma_m=500.0, e0=1.0, sigma_e0=1.0)
 """Figure 8, counts: the reading starts at 0, where the printed equation must not."""
 WATER = GeneralizedParams(sigma_m=200.0, e0=1.0, sigma_e0=1.0)
@@ -43,10 +42,10 @@ RAMP = slice(500, 1300)
 """Samples of the LDR recording in which the brightness rises steadily."""
 
 
-def without_slip(params: GeneralizedParams, sigma: float) -> GeneralizedParams:
-    """The same start in the reading without the slip, where errors are variances: σM = sigma²."""
-    first = params.sigma_e0 if params.sigma_e0 is not None else params.e0
-    return GeneralizedParams(sigma**2, None if first is None else first**2, params.e0, "without_slip")
+@cache
+def channel(sample: str) -> Array:
+    """The only channel of a recording of sample_data, shape (n,); shared, so not to be changed."""
+    return open_sample(sample).values[:, 0]
 
 
 def fixed_gain(gain: float, x0: float) -> FilterParams:
@@ -57,17 +56,18 @@ def fixed_gain(gain: float, x0: float) -> FilterParams:
 def try_gains() -> list[dict[str, float]]:
     """Figure 10's gains on the LDR ramp: the lag in samples, as mean (z − x) over the slope and by theory.
 
-    `noise` is what still jumps: the deviation of the output's second differences over that of the raw ones.
+    `jumps` is what still jumps: the deviation of the output's second differences over that of the raw ones, %.
     """
     z = channel("ldr_pwm")
-    ramp = np.arange(len(z))[RAMP]
-    slope = float(np.polyfit(ramp, z[RAMP], 1)[0])
+    slope = float(np.polyfit(np.arange(len(z))[RAMP], z[RAMP], 1)[0])
     rows: list[dict[str, float]] = []
     for gain in GAINS:
         x = denoise(z, fixed_gain(gain, float(z[0])))
-        jumps = np.diff(x[RAMP], 2).std() / np.diff(z[RAMP], 2).std()
-        lag = float(np.mean(z[RAMP] - x[RAMP])) / slope
-        rows.append({"gain": gain, "lag": lag, "lag_theory": (1.0 - gain) / gain, "noise": float(jumps)})
+        jumps, lag = (
+            np.diff(x[RAMP], 2).std() / np.diff(z[RAMP], 2).std(),
+            float(np.mean(z[RAMP] - x[RAMP])) / slope,
+        )
+        rows.append({"gain": gain, "lag": lag, "lag_theory": (1.0 - gain) / gain, "jumps": 100 * float(jumps)})
     return rows
 
 
@@ -84,46 +84,29 @@ def try_levels() -> list[dict[str, Any]]:
     )
     rows: list[dict[str, Any]] = []
     for name, level, sigma_m in cases:
-        settled = generalized_filter(np.full(5000, level), GeneralizedParams(sigma_m, e0=level)).k[-1]
-        row = {"level": name, "value": level, "sigma_m": sigma_m}
-        rows.append({**row, "formula": printed_gain(level, sigma_m), "simulated": float(settled)})
+        settled = float(GeneralizedParams(sigma_m, e0=level).run(np.full(5000, level)).k[-1])
+        formula = printed_gain(level, sigma_m)
+        row = {"level": name, "sigma_m": sigma_m, "formula": formula, "simulated": settled}
+        rows.append({**row, "difference": abs(settled - formula)})
     return rows
 
 
-def samples_to_recover(x: Array, reference: Array, within: float) -> int:
-    """Samples until x stays within `within` units of `reference`, the same filter with a good start."""
-    far = np.flatnonzero(np.abs(x - reference) > within)
-    return int(far[-1]) + 1 if len(far) else 0
+def samples_to_forget() -> tuple[int, float]:
+    """Figure 7: samples until the start at 1500 counts is within 3 counts of a start at the first sample.
 
-
-def expected_recovery(within: float) -> float:
-    """Samples in which FLEX forgets its start, if its gain were the settled one at the first reading: linear."""
-    first = float(channel("flex_sensor")[0])
-    start = generalized_filter(channel("flex_sensor")[:1], FLEX).x[0] - first
-    return math.log(within / start) / math.log1p(-printed_gain(first, FLEX.sigma_m))
-
-
-def expected_water_noise(params: GeneralizedParams) -> float:
-    """√(K/(2 − K)) with the gain of the fixed point at 24 °C, the cold water."""
-    gain = printed_gain(24.0, params.sigma_m)
-    return math.sqrt(gain / (2.0 - gain))
-
-
-def frozen_gain(n: int) -> float:
-    """Gain of the reading without the slip after n samples from a diffuse start: 1/n."""
-    return float(generalized_filter(np.ones(n), GeneralizedParams(4.0, reading="without_slip")).k[-1])
+    The second number is what it would take if the gain were the settled one at the first reading: linear.
+    """
+    z, within = channel("flex_sensor"), 3.0
+    x = FLEX.run(z).x
+    far = np.flatnonzero(np.abs(x - GeneralizedParams(FLEX.sigma_m).run(z).x) > within)
+    linear = math.log(within / (x[0] - z[0])) / math.log1p(-printed_gain(float(z[0]), FLEX.sigma_m))
+    return int(far[-1]) + 1, linear
 
 
 def water_noise(params: GeneralizedParams) -> float:
     """Output over input standard deviation while the water is still cold, samples 200–590."""
     z = channel("hot_water")
-    return float(generalized_filter(z, params).x[200:590].std() / z[200:590].std())
-
-
-@cache
-def channel(sample: str) -> Array:
-    """The only channel of a recording of sample_data, shape (n,); shared, so not to be changed."""
-    return open_sample(sample).values[:, 0]
+    return float(params.run(z).x[200:590].std() / z[200:590].std())
 
 
 def _at_all_gains() -> tuple[Recording, tuple[FilterParams, ...]]:
@@ -135,17 +118,20 @@ def _at_all_gains() -> tuple[Recording, tuple[FilterParams, ...]]:
     return repeated, tuple(fixed_gain(gain, float(values[0, 0])) for gain in GAINS)
 
 
-def _experiment(key: str, make: Callable[[], tuple[Recording, Settings | tuple[Settings, ...]]]) -> Experiment:
-    title, summary = PROSE.words(f"experiment_{key}", "title", "summary")
-    return Experiment(f"generalized_{key}", title, PAPER, title.partition(":")[0], summary, make)
-
-
 EXPERIMENTS = (
-    _experiment("figure_7", lambda: (open_sample("flex_sensor"), FLEX)),
-    _experiment("figure_7_without_slip", lambda: (open_sample("flex_sensor"), without_slip(FLEX, 12.0))),
-    _experiment("figure_8", lambda: (open_sample("ldr_pwm"), LDR)),
-    _experiment("figure_9", lambda: (open_sample("hot_water"), WATER)),
-    _experiment("figure_10", _at_all_gains),
+    Experiment(
+        "generalized_figure_7",
+        "Figure 7: flex sensor, first estimate far too high",
+        lambda: (open_sample("flex_sensor"), FLEX),
+    ),
+    Experiment(
+        "generalized_figure_7_without_slip",
+        "Figure 7: flex sensor, equation (3) without the slip",
+        lambda: (open_sample("flex_sensor"), FLEX_WITHOUT_SLIP),
+    ),
+    Experiment("generalized_figure_8", "Figure 8: LDR ramp", lambda: (open_sample("ldr_pwm"), LDR)),
+    Experiment("generalized_figure_9", "Figure 9: temperature", lambda: (open_sample("hot_water"), WATER)),
+    Experiment("generalized_figure_10", "Figure 10: LDR under fixed gains", _at_all_gains),
 )
 """What opens from this paper."""
 
@@ -153,82 +139,63 @@ EXPERIMENTS = (
 def chapter(report: OnProgress) -> Chapter:
     """Everything of this paper, drawn and checked."""
     report(0.0, "figures 7 to 10")
-    gains, levels = try_gains(), try_levels()
-    recovered = _samples_to_forget()
-    smooth, honest = water_noise(WATER), water_noise(WATER_DATASHEET)
+    gains, levels, (recovered, linear), smooth = try_gains(), try_levels(), samples_to_forget(), water_noise(WATER)
+    frozen = float(GeneralizedParams(4.0, reading="without_slip").run(np.ones(1000)).k[-1])
+    cold = printed_gain(24.0, WATER.sigma_m)
     return PROSE.chapter(
         blocks=(
             PROSE.figure("figure_1"),
-            PROSE.table(
-                "levels", ({**row, "difference": abs(row["simulated"] - row["formula"])} for row in levels)
-            ),
+            PROSE.table("levels", levels),
             _figure_7(recovered),
             _figure_8(),
-            _figure_9(smooth, honest),
+            _figure_9(smooth, water_noise(WATER_DATASHEET)),
             _figure_10(),
-            PROSE.table("gains", ({**row, "jumps": 100 * row["noise"]} for row in gains)),
-            _failure_table(),
+            PROSE.table("gains", gains),
         ),
-        checks=_checks(gains, levels, recovered, smooth),
-        results={
-            "fixed_point": levels,
-            "figure_7": {"samples_to_forget_the_start": recovered},
-            "figure_9": {"noise_left_sigma_m_200": smooth, "noise_left_sigma_m_0_8": honest},
-            "figure_10": gains,
-            "frozen_gain_after_1000": frozen_gain(1000),
-        },
+        checks=(
+            *(
+                Check(
+                    f"Printed filter at {row['level']}: settled gain", row["simulated"], row["formula"], 1e-9, True
+                )
+                for row in levels
+            ),
+            Check("Without the slip: gain after 1000 samples", frozen, 1e-3, 1e-12, relative=True),
+            Check("Figure 7: samples until a start at 1500 is forgotten", recovered, linear, 0.35, relative=True),
+            Check("Figure 9: noise left with σM = 200 °C", smooth, math.sqrt(cold / (2.0 - cold)), 0.15, True),
+            *(
+                Check(
+                    f"Figure 10: lag at K = {row['gain']:g}, samples",
+                    row["lag"],
+                    row["lag_theory"],
+                    0.2 + 0.03 * row["lag_theory"],
+                )
+                for row in gains
+            ),
+        ),
     )
 
 
-def _checks(
-    gains: Sequence[dict[str, float]], levels: Sequence[dict[str, Any]], recovered: int, smooth: float
-) -> tuple[Check, ...]:
-    """What the figures show beside what the theory says."""
-    name, forgotten = "Figure 7: samples until a start at 1500 is forgotten", expected_recovery(3.0)
-    return (
-        *(_gain_check(row["level"], row["simulated"], row["formula"]) for row in levels),
-        Check("Without the slip: gain after 1000 samples", frozen_gain(1000), 1e-3, 1e-12, relative=True),
-        Check(name, recovered, forgotten, 0.35, relative=True),
-        Check("Figure 9: noise left with σM = 200 °C", smooth, expected_water_noise(WATER), 0.15, relative=True),
-        *(_lag_check(row["gain"], row["lag"], row["lag_theory"]) for row in gains),
-    )
-
-
-def _gain_check(level: str, simulated: float, formula: float) -> Check:
-    return Check(f"Printed filter at {level}: settled gain", simulated, formula, 1e-9, relative=True)
-
-
-def _lag_check(gain: float, lag: float, theory: float) -> Check:
-    return Check(f"Figure 10: lag at K = {gain:g}, samples", lag, theory, 0.2 + 0.03 * theory)
-
-
-def _samples_to_forget() -> int:
-    """Figure 7: samples until the start at 1500 counts is within 3 counts of a start at the first sample."""
-    z = channel("flex_sensor")
-    started_well = generalized_filter(z, GeneralizedParams(FLEX.sigma_m)).x
-    return samples_to_recover(generalized_filter(z, FLEX).x, started_well, within=3.0)
-
-
-def _figure_7(recovered: int) -> Figure:
+def _figure_7(recovered: int) -> Block:
     z = channel("flex_sensor")
     time = 0.02 * np.arange(len(z))
-    frozen = generalized_filter(z, without_slip(FLEX, 12.0)).x
-    printed = generalized_filter(z, FLEX).x
     shown = (
-        ("Equation (3) as printed, σM = 1500, first estimate 1500", 400, printed, "as printed", "s2"),
-        ("Without the slip: σM and σE are variances, 12² and 1500²", 1000, frozen, "without the slip", "s1"),
+        ("Equation (3) as printed, σM = 1500, first estimate 1500", 400, FLEX, "as printed", "s2"),
+        (
+            "Without the slip: σM and σE are variances, 12² and 1500²",
+            *(1000, FLEX_WITHOUT_SLIP, "without the slip", "s1"),
+        ),
     )
     panels = [
-        Panel(title, raw_and_filtered(time[:n], z[:n], x[:n], label, style), "time / s", "counts")
-        for title, n, x, label, style in shown
+        Panel(title, raw_and_filtered(time[:n], z[:n], params.run(z).x[:n], label, style), "time / s", "counts")
+        for title, n, params, label, style in shown
     ]
     return PROSE.figure("figure_7", panels, recovered=recovered)
 
 
-def _figure_8() -> Figure:
+def _figure_8() -> Block:
     z = channel("ldr_pwm")
     time = 0.02 * np.arange(len(z))
-    result = generalized_filter(z, LDR)
+    result = LDR.run(z)
     lines = raw_and_filtered(time, z, result.x, "as printed")
     panels = [
         Panel("LDR under a brightening LED, as printed, σM = 500", lines, "time / s", "counts"),
@@ -237,18 +204,18 @@ def _figure_8() -> Figure:
     return PROSE.figure("figure_8", panels, dark=result.k[:50].mean(), light=result.k[-50:].mean())
 
 
-def _figure_9(smooth: float, honest: float) -> Figure:
+def _figure_9(smooth: float, honest: float) -> Block:
     z = channel("hot_water")
     time = 0.1 * np.arange(len(z))
     panels: list[Panel] = []
     for params, style in ((WATER, "s2"), (WATER_DATASHEET, "s4")):
         label = f"as printed, σM = {params.sigma_m:g} °C"
-        lines = raw_and_filtered(time, z, generalized_filter(z, params).x, label, style)
+        lines = raw_and_filtered(time, z, params.run(z).x, label, style)
         panels.append(Panel(f"σM = {params.sigma_m:g} °C", lines, "time / s", "temperature / °C", (0.0, 70.0)))
     return PROSE.figure("figure_9", panels, smooth=100 * smooth, honest=100 * honest)
 
 
-def _figure_10() -> Figure:
+def _figure_10() -> Block:
     z = channel("ldr_pwm")
     time = 0.02 * np.arange(len(z))
     filtered = [denoise(z, fixed_gain(gain, float(z[0]))) for gain in GAINS]
@@ -259,17 +226,3 @@ def _figure_10() -> Figure:
             lines.append(Line(time[shown], x[shown], f"K = {gain:g}", style))
         panels.append(Panel(title, tuple(lines), "time / s", "counts"))
     return PROSE.figure("figure_10", panels)
-
-
-def _failure_table() -> Figure:
-    rows: list[dict[str, str]] = []
-    cases = (
-        ("a reading of −50 after one of 3", np.array([3.0, -50.0]), GeneralizedParams(3.0)),
-        ("a first sample of 0", np.array([0.0, 1.0]), GeneralizedParams(4.0)),
-    )
-    for name, z, params in cases:
-        try:
-            generalized_filter(z, params)
-        except BadSetting as error:
-            rows.append({"signal": name, "answer": str(error)})
-    return PROSE.table("failures", rows, gain=printed_gain(100.0, 4.0))

@@ -13,22 +13,15 @@ from kalscope.errors import BadSetting
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.filtering.params import FilterParams
 from kalscope.papers import interactive_matter_2009, khan, maarif_2019
-from kalscope.papers.page import list_disagreements, page
-from kalscope.papers.parts import FULL, QUICK, Chapter, Check, Experiment
+from kalscope.papers.document import Chapter, Check, Experiment, list_disagreements, page
 from kalscope.recording import Recording
-
-# The three source documents: what opens as an experiment, and the filters that come with it.
-#
-# `kalscope reproduce` draws all their figures and tables (`reproduction`); the dashboard offers each as
-# "experiment:NAME".
-
 
 PREFIX = "experiment:"
 """Prefix of an experiment's name in a source."""
 
 
 def list_experiments() -> list[Experiment]:
-    """All experiments: name, title, paper, figure and one line each; in the order of the documents."""
+    """All experiments, in the order of the documents."""
     return [*maarif_2019.EXPERIMENTS, *khan.EXPERIMENTS, *interactive_matter_2009.EXPERIMENTS]
 
 
@@ -58,19 +51,16 @@ def open_experiment(name: str) -> tuple[Recording, dict[str, Filter]]:
     return replace(recording, source=f"{PREFIX}{bare}", title=known[bare].title), filters
 
 
-# All three documents in one go: chapters, checks, the page and the numbers.
-
-
 @dataclass(frozen=True)
 class Reproduction:
-    """What `kalscope reproduce` writes. The same at every run with the same effort on the same machine."""
+    """What `kalscope reproduce` writes. The same at every run on the same machine."""
 
     chapters: tuple[Chapter, ...]
     """One per document."""
     html: str
     """The whole page, self-contained."""
     results: dict[str, Any]
-    """The numbers, as JSON takes them: "checks", "disagreements", and one entry per document."""
+    """The numbers, as JSON takes them: "checks", "disagreements", and the tables of each document by name."""
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -85,16 +75,13 @@ class Reproduction:
     @property
     def json(self) -> str:
         """`results` as text, indented."""
-        return json.dumps(self.results, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        return json.dumps(self.results, indent=1, ensure_ascii=False, allow_nan=False, default=float) + "\n"
 
 
-def reproduce(
-    quick: bool = False, progress: OnProgress | None = None, cancelled: Callable[[], bool] | None = None
-) -> Reproduction:
+def reproduce(progress: OnProgress | None = None, cancelled: Callable[[], bool] | None = None) -> Reproduction:
     """Reproduce the documents' figures and tables.
 
     Args:
-        quick: fewer random draws, inside the same tolerances.
         progress: called with the fraction done, 0 … 1, and what is being done; None = not reported.
         cancelled: asked now and then whether to stop; None = never.
 
@@ -104,21 +91,14 @@ def reproduce(
     Raises:
         Cancelled: `cancelled()` was true.
     """
-    effort = QUICK if quick else FULL
-
     whole = Progress(progress, cancelled)
     chapters = (
-        maarif_2019.chapter(effort, whole.part(0.0, 0.7)),
-        khan.chapter(whole.part(0.7, 0.8)),
-        interactive_matter_2009.chapter(effort, whole.part(0.8, 1.0)),
+        maarif_2019.chapter(whole.part(0.0, 0.5)),
+        khan.chapter(whole.part(0.5, 0.6)),
+        interactive_matter_2009.chapter(whole.part(0.6, 1.0)),
     )
-    disagreements = list_disagreements()
-    installed = version("kalscope")
-    results: dict[str, Any] = {"kalscope": installed, "quick": quick}
-    results["passed"] = all(check.passed for chapter in chapters for check in chapter.checks)
-    results |= {chapter.key: chapter.results for chapter in chapters}
-    results["disagreements"] = disagreements
-    results["checks"] = [
-        {**asdict(check), "passed": check.passed} for chapter in chapters for check in chapter.checks
-    ]
-    return Reproduction(chapters, page(chapters, disagreements, installed), results)
+    checks = [{**asdict(check), "passed": check.passed} for chapter in chapters for check in chapter.checks]
+    results: dict[str, Any] = {"kalscope": version("kalscope"), "passed": all(check["passed"] for check in checks)}
+    results |= {one.key: {block.name: block.rows for block in one.blocks if block.rows} for one in chapters}
+    results |= {"disagreements": list_disagreements(), "checks": checks}
+    return Reproduction(chapters, page(chapters, results["kalscope"]), results)

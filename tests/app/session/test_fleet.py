@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from fleet_folder import NOISY, finished_fleet
@@ -18,7 +17,6 @@ from kalscope_app.session.changes import (
     find_devices,
     open_fleet,
     pick_device,
-    renew_fleet,
     set_at_shared,
     set_fleet_colour,
     set_fleet_order,
@@ -91,17 +89,6 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert back.fleet.fleet is fleet
 
 
-def test_a_newer_fleet_replaces_only_the_one_that_is_open(fleet, state):
-    newer = replace(fleet, done=3)
-    sorted_by_r = set_fleet_order("largest r")(state)
-    after = renew_fleet(newer)(sorted_by_r)
-    assert (after.fleet.fleet, after.fleet.order) == (newer, "largest r")
-    closed = close_fleet(state)
-    assert renew_fleet(newer)(closed) is closed
-    other = renew_fleet(replace(newer, folder=fleet.folder / "other"))
-    assert other(state) is state
-
-
 def test_what_a_browser_cannot_choose_is_refused():
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
@@ -133,7 +120,6 @@ def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short
     picked = pick_device(NOISY)(state)
     assert picked.fleet.picked == NOISY
     assert at(fleet, picked, NOISY).fleet.picked is None
-    assert renew_fleet(fleet)(picked).fleet.picked is None
     assert find_devices(" dev\n0 " + "x" * 999)(state).fleet.find.startswith("dev 0 x")
     assert len(find_devices("x" * 999)(state).fleet.find) == 200
     assert find_devices("x")(close_fleet(state)).fleet is None

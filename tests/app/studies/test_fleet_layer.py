@@ -10,8 +10,7 @@ from fleet_folder import devices_with
 
 from kalscope import FilterParams, synthesize
 from kalscope.estimation.pool import Losses
-from kalscope.fleet.results import Fleet, Shared
-from kalscope.fleet.store import RunNote
+from kalscope.fleet.results import Fleet, RunNote, Shared
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope_app.session.changes import open_fleet, pick_device, set_fleet_colour
 from kalscope_app.session.opening import opened
@@ -23,7 +22,7 @@ from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_ma
 RANGES = (-6, 2), (-4, 2)
 
 
-def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 1.0), names=None):
+def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names=None):
     """A fleet with these arrays; `odd` are unlike the others."""
     n = len(q)
     unlike = np.zeros(n, dtype=bool)
@@ -32,8 +31,10 @@ def fleet_of(q, r, odd=(), growth=None, verdicts=None, done=None, shared=(0.01, 
     zeros = np.zeros(n)
     losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
     one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
-    note = RunNote(2 * n, "", 0, True, ReadOptions(), None)
-    return Fleet(Path("fleet"), devices, one, np.where(unlike, 9.0, 1.0), unlike, note, done)
+    note = RunNote(ReadOptions(), None)
+    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
+    return fleet
 
 
 def large(n=100_000):
@@ -134,12 +135,11 @@ def test_no_layer_and_the_old_map_without_a_fleet():
     assert MapMaker()(state).fleet is None
 
 
-def test_the_words_say_how_many_one_filter_and_how_far_a_run_is():
-    fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan], done=7)
+def test_the_words_say_how_many_and_one_filter():
+    fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan])
     said = about_fleet(fleet)
     for part in (
         "10 rows: 9 with q and r, 1 without",
-        "7 of 20 files",
         "q = 0.01, r = 1 lx²",
         "89 % of 9",
         "1 device unlike",

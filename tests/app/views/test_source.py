@@ -66,7 +66,7 @@ def test_the_papers_page_begins_with_table_1():
 
 def test_the_papers_page_can_be_cancelled():
     with pytest.raises(Cancelled):
-        reproduce(quick=True, cancelled=lambda: True)
+        reproduce(cancelled=lambda: True)
 
 
 def test_idle_work_is_repeated_between_jobs_and_ends_with_its_failure():

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from chromium import CHROMIUM, FLAGS
-from fleet_folder import FleetRun
+from fleet_folder import run_steps
 from PIL import Image
 from program import command, next_line
 from screen import FIND, Screen, dashboard
 from shared_page import SharedPage, shared_page
 
-from kalscope.cli.tune_options import TuneOptions
+from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def fleet_of_the_guide(folder: Path) -> None:
     assert program is not None
     with contextlib.chdir(folder):
         exec(compile(program[1], "fleet.md", "exec"), {})
-    FleetRun(folder / "logs", folder / "result", FleetOptions(TuneOptions(momentum=0.0))).do().finish()
+    run_steps(folder / "logs", folder / "result", FleetOptions(Request(momentum=0.0)))
 
 
 def live(screen: Screen) -> None:
