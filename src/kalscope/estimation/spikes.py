@@ -45,7 +45,8 @@ def far_from_median(z: Array) -> tuple[Mask, bool]:
     from scipy.ndimage import median_filter
 
     present = np.isfinite(z)
-    away = np.abs(z[present] - median_filter(z[present], WINDOW, mode="nearest"))
+    away = median_filter(z[present], WINDOW, mode="nearest")
+    np.abs(np.subtract(z[present], away, out=away), out=away)
     scale = NORMAL * float(np.median(away))
     if scale == 0.0 and away.any():
         scale = float(np.median(away[away > 0.0]))
