@@ -26,6 +26,9 @@ TIME_UNITS = (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0), ("days", 8
 DURATIONS = (("µs", 1e-6), *TIME_UNITS)
 """Units of a duration and their length in s."""
 
+SHORTEST, LONGEST = 1e-9, 1000 * DURATIONS[-1][1]
+"""Durations, s, that are written as a number: no filter of a sensor has others."""
+
 MIN_NUMBER = 5e-324
 """The smallest number above 0 that a computer holds."""
 
@@ -102,6 +105,8 @@ def duration(seconds: float | None) -> str:
         return ""
     if seconds == 0.0 or math.isinf(seconds):
         return "0 s" if seconds == 0.0 else trimmed(seconds)
+    if not SHORTEST <= abs(seconds) <= LONGEST:
+        return "less than 1 ns" if abs(seconds) < SHORTEST else "more than 1,000 years"
     value, unit = _in_unit(seconds, DURATIONS)
     written = trimmed(value)
     return f"{written} {unit.rstrip('s') if written == '1' and len(unit) > 3 else unit}"
