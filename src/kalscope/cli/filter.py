@@ -186,10 +186,9 @@ def filter_command(
 
     tell_compiling()
     if source == "-":
-        if report:
-            raise BadSetting('--report must be left out where SOURCE is "-": each line is answered as it arrives')
-        if output is not None:
-            raise BadSetting('-o must be left out where SOURCE is "-": the answers go to stdout, line by line')
+        if report or output is not None:
+            option = "--report" if report else "-o"
+            raise BadSetting(f'{option} must be left out where SOURCE is "-": each line is answered as it arrives')
         chosen, notes = filters_for(None, config, given, channel, fuse, sample_period)
         filters = [one.filter for one in chosen]
         lines = LineFilter(filters if config else filters[0], len(chosen[0].sensors) or 1)

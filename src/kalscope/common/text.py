@@ -199,11 +199,7 @@ def gate_text(gate: float | None, digits: int = 3) -> str:
 
 def gate_digits(gate: float | None) -> str:
     """The same for a text box: "4", "" where it is off; with the digits that `typed_gate` needs to give it back."""
-    if gate is None:
-        return ""
-    sigma = math.sqrt(gate)
-    written = (f"{sigma:.{digits}g}" for digits in range(1, 18))
-    return next((text for text in written if typed_gate(text) == gate), repr(sigma))
+    return "" if gate is None else f"{math.sqrt(gate):.14g}"
 
 
 def typed_gate(text: str) -> float | None:

@@ -166,7 +166,8 @@ class FilterParams:
     def __repr__(self) -> str:
         given = {f.name: getattr(self, f.name) for f in fields(self)}
         shown = {k: v for k, v in given.items() if k in ("q", "r") or np.any(np.not_equal(v, _USUAL[k]))}
-        return f"FilterParams({', '.join(f'{k}={_text(v)}' for k, v in shown.items())})"
+        texts = (f"{k}={v.tolist() if isinstance(v, np.ndarray) else v!r}" for k, v in shown.items())
+        return f"FilterParams({', '.join(texts)})"
 
     def __eq__(self, other: object) -> bool:
         return self._values() == other._values() if isinstance(other, FilterParams) else NotImplemented
@@ -223,10 +224,6 @@ def _each(name: str, value: Any, sensors: int | None) -> Array:
         _number(name, abs(one) if name == "gain" and one < 0.0 else one)
     array.setflags(write=False)
     return array
-
-
-def _text(value: Any) -> str:
-    return str(cast("Array", value).tolist()) if isinstance(value, np.ndarray) else repr(value)
 
 
 # Measurements, steps and parameters as the kernels need them, checked once for all drivers.

@@ -304,10 +304,9 @@ class WithMomentum:
         distortion of the signal. Two such inequalities, each filter in place of the other, add up to
         (λ1 - λ2)(B1 - B2) ≤ 0; so B falls with λ, and N rises.
         """
-        whole, gain = self.product * (1.0 + self._both), self.gain
-        return (whole + 2.0 * gain * (gain - self.product)) / (
-            self._lost * (2.0 * (1.0 + self._both) - self.product)
-        )
+        both, product, gain = 1.0 + self._both, self.product, self.gain
+        left = product * both + 2.0 * gain * (gain - product)
+        return left / (self._lost * (2.0 * both - product))
 
     @property
     def cutoff(self) -> float:
@@ -315,11 +314,9 @@ class WithMomentum:
         product, gain = self.product, self.gain
         middle = self._lost * self._lost - product * (1.0 + self._both) + 2.0 * gain * (product - gain)
         root = math.sqrt(middle * middle + 4.0 * self._both * product * product)
-        return (
-            2.0 * product * product / (middle + root)
-            if middle > 0.0
-            else (root - middle) / max(2.0 * self._both, 1e-300)
-        )
+        if middle > 0.0:
+            return 2.0 * product * product / (middle + root)
+        return (root - middle) / max(2.0 * self._both, 1e-300)
 
     # What is missing of a step after n + 1 samples: e(n) = e(0) S(n) - (t e(0) - e(1)) S(n - 1).
 

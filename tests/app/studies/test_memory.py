@@ -15,7 +15,7 @@ from kalscope_app.studies.checks import StillStretches, compute_allan, compute_c
 from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
 
-SHORT, LONG = 150_000, 300_000
+SHORT, LONG = 300_000, 600_000
 COLUMN = 8 * (LONG - SHORT)
 """Bytes by which one number per sample differs."""
 
