@@ -163,7 +163,7 @@ _FAR_BELOW = 20.0
 _SEEN = 1e-3
 """Rise of the last step towards the best ratio of one τ; the step itself is added, and what is left is far less."""
 _FAR_FROM_EDGE = 9.2
-"""ln of samples times (r / step variance)², about the loss of log-likelihood by r = 0, from which that is not tried."""
+"""ln of samples times (r / step variance)², about the loss by r = 0, from which that is not tried."""
 
 _NODES = 0.02 * chebyshev.chebpts1(4)
 """Points along each coordinate whose cubic polynomial stands for the likelihood near a place."""

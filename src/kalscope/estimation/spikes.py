@@ -25,21 +25,6 @@ from kalscope.filtering.steady import steady_state
 # A genuine step is predicted well from the samples after it, and so is a fast movement: both stay.
 
 
-def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array:
-    """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others.
-
-    Where the samples around it are predicted badly too, the signal is lively there: it takes as many times more.
-
-    Args:
-        z: one channel, shape (n,), NaN where missing.
-        steps: nominal sample periods before each sample; empty = 1 each.
-        q: variance of the movement, unit².
-        r: variance of the noise, unit².
-        tau: momentum in sample periods, 0 for none.
-    """
-    return kernels.unpredicted(z, steps, q, r + rounding_variance(z), tau or None)
-
-
 def far_from_median(z: Array) -> tuple[Mask, bool]:
     """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
     present = np.isfinite(z)
@@ -56,7 +41,7 @@ def more_than_chance(scores: Array, z: Array) -> bool:
     """Whether the samples that neither side predicts are more, or farther away, than normal noise explains.
 
     Args:
-        scores: of `unpredicted`.
+        scores: of `kernels.unpredicted`.
         z: the record, shape (n,).
     """
     return kernels.beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)
@@ -195,7 +180,7 @@ def _settle(
     """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes.
 
     Returns:
-        The fit to the samples that are left, those set aside, and its scores, of `unpredicted`.
+        The fit to the samples that are left, those set aside, and its scores, of `kernels.unpredicted`.
     """
     seen: list[bytes] = []
     tau, start = float(plain.momentum), away
@@ -225,7 +210,12 @@ def _settle(
 
 
 def _scores(z: Array, steps: Array, one: Estimate) -> Array:
-    return unpredicted(z, steps, float(one.q), float(one.r), float(one.momentum))
+    """e²/s of each sample that neither side predicts, by both sides together, shape (n,); 0 for all others.
+
+    Where the samples around it are predicted badly too, the signal is lively there: it takes as many times more.
+    """
+    r = float(one.r) + rounding_variance(z)
+    return kernels.unpredicted(z, steps, float(one.q), r, float(one.momentum) or None)
 
 
 def _conclude(z: Array, steps: Array, plain: Estimate, one: Estimate, away: Mask) -> Estimate:
