@@ -88,8 +88,9 @@ def ratio_of(log_moves: float, tau: float) -> float:
 
 def step_variances(tau: Array) -> Array:
     """Variance of one step of the signal for q = 1, shape of `tau`."""
-    values, places = np.unique(tau, return_inverse=True)  # many lanes have one τ
-    return np.array([step_variance(value) for value in values.tolist()])[places]
+    values = tau.tolist()
+    known = {value: step_variance(value) for value in set(values)}  # many lanes have one τ
+    return np.array([known[value] for value in values])
 
 
 # The likelihood over λ = q/r for a given momentum.
@@ -157,8 +158,12 @@ _MAX_PEAKS = 3
 """Local maxima of the table to examine."""
 _NEAR = 0.1
 """Rise of a step of the climb from each of them, below which only the highest is climbed on from."""
-_FAR_FROM_EDGE = 1e4
-"""Samples times (r / step variance)², about the loss of log-likelihood by r = 0, from which that is not tried."""
+_FAR_BELOW = 20.0
+"""Loss of log-likelihood without noise beyond which no other τ near is tried."""
+_SEEN = 1e-3
+"""Rise of the last step towards the best ratio of one τ; the step itself is added, and what is left is far less."""
+_FAR_FROM_EDGE = 9.2
+"""ln of samples times (r / step variance)², about the loss by r = 0, from which that is not tried."""
 
 _NODES = 0.02 * chebyshev.chebpts1(4)
 """Points along each coordinate whose cubic polynomial stands for the likelihood near a place."""
@@ -181,10 +186,10 @@ def _likelihood(
 
     def function(at: Array) -> Local:
         progress(0.0, "likelihood around the best momentum")
-        axes = iter([place + _NODES for place in at.tolist()])
-        held = ([one] if one is not None else next(axes) for one in (log_tau, log_moves))
-        taus, moves = np.meshgrid(*held, indexing="ij")
-        h = concentrated(data, moves.ravel(), np.exp(taus.ravel()))[0].reshape(taus.shape)
+        taus = np.exp(at[0] + _NODES if log_tau is None else np.array([log_tau]))
+        moves = at[-1] + _NODES if log_moves is None else np.array([log_moves])
+        h, _ = concentrated(data, np.tile(moves, len(taus)), np.repeat(taus, len(moves)))
+        h = h.reshape(len(taus), len(moves))
         if not np.isfinite(h).all():
             return -math.inf, np.zeros(len(at)), lambda: np.zeros((len(at), len(at)))
         h = h if log_tau is not None else _DERIVATIVES @ h
@@ -209,37 +214,41 @@ def search(data: Differences, progress: Progress) -> Top:
     starts = _starts(log_taus, rows, np.split(table, np.cumsum([len(row) for row in rows])[:-1]))
     nearer = [climb(_likelihood(part, progress), start, _LOW, _HIGH, _NEAR).at.round(1) for start in starts]
     function = _likelihood(data, progress)
-    tops = [climb(function, _seen(data, at, progress), _LOW, _HIGH, _NEAR) for at in np.unique(nearer, axis=0)]
-    best = climb(function, max(tops, key=lambda one: one.height).at, _LOW, _HIGH)
-    edge, _ = concentrated(data, np.full(_PLACES, math.inf), np.exp(log_taus))
-    at = int(np.argmax(edge))
-    rise = edge[at] - edge[max(at - 1, 0) : at + 2].min() if edge[at] > -math.inf else 0.0
-    if edge[at] + rise + 1.0 < best.height:  # the curve between them is lower
-        return best
-    return _without_noise(data, float(log_taus[at]), best, progress)
+    starts = [start for at in np.unique(nearer, axis=0) for start in _seen(data, at, progress, _PLATEAU)]
+    near = max((climb(function, start, _LOW, _HIGH, _NEAR) for start in starts), key=lambda one: one.height)
+    return _or_without_noise(data, climb(function, near.at, _LOW, _HIGH), progress)
 
 
 def search_near(data: Differences, start: Top, progress: Progress) -> Top:
     """The highest place near that of almost the same record."""
     progress = progress.part(0.5, 0.5)
-    inner = climb(_likelihood(data, progress), _seen(data, start.at, progress), _LOW, _HIGH, FINE)
-    if data.m * math.exp(-2.0 * float(inner.at[1])) > _FAR_FROM_EDGE:
-        return inner
-    return _without_noise(data, float(start.at[0]), inner, progress)
+    function = _likelihood(data, progress)
+    tops = [climb(function, at, _LOW, _HIGH, FINE) for at in _seen(data, start.at, progress)]
+    return _or_without_noise(data, max(tops, key=lambda one: one.height), progress)
 
 
-def _seen(data: Differences, at: Array, progress: Progress) -> Array:
-    """A place where the likelihood shows the way to its top: one on the plateau without noise does not."""
-    if at[1] < _PLATEAU:
-        return at
+def _seen(data: Differences, at: Array, progress: Progress, plateau: float = HIGHEST) -> list[Array]:
+    """Where the climb from a place begins: from the plateau without noise no way to another top can be seen."""
+    if at[1] < plateau:
+        return [at]
     progress(0.0, "likelihood over all ratios")
-    row = ratios_for(data.m, float(at[0]))
+    row, starts = ratios_for(data.m, float(at[0])), [np.array([at[0], HIGHEST])]
     heights, _ = concentrated(data, row, np.full(len(row), math.exp(at[0])))
-    return np.array([at[0], row[int(np.argmax(heights))]])
+    before, here, after = heights[:-2], heights[1:-1], heights[2:]
+    with np.errstate(invalid="ignore"):  # between two places the likelihood is little higher than this
+        worth = (here >= before) & (here > after) & (3.0 * here - before - after >= heights[-1])
+    if worth.any():
+        starts.append(np.array([at[0], row[1 + int(np.argmax(np.where(worth, here, -math.inf)))]]))
+    return starts
 
 
-def _without_noise(data: Differences, log_tau: float, inner: Top, progress: Progress) -> Top:
-    """The best τ near one where r = 0, or `inner` if that is better."""
+def _or_without_noise(data: Differences, inner: Top, progress: Progress) -> Top:
+    """The best τ near that of a top where r = 0, or the top if that is better."""
+    log_tau, log_moves = inner.at.tolist()
+    if math.log(data.m) - 2.0 * log_moves > _FAR_FROM_EDGE:
+        return inner
+    if concentrated(data, np.full(1, math.inf), np.full(1, math.exp(log_tau)))[0][0] < inner.height - _FAR_BELOW:
+        return inner
     edge = climb(_likelihood(data, progress, log_moves=math.inf), np.array([log_tau]), _LOW[:1], _HIGH[:1])
     slack = 1e-9 + 1e-12 * abs(inner.height)  # an inner maximum must exceed the rounding of the sums
     if not edge.height >= inner.height - slack:
@@ -327,15 +336,18 @@ def momentum_end(data: Differences, top: Top, side: float, progress: Progress) -
     progress = progress.part(0.5, 0.5)
 
     def profile(log_tau: float, rest: Array) -> tuple[float, Array]:
-        if rest[0] < _PLATEAU:
-            best = climb(_likelihood(data, progress, log_tau), rest, _LOW[1:], _HIGH[1:], FINE, FINE_STEPS)
-            if best.at[0] < _PLATEAU:
-                return best.height, best.at
-        peak = _peak(data, momentum_of(log_tau), progress)
-        return peak.loglik, np.array([peak.log_ratio])
+        function = _likelihood(data, progress, log_tau)
+        starts = _seen(data, np.append(log_tau, rest), progress)
+        tops = [climb(function, start[1:], _LOW[1:], _HIGH[1:], _SEEN, FINE_STEPS) for start in starts]
+        best = max(tops, key=lambda one: one.height)
+        return best.height, best.at
 
     end, rest, crossed = interval_end(top, profile, 0, side)
-    return momentum_of(end), float(rest[0]), crossed
+    tau, log_moves = momentum_of(end), float(rest[0])
+    if log_moves > _PLATEAU:
+        inner, edge = concentrated(data, np.array([log_moves, math.inf]), np.full(2, tau))[0].tolist()
+        log_moves = math.inf if edge >= inner - 1e-9 else log_moves
+    return tau, log_moves, crossed
 
 
 # Maximum likelihood of q, r and τ together, with standard errors and the interval of τ.

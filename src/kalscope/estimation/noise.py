@@ -219,7 +219,8 @@ def starting_params(z: ArrayLike) -> FilterParams:
         even = is_even_ramp(finite)
         half_variance = 0.5 * (float(np.mean(steps)) ** 2 if even else float(np.var(steps, ddof=1)))
         half_variance = 0.0 if even and half_variance < ROUNDING**2 else half_variance
-    r = (half_variance or (1e-6 if size > 0.0 else 1.0)) * (size or 1.0) ** 2
+    scale = size or 1.0
+    r = (half_variance or (1e-6 if size > 0.0 else 1.0)) * scale * scale
     r = min(max(r, 1e-290), MAX_VARIANCE)
     return FilterParams(q=r / 100.0, r=r)
 

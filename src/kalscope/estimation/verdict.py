@@ -107,14 +107,28 @@ def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> 
     """
     if not count:
         return "No sample was set aside: each is predicted by the samples before it or by those after it."
-    what = "sample is a spike" if count == 1 else "samples are spikes"
+    them, were, what = (
+        ("it", "It was", "sample is a spike") if count == 1 else ("them", "They were", "samples are spikes")
+    )
     text = (
         f"{whole(count)} of {whole(present)} {what} ({percent(count / present)}): neither the samples before nor "
-        f"those after predict {'it' if count == 1 else 'them'}. {_without(count, plain)}"
+        f"those after predict {them}. {were} set aside; with {them} {_pair_of(plain)}."
     )
     if gate is not None:
         text += f" The filter gets a gate of {trimmed(gate)} σ, which ignores such samples."
     return f"{text} If they belong to the signal, switch the spike-proof fit off."
+
+
+def _pair_of(plain: Estimate) -> str:
+    """What the fit to all samples finds."""
+    if plain.verdict == "no_noise":
+        return "no noise could be identified"
+    if plain.verdict == "no_movement":
+        return f"r would be {number(float(plain.r))}, and no movement could be identified"
+    if plain.verdict not in USABLE:
+        return "no pair could be found"
+    momentum = f" and the momentum {plural(plain.momentum, 'sample')}" if plain.momentum else ""
+    return f"q would be {number(float(plain.q))}, r {number(float(plain.r))}{momentum}"
 
 
 def only_spikes(params: FilterParams) -> str:
@@ -128,11 +142,12 @@ def only_spikes(params: FilterParams) -> str:
 
 def kept(count: int) -> str:
     """Without the spikes no noise is left, and a gate would do more harm than good."""
-    one = count == 1
+    what, them, they = ("sample looks like a spike", "it", "it stays")
+    if count > 1:
+        what, them, they = ("samples look like spikes", "them", "they stay")
     return (
-        f"{whole(count)} {'sample looks like a spike' if one else 'samples look like spikes'}, but without "
-        f"{'it' if one else 'them'} no noise could be identified, and a gate would reject movement too: "
-        f"{'it stays' if one else 'they stay'} in the fit."
+        f"{whole(count)} {what}, but without {them} no noise could be identified, and a gate would reject movement "
+        f"too: {they} in the fit."
     )
 
 
@@ -144,20 +159,6 @@ def too_many(count: int, present: int) -> str:
         "supply and the decoding of the sensor, or take a stretch without them. If they belong to the signal, "
         "switch the spike-proof fit off, or choose the lag or the cut-off that you can accept."
     )
-
-
-def _without(count: int, plain: Estimate) -> str:
-    them = "it" if count == 1 else "them"
-    aside = f"{'It was' if count == 1 else 'They were'} set aside"
-    if plain.verdict == "no_noise":
-        return f"{aside}; with {them} no noise could be identified."
-    if plain.verdict == "no_movement":
-        return f"{aside}; with {them} r would be {number(float(plain.r))}, and no movement could be identified."
-    if plain.verdict not in USABLE:
-        return f"{aside}; with {them} no pair could be found."
-    tau = float(plain.momentum)
-    momentum = f" and the momentum {plural(tau, 'sample')}" if tau else ""
-    return f"{aside}; with {them} q would be {number(float(plain.q))}, r {number(float(plain.r))}{momentum}."
 
 
 # From a pair of numbers to an Estimate: units, intervals, verdict and message; the same for every method.
