@@ -4,7 +4,7 @@ import pytest
 from each import each
 from prefaces import head, preface
 
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import Preface, find_preface
 
 
 def test_empatica_start_and_rate_are_no_samples():
@@ -44,7 +44,7 @@ def test_empatica_beats_are_stamped_from_the_start():
     ],
 )
 def test_numbers_that_begin_like_an_empatica_file_are_no_such_file(text):
-    assert find_preface(head(text)) is None
+    assert find_preface(head(text)) == Preface()
 
 
 @each(("line", "delimiter"), [("sep=;", ";"), ('"sep=,"', ","), ("sep=\t", "\t"), ("SEP=|", "|")])

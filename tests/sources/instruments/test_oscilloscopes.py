@@ -29,7 +29,7 @@ Sequence,Volt,,,-1.144e-03,2.0e-06
 
 def test_rigol_that_knows_no_increment_has_no_period():
     found = preface("X,CH1,Start,Increment,\nSequence,Volt,0.000E+0,Inf\n0,1.375E+2,\n1,1.4E+2,")
-    assert (found.period, found.offset, found.time_column) == (None, None, -1)
+    assert (found.period, found.offset, found.time_column) == (None, 0.0, -1)
 
 
 DIALECTS = {

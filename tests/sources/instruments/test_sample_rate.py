@@ -5,7 +5,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import Preface, find_preface
 
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 
@@ -45,7 +45,7 @@ def test_a_rate_above_the_table(line, period):
     found = find_preface(["My logger 3.1", line, *TABLE])
     assert found is not None
     assert found.period == pytest.approx(period)
-    assert found.header_row is None
+    assert found.header_row == Preface()
 
 
 @each(
@@ -70,20 +70,20 @@ def test_a_rate_above_the_table(line, period):
     ],
 )
 def test_no_rate(line):
-    assert find_preface([line, *TABLE]) is None
+    assert find_preface([line, *TABLE]) == Preface()
 
 
 def test_a_key_on_each_line_is_a_value_of_the_board():
-    assert find_preface([f"dt: {10 + i % 3}" for i in range(50)]) is None
-    assert find_preface(["dt: 10"] * 50) is None
+    assert find_preface([f"dt: {10 + i % 3}" for i in range(50)]) == Preface()
+    assert find_preface(["dt: 10"] * 50) == Preface()
 
 
 def test_two_rates_are_none():
-    assert find_preface(["# Sampling Rate: 250 Hz", "# Sampling Rate: 100 Hz", *TABLE]) is None
+    assert find_preface(["# Sampling Rate: 250 Hz", "# Sampling Rate: 100 Hz", *TABLE]) == Preface()
 
 
 def test_lines_below_the_first_sample_say_nothing_about_the_table():
-    assert find_preface([*TABLE, "# Sampling Rate: 250 Hz"]) is None
+    assert find_preface([*TABLE, "# Sampling Rate: 250 Hz"]) == Preface()
 
 
 ORDINARY = [
@@ -105,7 +105,7 @@ ORDINARY = [
 
 @each("lines", ORDINARY)
 def test_an_ordinary_table_is_no_instruments(lines):
-    assert find_preface(lines) is None
+    assert find_preface(lines) == Preface()
 
 
 STARTS = [

@@ -1,6 +1,6 @@
 """What the first lines of a file say by the rules of instruments."""
 
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import find_preface
 
 
 def head(text):

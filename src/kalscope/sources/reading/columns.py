@@ -29,8 +29,7 @@ from kalscope.sources.grammar.cells import (
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.stamps import MONTHS, is_stamp, is_weekday
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.instruments.preface import Preface
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import Preface, find_preface
 
 # Lines that differ in their digits only: the first few of each shape are judged for all of them.
 
@@ -237,7 +236,7 @@ class Plan:
     @property
     def decimal(self) -> str | None:
         """Decimal mark."""
-        return self.options.decimal or self.preface.decimal
+        return self.options.decimal
 
     @property
     def header_row(self) -> int | None:
@@ -269,7 +268,7 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
             raise BadSetting(
                 f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
             )
-    preface = find_preface(head) or Preface("")
+    preface = find_preface(head)
     if options.header_row is not None or options.header is not None:
         preface = replace(preface, names=(), header_row=None)
     if options.unit_row is not None:

@@ -279,14 +279,12 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], 
 
 def _are_row_names(first: str, body: Body) -> bool:
     """True where the first column holds texts or counts the rows, as R writes them without a name of their own."""
-    if first.lower() in COUNTING_NAMES:
-        return False
+    if first.lower() in COUNTING_NAMES or body.types[0].kind == "text":
+        return first.lower() not in COUNTING_NAMES
     cells = [cells[0] for _, cells in body.rows]
-    if body.types[0].kind == "text":
-        return True
     if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
-    return all(int(b) == int(a) + 1 for a, b in pairwise(cells))
+    return sum(int(b) - int(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
 
 
 def _by_preface(names: Cells, width: int) -> tuple[Column, ...]:

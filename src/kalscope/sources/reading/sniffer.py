@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,7 +14,6 @@ from kalscope.sources.grammar.cells import NumberForm, is_comment
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.instruments.preface import told_delimiter
 from kalscope.sources.reading.columns import (
     CellKinds,
     Cells,
@@ -31,12 +29,12 @@ from kalscope.sources.reading.columns import (
     settle_roles,
 )
 from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header
+from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
     candidate_lines,
     candidate_tables,
-    filled_width,
     find_body,
     marked_begin,
     weigh,
@@ -90,9 +88,10 @@ _WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 
 def explain(
-    form: LineFormat, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
+    table: HeadTable, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
 ) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
+    form = table.form
     notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
     if form.kind == "table":
         notes.append(table_note(form))
@@ -109,8 +108,8 @@ def explain(
         for i, column in enumerate(columns)
         if column.form is not None
     ]
-    if body.narrow:
-        fields = " or ".join(map(str, sorted(body.narrow)))
+    if table.narrow:
+        fields = " or ".join(map(str, sorted(table.narrow)))
         notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
     if second is not None:
         notes.append(_could_be(form, second))
@@ -249,8 +248,8 @@ def sniff(
     if head and told_delimiter(head[0]):
         head[0] = ""  # no row of names
     lines, marks = candidate_lines(head, samples, marked_begin(head))
-    table, second = weigh(lines, candidate_tables(lines, plan, head))
-    if table is None or filled_width(table) > MAX_COLUMNS or table.rows[0][0] > len(head):
+    table, second = weigh(lines, candidate_tables(lines, plan))
+    if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
     return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)
 
@@ -265,19 +264,19 @@ def _layout(
 ) -> Layout | None:
     """The layout of a table among the lines of a file; None where its rows begin below the head."""
     kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
-    body = find_body(lines, table, plan, len(head), kinds)
+    body = find_body(lines, table, plan, kinds)
     if body.first > len(head):  # lines of the samples have no number of the file
         return None
     is_table = table.form.kind == "table"
     header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
-    body = body.starting_at(header.first)
+    body = replace(body, rows=tuple(row for row in body.rows if row[0] >= header.first))
     columns, doubtful = _described(head, header, body, kinds, plan)
     if not header.rows and is_table:
         columns = _in_their_places(columns)
-    cells = [row for _, row in (*body.rows, *body.samples)]
+    cells = [row for _, row in body.rows]
     if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
-        cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
+        cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
     columns = named_by_settings(head, columns, time, table.form)
@@ -286,7 +285,7 @@ def _layout(
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
-        *explain(table.form, plan, body, columns, second),
+        *explain(table, plan, body, columns, second),
         *doubtful,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
@@ -303,24 +302,12 @@ def _layout(
         headers=frozenset(number for number, _ in header.rows),
         header_rows=tuple(cells for _, cells in header.rows),
         notes=notes,
-        narrow=body.narrow,
-        period=_stated_period(plan),
+        narrow=table.narrow,
+        period=plan.preface.period,
         start=plan.preface.start,
-        offset=_stated_offset(plan),
+        offset=plan.preface.offset,
         lead=lead,
     )
-
-
-def _stated_period(plan: Plan) -> float | None:
-    """Sample period in s that the instrument writes; None where its cell is empty or holds no period."""
-    period = plan.preface.period
-    return period if period is not None and math.isfinite(period) and period > 0 else None
-
-
-def _stated_offset(plan: Plan) -> float:
-    """Stamp of the first sample in s that the instrument writes; 0 where its cell is empty."""
-    offset = plan.preface.offset
-    return offset if offset is not None and math.isfinite(offset) else 0.0
 
 
 def _described(
@@ -331,8 +318,8 @@ def _described(
     columns: list[Column] = []
     doubtful: list[str] = []
     for i, column in enumerate(header.columns):
-        cells, kind = body.column(i), body.types[i]
-        here = cells[: len(body.rows)]
+        cells, kind = [row[i] for _, row in body.rows], body.types[i]
+        here = cells[: sum(number <= len(head) for number, _ in body.rows)]
         role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
         form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
         if form is not None and rival is not None:
