@@ -1,6 +1,5 @@
 """What oscilloscopes write above and beside their samples; each text is made up in the form of real files."""
 
-from each import each
 from prefaces import preface
 
 
@@ -30,22 +29,3 @@ Sequence,Volt,,,-1.144e-03,2.0e-06
 def test_rigol_that_knows_no_increment_has_no_period():
     found = preface("X,CH1,Start,Increment,\nSequence,Volt,0.000E+0,Inf\n0,1.375E+2,\n1,1.4E+2,")
     assert (found.period, found.offset, found.time_column) == (None, 0.0, -1)
-
-
-DIALECTS = {
-    "semicolons and decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
-    "tabs and decimal commas": lambda text: text.replace(",", "\t").replace(".", ","),
-    "tabs": lambda text: text.replace(",", "\t"),
-}
-RIGOL = "X,CH1,Start,Increment,\nSequence,Volt,-6.0e-03,1.0e-06,\n0,4.5e-02,\n1,-1.2e-01,"
-
-
-@each("dialect", DIALECTS)
-def test_a_spreadsheet_may_save_the_file_again_with_its_own_marks(dialect):
-    as_written, saved = preface(RIGOL), preface(DIALECTS[dialect](RIGOL))
-    assert (saved.delimiter, saved.decimal) == (
-        "\t" if "tabs" in dialect else ";",
-        "," if "commas" in dialect else ".",
-    )
-    for field in ("names", "units", "period", "offset", "left_out", "time_column", "first_row", "header_row"):
-        assert getattr(saved, field) == getattr(as_written, field)

@@ -209,13 +209,6 @@ def test_a_number_of_thousands_of_digits_counts_no_rows(read, name):
     assert read(f"{name},a\n{rows}").channel("a")[:2].tolist() == [20, 21]
 
 
-@pytest.mark.parametrize("mark", [" ", ",", ";"])
-def test_one_word_alone_between_the_names_and_the_data_keeps_the_names(read, mark):
-    rows = ROWS.replace(",", mark)
-    assert read(f"t{mark}a\nstart\n{rows}").names == ("a",)
-    assert read(f"boot\nstart\n{rows}").names == ("value 1",)
-
-
 @pytest.mark.parametrize("mark", [",", ";", "\t"])
 def test_names_that_break_inside_their_quotes(read, mark):
     rows = "".join(f"{0.1 * i:.1f},{20 + i % 7},{i % 5}\n" for i in range(30)).replace(",", mark)
@@ -227,11 +220,6 @@ def test_names_that_break_inside_their_quotes(read, mark):
     report = recording.report
     assert (report.rows, report.rejected) == (30, 0)
     assert report.rows + report.blank + report.comments + report.headers == report.lines == 35
-
-
-def test_a_stray_quote_above_the_data_joins_no_rows(read):
-    recording = read('t,a"\n' + ROWS.replace("\n", '"\n', 2))
-    assert recording.report.rows == 28
 
 
 def test_the_line_that_names_the_delimiter_holds_no_names(read):

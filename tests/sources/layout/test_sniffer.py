@@ -105,14 +105,6 @@ def test_units_come_from_a_row_or_from_our_comment():
     assert layout.columns[1].unit == "1e8 m3"
 
 
-@pytest.mark.parametrize("names", ["seconds pressure", "hum Hour Minute Second"])
-def test_names_that_could_be_units_are_names_below_a_sentence(names):
-    rows = [" ".join(f"{i}.5" for _ in names.split()) for i in range(20)]
-    layout = sniff(["Data logger export", names, *rows])
-    assert layout is not None
-    assert (layout.headers, [column.name for column in layout.columns]) == (frozenset({2}), names.split())
-
-
 @each("filling", [" ", "\t", "a ", ":", " :", "#"])
 def test_a_long_unit_comment_is_no_unit_and_is_passed_over_at_once(filling):
     # Half a minute for 4,800 blanks once; 64,000 would outlast any test run.
@@ -125,22 +117,6 @@ def test_names_may_stand_in_the_comment_above_the_data():
     layout = sniff(["# time ax", "0.0 1", "0.1 2"])
     assert layout is not None
     assert [column.name for column in layout.columns] == ["time", "ax"]
-
-
-@each(
-    ("lines", "names"),
-    [
-        (["t,Na", "0.0,1", "0.1,2"], ["t", "Na"]),
-        (["K;Na;Cl", "1;2;3", "2;3;4"], ["K", "Na", "Cl"]),
-        (["# t Na", "0.0 1", "0.1 2"], ["t", "Na"]),
-        (["place,NA", "b,3", "c,4"], ["", "value 1"]),  # the text of a row whose sample is missing
-        (["NA,NA", "1,2", "2,3"], ["value 1", "value 2"]),
-    ],
-)
-def test_sodium_beside_other_names_is_a_name_and_na_in_a_row_a_missing_sample(lines, names):
-    layout = sniff(lines)
-    assert layout is not None
-    assert [column.name for column in layout.columns] == names
 
 
 def test_boot_text_above_the_header_is_passed_over():
@@ -191,30 +167,11 @@ def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path, header, step, na
     assert read_recording(file).names == names
 
 
-def test_a_pair_above_the_names_is_no_row_of_those_that_a_field_was_added_to():
-    narrow, wide = (
-        [f"{i / 250:.3f};{i}.5" for i in range(21)],
-        [f"{i / 250:.3f};{i}.5;{i}.25" for i in range(21, 99)],
-    )
-    layout = sniff(["Firmware;v2.31b", "Gain;24", "Site;Barn 7", "time [s];hum;level", *narrow, *wide])
-    assert layout is not None
-    assert (layout.first_data, [column.name for column in layout.columns]) == (5, ["time", "hum", "level"])
-
-
 @pytest.mark.parametrize("above", ["#;hum;level", "# n;hum;level"])
 def test_a_log_gains_a_field_below_names_that_look_like_a_comment(above):
     narrow, wide = ([f"{i};{i % 7},5{end}" for i in range(1, 14)] for end in ("", ";3,5"))
     layout = sniff(["Site: Barn 7", above, *narrow, *wide, *wide])
     assert (layout.narrow, layout.first_data) == ({2}, 3)
-
-
-def test_rows_of_a_stamp_and_missing_samples_are_rows_of_a_log_that_gains_a_field():
-    void = [f"00:07.0{i:02},--,--" for i in range(9)]
-    narrow, wide = (
-        [f"00:07.{i},9.5,-4.5{end}" for i in range(*span)] for end, span in (("", (100, 102)), (",7.5", (102, 160)))
-    )
-    layout = sniff(["Data logger export", "timestamp,a,b,c", *void, *narrow, *wide])
-    assert (layout.narrow, layout.first_data) == ({3}, 3)
 
 
 def test_units_stand_behind_numbers_with_thousands_too():

@@ -67,15 +67,12 @@ class Preface:
 def find_preface(head: Sequence[str]) -> Preface:
     """What the first lines of a file, without their newlines, say about its table."""
     told = told_delimiter(head[0]) if head else None
-    if told:
-        return Preface(delimiter=told, notes=("line 1 names the delimiter",))
-    first = next((i for i, line in enumerate(head[:_MAX_LINES]) if line.strip()), 0)
+    first = next((i for i, line in enumerate(head[:_MAX_LINES]) if line.strip() and not (told and i == 0)), 0)
     rows = [_cells_of(line.removeprefix("\ufeff")) for line in head[first : first + 3]]
-    if len(rows) > 2:
-        found = _rigol(rows, first) or _empatica(rows, first)
-        if found is not None:
-            return found
-    return _stated_rate(head) or Preface()
+    found = (_rigol(rows, first) or _empatica(rows, first)) if len(rows) > 2 else None
+    if found is None and told:
+        return Preface(delimiter=told, notes=("line 1 names the delimiter",))
+    return found or _stated_rate(head) or Preface()
 
 
 def told_delimiter(line: str) -> str | None:
