@@ -55,8 +55,8 @@ def test_the_rate_is_worded_by_what_was_found_out_about_it():
 
 
 SPOILT = {
-    "12.3,4": "another number of fields",
-    "1.0,2.0,\x013.0": "control bytes",
+    "12.3,4": "must have 3 fields",
+    "1.0,2.0,\x013.0": "must be printable text",
 }
 
 

@@ -162,7 +162,7 @@ class LineReader:
         if not values.keys() & self._labels:
             if all(parse_number(value) is None for value in values.values()):
                 return None
-            raise _Fault(f"must hold one of the labels {', '.join(self._form.labels[:8])}")
+            raise _Fault(f"must hold one of the labels ({', '.join(self._form.labels[:8])})")
         if self._form.complete and (lacking := [label for label in self._form.labels if label not in values]):
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
         strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
