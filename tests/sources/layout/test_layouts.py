@@ -110,7 +110,7 @@ def test_metadata_beside_the_data_is_found_and_left_out(read):
     beside = ["Model,X1", "Record Length,30", "Gain,3", *[","] * 27]
     recording = read("".join(f"{text},,{t},{a}\n" for text, (t, a) in zip(beside, PAIRS, strict=True)))
     np.testing.assert_array_equal(recording.values[:, -1], [float(a) for _, a in PAIRS])
-    assert "columns 1, 2 and 3 hold metadata beside the data" in notes_of(recording)
+    assert "columns of metadata beside the data: 1, 2, 3" in notes_of(recording)
 
 
 def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn(read):

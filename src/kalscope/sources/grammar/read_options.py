@@ -26,7 +26,9 @@ _DELIMITER_WORDS = {
     "blank": " ",
     "blanks": " ",
 }
-_WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+WORD_OF_DECIMAL = {".": "point", ",": "comma"}
+"""How the options of the command line name the marks."""
 _DECIMAL_WORDS = {"point": ".", "dot": ".", "comma": ","}
 
 
@@ -175,8 +177,8 @@ def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
     """
     column = options.time_column
     single = {
-        "delimiter": _WORD_OF_DELIMITER.get(options.delimiter or ""),
-        "decimal": {".": "point", ",": "comma"}.get(options.decimal or ""),
+        "delimiter": WORD_OF_DELIMITER.get(options.delimiter or ""),
+        "decimal": WORD_OF_DECIMAL.get(options.decimal or ""),
         "header_row": "0" if options.header is False and options.header_row is None else options.header_row,
         "unit_row": options.unit_row,
         "time_column": column + 1 if isinstance(column, int) else column,
