@@ -92,7 +92,7 @@ def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delim
     ],
 )
 def test_labels_are_words_before_a_colon(line, pairs):
-    assert find_labels(line) == (None if pairs is None else (pairs, []))
+    assert find_labels(line) == pairs
 
 
 def test_a_labelled_line_is_put_in_column_order_and_unknown_or_double_labels_refused():

@@ -88,12 +88,6 @@ def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     assert [(issue.line, issue.column, issue.text) for issue in issues] == [(4, "value 2", cell)]
 
 
-def test_a_token_that_no_label_claims_is_left_out_and_reported():
-    kind, values, issues = only("a:1 5")
-    assert (kind, values) == ("row", {"a": 1})
-    assert [(issue.column, issue.text) for issue in issues] == [("", "5")]
-
-
 def test_between_labelled_lines_prose_is_text_and_a_damaged_line_is_rejected():
     labelled = b"temp:1,hum:2\n" * 3
     assert only("Warning: reached 26 degrees", labelled)[0] == "text"

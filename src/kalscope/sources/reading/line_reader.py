@@ -155,9 +155,8 @@ class LineReader:
             if self._known_label.search(text) or text.lstrip().startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
-        pairs, ignored = found
-        values = dict(pairs)
-        if len(values) != len(pairs):
+        values = dict(found)
+        if len(values) != len(found):
             raise _Fault("must hold each label once")
         if not values.keys() & self._labels:
             if all(parse_number(value) is None for value in values.values()):
@@ -165,9 +164,9 @@ class LineReader:
             raise _Fault(f"must hold one of the labels ({', '.join(self._form.labels[:8])})")
         if self._form.complete and (lacking := [label for label in self._form.labels if label not in values]):
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
-        strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
-        for token in strangers + ignored:
-            issues.append(LineIssue(number, "must belong to a known label; it is left out", token, ""))
+        for label, value in found:
+            if label not in self._labels:
+                issues.append(LineIssue(number, "must have a known label; it is left out", f"{label}:{value}", ""))
         return [values.get(label, "") for label in self._form.labels]
 
     def _teleplot(

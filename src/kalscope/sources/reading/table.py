@@ -359,7 +359,7 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
     for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(some):
         split = _SplitLines(lines, some, delimiter)
-        for decimal in ".," if plan.decimal is None else plan.decimal:
+        for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
                 candidates.append(_as_table(split, form, kinds[decimal]))
@@ -456,7 +456,7 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
     """The lines of `name:value` pairs whose names come often and with numbers."""
     shapes = {shape for shape, texts in some.items() if any(map(find_labels, texts))}
     labelled = [line for line in lines if line.shape in shapes]
-    pairs = [(line.number, dict(found[0])) for line in labelled if (found := find_labels(line.text))]
+    pairs = [(line.number, dict(found)) for line in labelled if (found := find_labels(line.text))]
     kinds = CellKinds(".", plan.options.missing_texts)
     count: Counter[str] = Counter()
     for _, found in pairs:
