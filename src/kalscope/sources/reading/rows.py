@@ -88,16 +88,20 @@ class BlockParser:
 
 def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
     """The parser of plain rows of a layout; None where each line needs the line reader."""
-    form, time = layout.form, layout.time
+    form, time, read = layout.form, layout.time, _are_read(layout)
+
+    def may_be_row(header: tuple[str, ...]) -> bool:
+        """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
+        cells = (cell for cell, is_read in zip(header, read, strict=False) if is_read)
+        return all(parse_number(cell, form.decimal) is not None for cell in cells)
+
     is_never_plain = (
-        form.kind != "table"
-        or form.stamped
-        or form.checksum
+        (form.kind, form.stamped, form.checksum) != ("table", False, False)
         or form.decimal == form.delimiter  # inside quotes
         or (time is not None and time.kind != "number")
         or any(column.role == "series" or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
-        or any(_may_be_row(row, layout) for row in layout.header_rows)
+        or any(map(may_be_row, layout.header_rows))
     )
     return None if is_never_plain else BlockParser(layout)
 
@@ -106,12 +110,6 @@ def _are_read(layout: Layout) -> list[bool]:
     """Whether each column is read: the channels and the time; the others may hold any text."""
     read = {*layout.channels, *(layout.time.indices if layout.time else ())}
     return [i in read for i in range(len(layout.columns))]
-
-
-def _may_be_row(header: tuple[str, ...], layout: Layout) -> bool:
-    """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
-    read = [cell for cell, is_read in zip(header, _are_read(layout), strict=False) if is_read]
-    return all(parse_number(cell, layout.form.decimal) is not None for cell in read)
 
 
 # Turn the lines of a log into rows of numbers, every line in exactly one count.
@@ -176,12 +174,9 @@ class Tally:
     def take_last(self, event: LineEvent) -> None:
         """Count a last line that has no newline, and note whether it was kept."""
         self.take(event)
-        if event.kind == "rejected":
-            self.ending = f"line {event.number}, the last, is torn: it has no newline and was left out"
-        elif event.kind == "row":
-            self.ending = (
-                f"line {event.number}, the last, has no newline; it was kept, because it has all its values"
-            )
+        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
+        if event.kind in what:
+            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
 
 
 def read_rows(
@@ -233,7 +228,8 @@ class _TableReader:
         at, whole = 0, data.rfind(b"\n") + 1
         while at < len(data) and self._number < self._layout.first_data:
             line, at = _line_at(data, at)
-            self.tally.lines[_kind_above_data(self._number, line, self._layout)] += 1
+            kind: Kind = "header" if self._number in self._layout.headers else "text"
+            self.tally.lines["blank" if is_blank(line, self._layout.form.delimiter) else kind] += 1
             self._number += 1
         self._take_rows(data, at, whole)
         if at <= whole < len(data):
@@ -350,10 +346,9 @@ class GatheredRows(Rows):
                 self._row = list(row)
 
     def _belongs(self, row: tuple[float, ...]) -> bool:
-        if self._lead is not None:
-            if not math.isnan(row[self._lead]):
-                return False
-        elif self._time is not None and row[self._time] != self._row[self._time]:
+        begins = self._lead is not None and not math.isnan(row[self._lead])
+        later = self._lead is None and self._time is not None and row[self._time] != self._row[self._time]
+        if begins or later:
             return False
         pairs = enumerate(zip(self._row, row, strict=True))
         return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
@@ -362,10 +357,3 @@ class GatheredRows(Rows):
         """The columns, including the row being gathered."""
         self.append(self._row)
         return super().finish()
-
-
-def _kind_above_data(number: int, line: str, layout: Layout) -> Kind:
-    """What a line above the first data line is."""
-    if is_blank(line, layout.form.delimiter):
-        return "blank"
-    return "header" if number in layout.headers else "text"

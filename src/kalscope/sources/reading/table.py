@@ -476,7 +476,7 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
         return None
     whole = sum(found.keys() >= set(labels) for _, found in pairs)
     complete = len(rows) >= MIN_COMPLETE_ROWS and whole >= MIN_COMPLETE * len(rows)
-    form = LineFormat("labels", ",", ".", labels, complete=complete)
+    form = LineFormat("labels", labels=labels, complete=complete)
     return HeadTable(len(rows) / len(lines), form, len(labels), rows)
 
 
