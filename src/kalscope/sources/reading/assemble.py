@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -175,8 +176,6 @@ class Reading:
     """The account of all lines."""
     layout: Layout
     """What the columns are."""
-    period: float | None = None
-    """Sample period in s that the file itself states; None where it gives none."""
 
 
 def check_chosen_period(options: ReadOptions, sample_period: float | None) -> None:
@@ -343,7 +342,7 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
     layout, column = reading.layout, reading.layout.time
     if sample_period is None and options.rate is not None:
         sample_period = 1.0 / options.rate
-    given = GivenPeriod(sample_period, reading.period or layout.period)
+    given = GivenPeriod(sample_period, layout.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
@@ -393,7 +392,7 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         if time is None and table.period is not None:
             more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
-    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start)
+    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period)
     wanted = {*layout.channels, *(time.indices if time else ())}
     return _counted({i: column for i, column in data.items() if i in wanted}, layout, table)
 
@@ -414,24 +413,15 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
-    cells = [[_cell(value) for value in column[:_FEW_ROWS].tolist()] for column in table.columns]
-    texts = [""] * len(table.texts)
-    rows = [(*row, *texts) for row in zip(*cells, strict=True)]
+    few = [column[:_FEW_ROWS].tolist() for column in table.columns]
+    cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
+    rows = [(*row, *[""] * len(table.texts)) for row in zip(*cells, strict=True)]
     time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
     if time is None or time.kind != "number":
         return None
-    if index is None and table.period is not None and not time.unit and _counts(table.columns[time.index]):
-        return None
-    return time
-
-
-def _counts(column: Array) -> bool:
-    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they number the samples."""
-    return column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))
-
-
-def _cell(value: float) -> str:
-    return f"{value:.17g}" if np.isfinite(value) else ""
+    column = table.columns[time.index]
+    counts = column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))  # beside a rate, the numbers of the samples
+    return None if index is None and table.period is not None and not time.unit and counts else time
 
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
@@ -448,4 +438,4 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
     tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
-    return Reading(columns, tally, layout, table.period)
+    return Reading(columns, tally, layout)
