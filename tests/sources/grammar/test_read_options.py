@@ -70,7 +70,7 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
     recording = read(text, missing=(-200.0, "ERR"))
     np.testing.assert_array_equal(recording.values, [[NAN, 1], [NAN, NAN], [5, NAN], [6, NAN], [7, 0]])
     assert recording.report.bad_cells == 0
-    assert any("3 samples of -200 are missing, as requested" in note for note in recording.report.notes)
+    assert any("samples of -200 that are missing, as requested: 3" in note for note in recording.report.notes)
 
 
 def test_a_number_typed_as_text_is_compared_as_a_cell(read):
@@ -224,12 +224,14 @@ def test_impossible_options_are_refused(options):
 
 
 def test_options_as_a_person_types_them():
-    options = options_from_text("semicolon", "2", "millis", ["-200", "ERR", "1e3"], "dt")
+    options = options_from_text(
+        delimiter="semicolon", time_column="2", time_unit="millis", missing=["-200", "ERR", "1e3"], gaps="dt"
+    )
     assert options == ReadOptions(";", None, 1, "ms", (-200.0, "ERR", 1000.0), gaps="dt")
     assert options_from_text() == ReadOptions()
     assert options_from_text(time_column="column 3").time_column == 2
     assert options_from_text(time_column="none").time_column == "none"
-    assert options_from_text("\\t").delimiter == "\t"
+    assert options_from_text(delimiter="\\t").delimiter == "\t"
 
 
 def test_open_source_passes_options_on(tmp_path):

@@ -53,8 +53,8 @@ def taken(monkeypatch):
     blocks = []
 
     class Spy(BlockParser):
-        def parse(self, data, at, end, before):
-            rows = super().parse(data, at, end, before)
+        def parse(self, data, at, end):
+            rows = super().parse(data, at, end)
             blocks.extend([len(rows.values)] if len(rows.values) else [])
             return rows
 
@@ -67,7 +67,7 @@ def parsed(layout, lines):
     data = "".join(lines).encode()
     parse = block_parser(layout, DEFAULTS)
     assert parse is not None
-    rows = parse.parse(data, 0, len(data), -1)
+    rows = parse.parse(data, 0, len(data))
     assert rows.end == sum(len(line.encode()) for line in lines[: len(rows.values)])
     return rows.values.tolist()
 
@@ -349,15 +349,6 @@ def test_separators_at_the_end_of_rows_keep_them_plain(tmp_path, taken, ending):
     assert_same(path)
     assert sum(taken) == 40
     assert read_recording(path).names == ("a", "b")
-
-
-def test_rows_from_before_a_field_was_added_are_plain_and_the_same(tmp_path, taken):
-    path = tmp_path / "log.csv"
-    narrow = "".join(f"{0.01 * i:.2f},{i % 7}\n" for i in range(40))
-    path.write_text("t,a,b\n" + narrow + "".join(f"{0.01 * i:.2f},{i % 7},{i}\n" for i in range(40, 90)) + "9,1\n")
-    assert_same(path)
-    assert sum(taken) >= 80
-    assert read_recording(path).report.rejected == 1
 
 
 def test_a_header_of_numbers_that_comes_again_is_a_header_to_both(tmp_path, taken):

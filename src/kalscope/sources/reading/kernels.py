@@ -115,9 +115,6 @@ def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, int]:
 # Plain rows of a table, many lines per call: each line is read as the line reader reads it, or ends the call.
 
 
-NEVER, ALWAYS, AFTER_ITS_LIKE = 0, 1, 2
-"""Whether a line of so many fields is a row; the last only after an equally narrow row, or as the first."""
-
 MAX_SURE_STAMP = 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
 
@@ -177,16 +174,16 @@ class RowForm(NamedTuple):
     """Delimiter and decimal mark."""
     wanted: Bytes
     """1 where a column is read, 0 where it may hold any text; shape (width,)."""
-    widths: Bytes
-    """NEVER, ALWAYS or AFTER_ITS_LIKE by the number of fields, shape (width + 2,)."""
+    fields: tuple[int, int]
+    """Fewest and most fields of a line that is a row."""
     stamp: int
     """The column of the time; −1 where there is none."""
 
 
 @compiled(error_model="numpy")
 def read_plain_rows(
-    data: Bytes, at: int, form: RowForm, before: int, out: NDArray[np.float64], rounded: NDArray[np.int64]
-) -> tuple[int, int, int, int]:
+    data: Bytes, at: int, form: RowForm, out: NDArray[np.float64], rounded: NDArray[np.int64]
+) -> tuple[int, int, int]:
     """Plain rows from `at` on, up to the first line that is not plain, or until `out` or `rounded` is full.
 
     The usual cell, 15 digits at most and a mark after them, is read here: with a call for each it takes four times
@@ -196,13 +193,12 @@ def read_plain_rows(
         data: Whole lines, each with its newline.
         at: Where a line begins.
         form: How the rows are written.
-        before: Fields of the row before; −1 at the first row.
         out: Their values, shape (rows, width), NaN where missing or not wanted.
         rounded: Numbers of too many digits, which `float` must read again: row, column, begin and end of the cell;
             shape (many, 4), many > width.
 
     Returns:
-        Rows, the place after them, the fields of the last of them, numbers in `rounded`.
+        Rows, the place after them, numbers in `rounded`.
     """
     marks, wanted = form.marks, form.wanted
     delimiter, decimal = marks
@@ -238,15 +234,9 @@ def read_plain_rows(
         at += 1
         if data[at - 1] == _NEWLINE:
             out[row, fields:] = math.nan
-            if not known or not _is_row(form, fields, before, out[row]):
+            whole = form.fields[0] <= fields <= form.fields[1]
+            sure = form.stamp < 0 or abs(out[row, form.stamp]) <= MAX_SURE_STAMP  # else it may be damage
+            if not (known and whole and sure):
                 break
-            row, end, before, hard, fields, known = row + 1, at, fields, new, 0, False
-    return row, end, before, hard
-
-
-@compiled()
-def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
-    """Whether a line of so many fields is a row, and its stamp is not damage."""
-    kind = form.widths[fields] if fields < len(form.widths) else NEVER
-    whole = kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
-    return whole and (form.stamp < 0 or abs(values[form.stamp]) <= MAX_SURE_STAMP)
+            row, end, hard, fields, known = row + 1, at, new, 0, False
+    return row, end, hard

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from kalscope.common.progress import Progress
 from kalscope.recording import MAX_ISSUES, LineIssue
 from kalscope.sources.grammar.cells import is_blank, is_number, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.kernels import AFTER_ITS_LIKE, ALWAYS, RowForm, read_plain_rows
+from kalscope.sources.reading.kernels import RowForm, read_plain_rows
 from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.reading.text_file import open_text, read_line
@@ -34,16 +34,13 @@ _MAX_ROUNDED = 1024
 """Numbers of more digits than the loops hold that are read again at once."""
 
 
-@dataclass(frozen=True)
-class PlainRows:
+class PlainRows(NamedTuple):
     """The plain rows at one place."""
 
     values: Array
     """Numbers, shape (rows, columns), NaN where missing or not read; overwritten by the next call."""
     end: int
     """The place after them."""
-    fields: int
-    """Fields of the last of them; what was given as `before` where there is none."""
 
 
 class BlockParser:
@@ -57,33 +54,29 @@ class BlockParser:
     def __init__(self, layout: Layout) -> None:
         width, delimiter = len(layout.columns), layout.form.delimiter
         self._decimal = layout.form.decimal
-        widths = np.zeros(width + 2, dtype=np.uint8)
-        widths[list(layout.narrow)] = AFTER_ITS_LIKE
-        widths[layout.least : width + 1 + (delimiter != " ")] = ALWAYS  # a separator may end the line
         self._form = RowForm(
             marks=(ord(delimiter), ord(self._decimal)),
             wanted=np.array(_are_read(layout), dtype=np.uint8),
-            widths=widths,
+            fields=(layout.least, width + (delimiter != " ")),  # a separator may end the line
             stamp=-1 if layout.time is None else layout.time.index,
         )
         self._out = np.empty((max(16, _MAX_NUMBERS // width), width))
         self._rounded = np.zeros((max(_MAX_ROUNDED, width + 1), 4), dtype=np.int64)
 
-    def parse(self, data: bytes, at: int, end: int, before: int) -> PlainRows:
+    def parse(self, data: bytes, at: int, end: int) -> PlainRows:
         r"""The plain rows from `at` on, none where the first line is not plain.
 
         Args:
             data: Lines, UTF-8, each with "\n" at its end, up to `end`.
             at: Where the first begins.
             end: Where the last ends.
-            before: Fields of the row before; −1 at the first row.
         """
         lines: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8, count=end)
         out = self._out
-        rows, stop, before, again = read_plain_rows(lines, at, self._form, before, out, self._rounded)
+        rows, stop, again = read_plain_rows(lines, at, self._form, out, self._rounded)
         for row, column, first, last in self._rounded[:again].tolist():
             out[row, column] = float(data[first:last].decode().replace(self._decimal, "."))
-        return PlainRows(out[:rows], stop, before)
+        return PlainRows(out[:rows], stop)
 
 
 def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
@@ -95,8 +88,9 @@ def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
         cells = (cell for cell, is_read in zip(header, read, strict=False) if is_read)
         return all(parse_number(cell, form.decimal) is not None for cell in cells)
 
-    is_never_plain = (
+    is_never_plain = bool(
         (form.kind, form.stamped, form.checksum) != ("table", False, False)
+        or layout.narrow
         or form.decimal == form.delimiter  # inside quotes
         or (time is not None and time.kind != "number")
         or any(column.role == "series" or column.form is not None for column in layout.columns)
@@ -257,10 +251,10 @@ class _TableReader:
         slow = 1
         while at < end:
             if self._plain is not None:
-                rows = self._plain.parse(data, at, end, self._reader.before)
+                rows = self._plain.parse(data, at, end)
                 slow = min(2 * slow, MAX_SLOW)
                 if len(rows.values):
-                    slow, at, self._reader.before = 1, rows.end, rows.fields
+                    slow, at = 1, rows.end
                     self._number += len(rows.values)
                     self.tally.lines["row"] += len(rows.values)
                     self._rows.extend(rows.values)
