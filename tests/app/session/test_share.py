@@ -118,7 +118,7 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     line = share_line(state).line
     assert "--missing=-200" in line
     assert essence(reopen(line)) == essence(state)
-    timed = options_from_text(None, "t", "ms", [], "dt")
+    timed = options_from_text(time_column="t", time_unit="ms", gaps="dt")
     state = opened(open_source(name, timed)).with_open(options=timed)
     assert essence(reopen(share_line(state).line)) == essence(state)
 

@@ -54,7 +54,7 @@ def test_nuls_behind_the_last_line_are_no_data(read):
 
 
 def test_scattered_nuls_are_refused_by_their_line(read):
-    with pytest.raises(BadFile, match="NUL bytes, the first on line 2"):
+    with pytest.raises(BadFile, match="0x00, on line 2"):
         read(b"a,b\n" + b"1\0,\x002,3\0\n" * 50)
 
 
@@ -66,7 +66,7 @@ def test_scattered_nuls_are_refused_by_their_line(read):
         (b"RIFF\x24\x00\x00\x00WAVE", "WAV"),
         (b"BZh91AY", "bzip2"),
         (bytes(range(256)) * 20, "binary data"),
-        (bytes(1000), "NUL bytes, the first on line 1"),
+        (bytes(1000), "0x00, on line 1"),
     ],
 )
 def test_what_is_no_text_is_named(read, data, what):

@@ -119,7 +119,7 @@ def find_labels(line: str) -> Pairs | None:
 
 
 def _labelled(text: str, mark: str) -> Pairs | None:
-    """The pairs of a text with this mark between label and value; the commas of `T=20,5;H=40,1` are decimal ones."""
+    """The pairs of a text, this mark between label and value; the commas of `T=20,5;H=40,1` are decimal ones."""
     is_decimal = text.count(mark) > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
     pairs: Pairs = []
     for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text):

@@ -123,9 +123,9 @@ def options_from_text(
         missing: Numbers and texts.
         gaps: rows, missing or dt.
         day_first: See ReadOptions.
-        texts: Its other fields: a mark itself, or comma, semicolon, tab, bar, space, point; a column's name, "none", or
-            "column 2" / "2" counted from 1 as the reports do; any common word for a unit of time; a line number; a
-            number of Hz or GB, with or without the unit; codes of `datetime.strptime`.
+        texts: Its other fields: a mark itself, or comma, semicolon, tab, bar, space, point; a column's name,
+            "none", or "column 2" / "2" counted from 1 as the reports do; any common word for a unit of time; a line
+            number; a number of Hz or GB, with or without the unit; codes of `datetime.strptime`.
 
     Raises:
         BadSetting: a choice that is none of these.

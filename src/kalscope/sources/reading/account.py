@@ -26,6 +26,7 @@ MAX_SHARE = 0.02
 MAX_ASSUMPTIONS = 4
 """Assumptions that are shown with a summary."""
 
+
 def summary(recording: Recording) -> str:
     """How the recording was read, in one line: "2 094 rows, 4 channels, 13.4 Hz; 85 lines rejected: …"."""
     report = recording.report
@@ -184,7 +185,9 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
         return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
     last, text = said[-1]
     if len(said) <= 2 and not _numbers(text, ","):
-        return BadFile(f"{name} must hold numbers below its header (got only line {said[0][0]}: {_quoted(said[0][1])})")
+        return BadFile(
+            f"{name} must hold numbers below its header (got only line {said[0][0]}: {_quoted(said[0][1])})"
+        )
     if _CANDUMP.match(text):
         return _raw_frames(name)
     mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))

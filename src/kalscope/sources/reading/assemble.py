@@ -53,8 +53,8 @@ _SURE = {
     *(32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0),
     *(-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0),
 }
-"""Limits of a processor's integers; DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X: out
-of range."""
+"""Limits of a processor's integers; DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X:
+out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
 """Zero, an error value of C, and limits of short integers."""
 HUGE = 1e20
@@ -82,8 +82,8 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         questions.append(
             Assumption(
-                f"is {value:.15g} a missing value? It occurs {often} times in {_quoted([names[i] for i in channels])},"
-                f" far from the rest; if so, read with --missing {value:.15g}"
+                f"is {value:.15g} a missing value? It occurs {often} times in"
+                f" {_quoted([names[i] for i in channels])}, far from the rest; if so, read with --missing {value:.15g}"
             )
         )
     return questions
@@ -283,7 +283,7 @@ def _read_as(layout: Layout, time: Array, timing: Timing, unit: str) -> str:
         how = {"calendar": "as dates", "clock": "as a clock"}.get(taken.kind, f"in {unit}")
         how = f"time {' and '.join(named[i] for i in taken.indices)} {how}"
     channels = [columns[i].name for i in layout.channels]
-    parts = [said, how, f"{'channel' if len(channels) == 1 else 'channels'} {_some(channels)}"]
+    parts = [said, how, f"channel{'' if len(channels) == 1 else 's'} {_some(channels)}"]
     out = {"text": "text", "row name": "row names", "row number": "row numbers", "metadata": "metadata"}
     left = [f"{named[i]} ({out[column.role]})" for i, column in enumerate(columns) if column.role in out]
     return "; ".join([*parts, *([f"left out: {_some(left)}"] if left else [])])
@@ -392,7 +392,9 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         if time is None and table.period is not None:
             more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
-    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period)
+    layout = Layout(
+        LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period
+    )
     wanted = {*layout.channels, *(time.indices if time else ())}
     return _counted({i: column for i, column in data.items() if i in wanted}, layout, table)
 

@@ -214,38 +214,13 @@ def distinct_names(names: list[str]) -> tuple[str, ...]:
 # What is decided before anything is weighed: by the user, else by the rules of the instrument.
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(NamedTuple):
     """The choices that hold for one file; what is None is weighed."""
 
     options: ReadOptions
-    """The choices of the user, which outrank the instrument's."""
+    """The choices of the user."""
     preface: Preface
-    """What the instrument's rules say, without what the user chose otherwise."""
-
-    @property
-    def delimiter(self) -> str | None:
-        """Delimiter of cells."""
-        return self.options.delimiter or self.preface.delimiter
-
-    @property
-    def header_row(self) -> int | None:
-        """Line number of the row of names; 0 where there is none."""
-        chosen = self.options.header_row
-        if chosen is None and self.options.header is False:
-            return 0
-        return self.preface.header_row if chosen is None else chosen
-
-    @property
-    def unit_row(self) -> int | None:
-        """Line number of the row of units; 0 where there is none."""
-        return self.preface.unit_row if self.options.unit_row is None else self.options.unit_row
-
-    @property
-    def first_row(self) -> int:
-        """Line number of the first line that may be data."""
-        below = [(row or 0) + 1 for row in (self.options.header_row, self.options.unit_row)]
-        return max(self.preface.first_row or 1, *below)
+    """What the lines above the table say, where the user did not choose otherwise."""
 
 
 def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
@@ -254,19 +229,24 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     Raises:
         BadSetting: a row is chosen that the head of the file does not have.
     """
-    for word, row in (("header", options.header_row), ("unit", options.unit_row)):
+    names, units = options.header_row, options.unit_row
+    for word, row in (("header", names), ("unit", units)):
         if row is not None and row > len(head):
             raise BadSetting(
                 f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
             )
     preface = find_preface(head)
-    if options.header_row is not None or options.header is not None:
-        preface = replace(preface, names=(), header_row=None)
-    if options.unit_row is not None:
-        preface = replace(preface, units=(), unit_row=None)
+    if names is not None or options.header is not None:
+        row = 0 if names is None and options.header is False else names
+        preface = replace(preface, names=(), header_row=row)
+    if units is not None:
+        preface = replace(preface, units=(), unit_row=units)
     if options.delimiter is not None and options.delimiter != preface.delimiter:
-        preface = replace(preface, left_out=frozenset(), names=(), units=(), time_column=None)
-    return Plan(options, preface)
+        preface = replace(
+            preface, left_out=frozenset(), names=(), units=(), time_column=None, delimiter=options.delimiter
+        )
+    first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
+    return Plan(options, replace(preface, first_row=first))
 
 
 # What each cell of the head looks like, and what a column of such cells holds. Pure functions on cells.
@@ -315,10 +295,8 @@ class CellKinds(dict[str, CellKind]):
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
         if not is_listed and self._is_stamp(cell):
             return "stamp"
-        if is_grouped(cell):
-            return "grouped"
-        if NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
-            return "other number"
+        if is_grouped(cell) or NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
+            return "grouped" if is_grouped(cell) else "other number"
         measure = split_measure(cell)
         return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
@@ -365,8 +343,6 @@ class ColumnType:
 
     kind: Literal["number", "stamp", "text", "empty"]
     """The majority among the cells that are not missing; "empty" where all are."""
-    share: float
-    """Share of the cells that are not missing and are of that kind."""
     numbers: int = 0
     """How many of its cells are numbers, of whatever form."""
     measured: bool = False
@@ -397,20 +373,17 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     numbers = sum(counts[kind] for kind in NUMERIC)
     measured = counts["measure"] > numbers / 2
     stamps, texts = counts["stamp"], counts["text"]
-    total = numbers + stamps + texts
-    if not total:
-        return ColumnType("empty", 1.0)
+    if not numbers + stamps + texts:
+        return ColumnType("empty")
     if texts >= _MIN_REPEATED and _are_hexadecimal(cells):
-        return ColumnType("text", 1.0)
+        return ColumnType("text")
     if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
         said = {cell.lower() for cell in cells if kinds[cell] == "text"}
         if len(said) == 1 and texts <= numbers:
-            return ColumnType("number", 1.0, numbers, measured, frozenset(said))
+            return ColumnType("number", numbers, measured, frozenset(said))
     if numbers >= max(stamps, texts):
-        return ColumnType("number", numbers / total, numbers, measured)
-    if stamps >= texts:
-        return ColumnType("stamp", stamps / total, numbers)
-    return ColumnType("text", texts / total, numbers)
+        return ColumnType("number", numbers, measured)
+    return ColumnType("stamp" if stamps >= texts else "text", numbers)
 
 
 def _are_hexadecimal(cells: Sequence[str]) -> bool:
@@ -438,7 +411,11 @@ def number_form(
     if all(kinds[cell] in ("number", "measure") for cell in numeric) and all(map(simple.fits, numeric)):
         return simple, None  # 20.271C is no more in doubt than 20.271
     # "1,234" above "2,345": English thousands rather than decimal commas.
-    marks = [(kinds.decimal, False), (kinds.decimal, True), *((OTHER_MARK[kinds.decimal], n) for n in (False, True))]
+    marks = [
+        (kinds.decimal, False),
+        (kinds.decimal, True),
+        *((OTHER_MARK[kinds.decimal], n) for n in (False, True)),
+    ]
     forms = [NumberForm(mark, grouped, suffix) for mark, grouped in marks if not wanted or mark == wanted]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
@@ -504,7 +481,9 @@ def mark_series(
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
     if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        key = next((i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None)
+        key = next(
+            (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None
+        )
         if key is None:
             return columns, []
         columns = [replace(column, role="series") if i == key else column for i, column in enumerate(columns)]
@@ -515,15 +494,17 @@ def mark_series(
     distinct = {tuple(row[i] for i in series) for row in rows}
     if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
         return columns, []
-    roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), **dict.fromkeys(series, "series"), values[0]: "channel"}
+    roles: dict[int, Role] = {
+        **dict.fromkeys(numbers, "text"),
+        **dict.fromkeys(series, "series"),
+        values[0]: "channel",
+    }
     columns = [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)]
     said = ", ".join(f'"{columns[i].name}"' for i in series)
     return columns, [f"each row holds one value, named by {said}"]
 
 
-def _is_key(
-    index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]
-) -> bool:
+def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:
     """True for a column that says which sensor each row is of.
 
     Its texts, or small whole numbers where its name says so, come again and again, in turn or mixed. A status or a

@@ -171,12 +171,12 @@ def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | Non
 
 def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _Rows | None:
     """The rows that the user or the instrument's rules name; None where they leave it open."""
-    if plan.header_row is None:
+    if plan.preface.header_row is None:
         return None
-    names, units = _row(head, plan.header_row, table), _row(head, plan.unit_row, table)
+    names, units = _row(head, plan.preface.header_row, table), _row(head, plan.preface.unit_row, table)
     if names is None:
         return _Rows(None, units, said="no header line, as requested")
-    if plan.unit_row is None:
+    if plan.preface.unit_row is None:
         below = [above for above in reversed(body.above) if above[0] > names[0]]
         units = next((above for above in below if are_units(above[1])), None)
     return _Rows(names, units)
@@ -207,8 +207,8 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     done = [sum(cell.lower() in _PROCESSING for cell in cells) for _, cells in above]
     names = next((i for i in range(start, len(above)) if 2 * done[i] <= len(above[i][1])), start)
     units = None if place is None else above[place]
-    if plan.unit_row is not None:
-        units = _row(head, plan.unit_row, table)
+    if plan.preface.unit_row is not None:
+        units = _row(head, plan.preface.unit_row, table)
     return _Rows(above[names], units, tuple(row for i, row in enumerate(above[:names]) if i != place))
 
 

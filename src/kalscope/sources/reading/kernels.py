@@ -12,8 +12,8 @@ from kalscope.common.compiled import compiled
 
 # Decimal numbers of text, exactly as `float` reads them: by one division, and its remainder for 16 to 18 digits.
 #
-# Source: W. D. Clinger, How to read floating point numbers accurately (1990); T. J. Dekker, A floating-point technique
-# for extending the available precision (1971), for the exact product of two numbers.
+# Source: W. D. Clinger, How to read floating point numbers accurately (1990); T. J. Dekker, A floating-point
+# technique for extending the available precision (1971), for the exact product of two numbers.
 
 
 Bytes = NDArray[np.uint8]

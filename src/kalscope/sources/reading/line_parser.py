@@ -207,13 +207,15 @@ class LineParser:
     def _add_variable(self, line: str) -> None:
         """Add a column for the new variable of a line of Teleplot, after the others.
 
-        Once the head of the stream is over, a name counts from its second line on: one that came once may be damage.
+        Once the head of the stream is over, a name counts from its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
         if plot is None or not plot.name or not plot.name.isprintable():
             return
         if layout is None and plot.only_names:  # `>name:` is enough
-            layout = Layout(LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",))
+            layout = Layout(
+                LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",)
+            )
         if layout is None or layout.form.kind != "teleplot" or len(layout.columns) >= MAX_STREAM_COLUMNS:
             return
         labels = layout.form.labels
@@ -222,7 +224,10 @@ class LineParser:
         if self._settled and not plot.only_names and plot.name not in self._seen_once:
             self._seen_once.append(plot.name)
             return
-        form, columns = replace(layout.form, labels=(*labels, plot.name)), (*layout.columns, Column(plot.name, plot.unit))
+        form, columns = (
+            replace(layout.form, labels=(*labels, plot.name)),
+            (*layout.columns, Column(plot.name, plot.unit)),
+        )
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
 
     def prime(self, lines: Sequence[str]) -> None:
@@ -243,8 +248,8 @@ class LineParser:
     def _other_layout(self, head: Sequence[str]) -> Layout | None:
         """The layout of these lines where they surely show one, and another than is known.
 
-        The rows that the user chose as names and units must be above the last line. `sine 1,sine 2` is a header, and
-        only looks like a row: rows of words beside numbers are believed once there are others like them.
+        The rows that the user chose as names and units must be above the last line. `sine 1,sine 2` is a header,
+        and only looks like a row: rows of words beside numbers are believed once there are others like them.
         """
         if len(head) <= max(self._options.header_row or 0, self._options.unit_row or 0):
             return None

@@ -129,8 +129,8 @@ def _empatica(rows: Sequence[Cells], above: int) -> Preface | None:
         return None
     start = float(first[0])
     if len(first) == 2 and first[1].upper() == "IBI":
-        beats = {"names": ("time", "IBI"), "units": ("s", "s"), "time_column": 0, "time_unit": "s"}
-        return Preface("Empatica E4", ",", 0, 0, above + 2, start=start, **beats)
+        names, units = ("time", "IBI"), ("s", "s")
+        return Preface("Empatica E4", ",", 0, 0, above + 2, names, units, time_column=0, time_unit="s", start=start)
     rate = float(second[0]) if second and is_number(second[0]) else 0.0
     once = {*first} == {first[0]} and {*second} == {second[0]} if second else False
     alike = len(first) == len(second) == len(third) and not _is_start(third[0])
@@ -233,7 +233,7 @@ def _period(match: re.Match[str]) -> tuple[float, str] | None:
 
 
 def _number(text: str) -> float:
-    """The number; 0 for `1,000`, which may be one or a thousand, whereas `12,5` and `0,001` can only be decimals."""
+    """The number; 0 for `1,000`, which may be one or a thousand; `12,5` and `0,001` can only be decimals."""
     whole, comma, decimals = text.partition(",")
     if comma and len(decimals) == 3 and whole.strip("+-0"):
         return 0.0

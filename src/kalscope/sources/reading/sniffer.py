@@ -263,7 +263,7 @@ def _layout(
 def _described(
     head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan
 ) -> tuple[list[Column], list[str]]:
-    """The columns with their units, roles and forms of numbers; sentences about forms that differ or are in doubt."""
+    """The columns with their units, roles and forms of numbers; sentences about forms that differ."""
     said = dict(filter(None, map(_unit_comment, head)))
     columns: list[Column] = []
     notes: list[str] = []

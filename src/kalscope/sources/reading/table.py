@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby, islice
 from typing import Literal
 
@@ -101,13 +101,14 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
         plan: What is decided already.
         kinds: The kinds of cells by the table's decimal mark.
     """
-    rows = [row for row in table.rows if row[0] >= plan.first_row] or list(table.rows)
+    least = plan.preface.first_row or 1
+    rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
     beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
     types = _types(rows, table.width, kinds)
     if table.form.kind != "table":
         return Body(tuple(rows), rows[0][0], (), types, beside)
     grid = _Grid(lines, table, types, beside, kinds)
-    first = grid.first_row(plan.first_row)
+    first = grid.first_row(least)
     rows = grid.rows_from(first) or list(table.rows[:1])
     return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
 
@@ -163,9 +164,7 @@ class _Grid:
         if not (self._least <= width <= self._table.width or width in self._table.narrow):
             return None
         judged = [
-            (self._types[i].judge(cell, self._kinds), cell)
-            for i, cell in enumerate(cells)
-            if i not in self._beside
+            (self._types[i].judge(cell, self._kinds), cell) for i, cell in enumerate(cells) if i not in self._beside
         ]
         strange = sum(how == "strange" for how, _ in judged)
         if any(how == "fits" for how, _ in judged):
@@ -355,9 +354,9 @@ def _may_be_data(text: str) -> bool:
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     """Every way to split the lines of a head, each with a score of how much they look like data."""
     some = first_of_each_shape(lines)
-    candidates = [] if plan.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
+    candidates = [] if plan.preface.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.delimiter,) if plan.delimiter else _delimiters(some):
+    for delimiter in (plan.preface.delimiter,) if plan.preface.delimiter else _delimiters(some):
         split = _SplitLines(lines, some, delimiter)
         for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
@@ -506,9 +505,9 @@ MIN_SHARE = 0.15
 CLOSE = 0.9
 """A second way with at least this share of the best score could be meant as well."""
 BLANKS, BARE_COMMA, LISTED = 0.76, 0.5, 1.01
-"""What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text; of
-a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma before a
-blank separates, and of `1.013,05` alone, because no cell is written like its 05."""
+"""What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text;
+of a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma
+before a blank separates, and of `1.013,05` alone, because no cell is written like its 05."""
 _PADDED = re.compile(r",0[0-9]")
 _COMMA_INSIDE = re.compile(r"[0-9],[0-9]")
 

@@ -11,9 +11,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from threading import Event
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO, cast
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
@@ -27,35 +28,38 @@ from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without
 GZIP = b"\x1f\x8b"
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 
+
 def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
     """The content of all archives that are joined in a file, in pieces; zeros after each are skipped.
 
     Raises:
         BadFile: it is cut short or damaged, or unpacks to too much.
     """
-    import zstandard
-
     with path.open("rb") as file:
         size, kind = max(path.stat().st_size, 1), "gzip" if file.read(2) == GZIP else "Zstandard"
         file.seek(0)
         # 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB.
-        chunk = 1 << 12 if kind == "gzip" else 1 << 10
+        chunk, library = 1 << 10, None if kind == "gzip" else cast("Any", import_module("zstandard"))
+        error: type[Exception] = library.ZstdError if library else zlib.error
 
         def unpacker() -> Any:
-            is_gzip = kind == "gzip"
-            return zlib.decompressobj(16 + zlib.MAX_WBITS) if is_gzip else zstandard.ZstdDecompressor().decompressobj()
+            return (
+                library.ZstdDecompressor().decompressobj() if library else zlib.decompressobj(16 + zlib.MAX_WBITS)
+            )
 
         stream = unpacker()
         try:
             while packed := file.read(chunk):
-                while packed := packed.lstrip(b"\0") if stream.eof else packed:  # a tape fills its blocks with zeros
+                while (
+                    packed := packed.lstrip(b"\0") if stream.eof else packed
+                ):  # a tape fills its blocks with zeros
                     stream = unpacker() if stream.eof else stream
                     piece = stream.decompress(packed)
                     progress(0.5 * file.tell() / size, "unpacking")
                     progress.unpack(len(piece))
                     yield piece
                     packed = stream.unused_data
-        except (zlib.error, zstandard.ZstdError) as damage:
+        except error as damage:
             raise BadFile(f"{name} cannot be read as a {kind} archive: {damage}") from None
         if not stream.eof:
             raise BadFile(f"{name} cannot be read as a {kind} archive: it is cut short")
@@ -226,8 +230,6 @@ def _require_text(head: bytes, name: str) -> None:
         return
     first = next(at for at, byte in enumerate(head) if byte < 32 and byte not in b"\t\n\r\f")
     what = f"binary data, the first byte is 0x{head[first]:02X}, on line {head[:first].count(10) + 1}"
-    if text.count(0) > 0.9 * sum(control) or not text:
-        what = f"NUL bytes, the first on line {head[: head.index(0)].count(10) + 1}"
     raise BadFile(f"{name} must be a text file (got {what})")
 
 
