@@ -1,34 +1,9 @@
 """What loggers and wearables write above their samples; each text is made up in the form of real files."""
 
-import pytest
 from each import each
 from prefaces import head, preface
 
 from kalscope.sources.reading.preface import Preface, find_preface
-
-
-def test_empatica_start_and_rate_are_no_samples():
-    found = preface("""
-1551453301.000000, 1551453301.000000, 1551453301.000000
-32.000000, 32.000000, 32.000000
--1,65,5
--1,65,4
-""")
-    assert (found.first_row, found.time_column) == (3, -1)
-    assert (found.period, found.start) == (1 / 32, 1551453301)
-    assert (found.names, found.units) == (("x", "y", "z"), ("1/64 g",) * 3)
-
-
-@pytest.mark.parametrize("rate", [1, 4, 64])
-def test_empatica_one_column(rate):
-    found = preface(f"1551453311.00\n{rate}.000000\n88.00\n88.67")
-    assert (found.names, found.period, found.start) == (("value",), 1 / rate, 1551453311)
-
-
-def test_empatica_beats_are_stamped_from_the_start():
-    found = preface("1551453301.000000, IBI\n145.631666,0.62509\n146.522332,0.890666")
-    assert (found.names, found.units) == (("time", "IBI"), ("s", "s"))
-    assert (found.first_row, found.time_column, found.start) == (2, 0, 1551453301)
 
 
 @each(

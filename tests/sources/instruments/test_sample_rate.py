@@ -78,14 +78,6 @@ def test_a_key_on_each_line_is_a_value_of_the_board():
     assert find_preface(["dt: 10"] * 50) == Preface()
 
 
-def test_two_rates_are_none():
-    assert find_preface(["# Sampling Rate: 250 Hz", "# Sampling Rate: 100 Hz", *TABLE]) == Preface()
-
-
-def test_lines_below_the_first_sample_say_nothing_about_the_table():
-    assert find_preface([*TABLE, "# Sampling Rate: 250 Hz"]) == Preface()
-
-
 ORDINARY = [
     ["t,temp,dist", "0.00,21.5,0.4", "0.01,21.5,0.4"],
     ["time,CH1", "0,1", "1,2"],

@@ -10,8 +10,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.line_format import split_checksum, split_teleplot
-from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.line_format import split_checksum
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser, comma_line
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -74,12 +73,6 @@ def test_text_is_text(line):
     assert only(line)[0] == "text"
 
 
-@each("line", ["12abc", "0x1F", "Infinity", "-inf", "1_000"])
-def test_what_begins_like_a_number_and_is_none_is_rejected(line):
-    kind, _, issues = only(line)
-    assert (kind, issues[0].text) == ("rejected", line)
-
-
 @each("cell", ["12abc", "0x1F", "Infinity", "hello"])
 def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     kind, values, issues = only(f"1,{cell}", b"1,2\n" * 3)
@@ -94,18 +87,6 @@ def test_between_labelled_lines_prose_is_text_and_a_damaged_line_is_rejected():
     assert only("rebooting in 3, 2, 1", labelled)[0] == "text"
     assert only("temp:1,hu", labelled)[0] == "rejected"
     assert only("temp:1,temp:2", labelled)[0] == "rejected"
-
-
-def test_a_late_label_opens_a_column_while_the_head_lasts():
-    parser, events = events_of(b"a:1\na:2 b:3\nb:4\n")
-    assert [column.name for column in parser.layout.columns] == ["a", "b"]
-    np.testing.assert_equal([event.rows for event in events], [((1.0,),), ((2.0, 3.0),), ((NAN, 4.0),)])
-
-
-def test_a_header_line_names_the_values_below_it():
-    parser, events = events_of(b"boot ok\ntemp,dist\n1,2\n3,4\n")
-    assert [column.name for column in parser.layout.columns] == ["temp", "dist"]
-    assert [event.kind for event in events] == ["text", "text", "row", "row"]
 
 
 def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
@@ -152,11 +133,6 @@ def test_variables_that_come_together_are_known_before_the_first_is_read():
     assert parser.layout.time.index == 0
 
 
-@each("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">p:1:2|xy", ">a", "", ">:1", f">{'n' * 201}:1"])
-def test_what_is_no_sample_of_teleplot(line):
-    assert split_teleplot(line) is None
-
-
 def checked(payload):
     return f"{payload}*{reduce(int.__xor__, payload.encode(), 0):02X}"
 
@@ -174,11 +150,6 @@ def test_a_right_checksum_is_taken_off_and_a_wrong_one_rejects_the_line():
     assert events[4].rows == ((4.0, 2.0),)
     assert "checksum" in events[5].issues[0].reason
     assert parser.layout.form.checksum
-
-
-def test_a_last_line_with_its_checksum_is_whole_without_newline():
-    _, events = events_of("\n".join(checked(f"{i},{i}") for i in range(5)).encode())
-    assert events[-1].kind == "row"
 
 
 STREAMS = {
@@ -230,11 +201,6 @@ def test_a_stream_means_what_the_file_means(tmp_path, name):
     assert len(events) == recording.report.lines
 
 
-def test_the_first_line_after_connecting_can_be_dropped():
-    _, events = events_of(b"3,4\n1,2\n", skip_first=True)
-    assert [event.rows for event in events] == [((1.0, 2.0),)]
-
-
 def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     parser = LineParser()
     for _ in range(100):
@@ -246,17 +212,6 @@ def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     assert [event.kind for event in events] == ["rejected", "row"]
     assert "65536 bytes" in events[0].issues[0].reason
     assert len(events[0].text) <= 200
-
-
-def test_a_stream_that_ends_in_a_line_without_end_says_so():
-    _, events = events_of(b"1,2\n" + b"9" * 100_000)
-    assert [event.kind for event in events] == ["row", "rejected"]
-
-
-def test_options_hold_for_a_stream_as_for_a_file():
-    _, events = events_of(b"1;2\n1;-200\nx;4\n", options=ReadOptions(delimiter=";", missing=(-200.0, "x")))
-    np.testing.assert_equal([event.rows for event in events], [((1.0, 2.0),), ((1.0, NAN),), ((NAN, 4.0),)])
-    assert all(event.issues == () for event in events)
 
 
 @each(

@@ -80,10 +80,11 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     questions: list[str] = []
     for value, channels in found.items():
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
+        where = _quoted([names[i] for i in channels])
         questions.append(
             Assumption(
-                f"is {value:.15g} a missing value? It occurs {often} times in"
-                f" {_quoted([names[i] for i in channels])}, far from the rest; if so, read with --missing {value:.15g}"
+                f"is {value:.15g} a missing value? It occurs {often} times in {where},"
+                f" far from the rest; if so, read with --missing {value:.15g}"
             )
         )
     return questions
