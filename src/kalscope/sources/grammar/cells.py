@@ -213,15 +213,9 @@ _UNITS = words(
     farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
-_SPELLED = {
-    **dict.fromkeys(("-", "--", "no_units", "unitless"), ""),
-    "second": "s",
-    "volt": "V",
-    "volts": "V",
-    "ampere": "A",
-    "amperes": "A",
-    "amp": "A",
-    "amps": "A",
+_SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), "")} | {
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("ampere", "amperes", "amp", "amps"), "A"),
 }
 """Units in lower case that are written as their symbols."""
 MAX_UNIT = 24

@@ -17,15 +17,15 @@ DELIMITERS = (",", ";", "\t", "|", " ")
 """What may separate cells; a space is any run of blanks."""
 
 _DELIMITER_WORDS = {
-    "comma": ",",
-    "semicolon": ";",
-    "tab": "\t",
-    "\\t": "\t",
-    "bar": "|",
-    "pipe": "|",
-    "space": " ",
-    "blank": " ",
-    "blanks": " ",
+    word: mark
+    for mark, words in (
+        (",", "comma"),
+        (";", "semicolon"),
+        ("\t", "tab \\t"),
+        ("|", "bar pipe"),
+        (" ", "space blank blanks"),
+    )
+    for word in words.split()
 }
 WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 WORD_OF_DECIMAL = {".": "point", ",": "comma"}

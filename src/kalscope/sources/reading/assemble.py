@@ -120,9 +120,10 @@ def _is_round(value: float) -> bool:
 
 def _stands_out(samples: Array, value: float, sure: set[float]) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
+    if not (value in sure or value in _UNSURE or _is_round(value)):
+        return False
     times = int(np.count_nonzero(samples == value))
-    is_code = value in sure or value in _UNSURE or _is_round(value)
-    if not is_code or times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
+    if times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
         return False
     rest = samples[np.isfinite(samples) & ~np.isin(samples, [value, *sure])]
     some = rest[:: max(1, rest.size // _SAMPLE)]
@@ -141,9 +142,8 @@ def _comes_for_moments(samples: Array, value: float, nearest: float) -> bool:
     edges = np.diff(np.concatenate(([0], (samples == value).astype(np.int8), [0])))
     first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     inner = (first > 0) & (stop < samples.size)
-    jumps = np.abs(samples[stop[inner]] - samples[first[inner] - 1])
-    returns = int(np.count_nonzero(jumps <= 0.5 * nearest))
-    return float(np.median(stop - first)) <= MAX_RUN and returns >= max(2, MIN_RETURNS * len(jumps))
+    returns = np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest
+    return float(np.median(stop - first)) <= MAX_RUN and returns.sum() >= max(2, MIN_RETURNS * returns.size)
 
 
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
@@ -341,9 +341,7 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
 
 def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
     layout, column = reading.layout, reading.layout.time
-    if sample_period is None and options.rate is not None:
-        sample_period = 1.0 / options.rate
-    given = GivenPeriod(sample_period, layout.period)
+    given = GivenPeriod(sample_period or (options.rate and 1.0 / options.rate), layout.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")

@@ -215,22 +215,18 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
 def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
     """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
     (number, cells), width = row, table.width
-    if cells in ((), ("",)):
+    if not any(cells):
         return tuple(Column("") for _ in range(width)), [f"line {number} is empty"]
     trailing = 0
     while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
         trailing += 1
-    if len(cells) + trailing >= width:
-        notes: list[str] = []
-        if trailing:
-            notes.append("each row ends in a separator that the line of names lacks")
-        elif any(cells[width:]):
-            notes.append(f"line {number} holds {len(cells)} names for {width} columns")
-        return tuple(named_column(name) for name in (*cells, *[""] * trailing)[:width]), notes
+    more = width - trailing - len(cells)
     notes = [f"line {number} holds {len(cells)} names for {width - trailing} columns"]
+    if more <= 0:
+        names = (*cells, *[""] * trailing)[:width]
+        return tuple(map(named_column, names)), notes if any(cells[width:]) else []
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
         return (Column("", role="row name"), *map(named_column, cells)), notes
-    more = width - trailing - len(cells)
     names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
     return tuple(map(named_column, names)), notes
 
