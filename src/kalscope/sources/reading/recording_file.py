@@ -93,10 +93,10 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     times, notes = distinct[places // most], tuple(map(Assumption, notes))
     silent = [described[code].name for code in range(len(tally.series)) if code not in known]
     if silent:
-        more = f" and {len(silent) - 8} more" if len(silent) > 8 else ""
-        notes = (*notes, f"names without numbers: {', '.join(silent[:8])}{more}")
-    data: dict[int, Array] = {0: times.astype(np.float64)}
-    columns = [Column("time", role="time" if layout.time is not None else "text")]
+        notes = (*notes, f"names without numbers: {_listed(silent)}")
+    time = None if layout.time is None else replace(layout.time, index=0, parts=())
+    data: dict[int, Array] = {} if time is None else {0: times.astype(np.float64)}
+    columns = [] if time is None else [Column("time", role="time")]
     for code in group:
         here = codes == code
         for measure, values in measures:
@@ -104,11 +104,9 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
             column[np.searchsorted(places, keys[here])] = values[here]
             data[len(columns)] = column
             columns.append(_of_series(described[code], measure, single=len(measures) == 1))
-    for i, one in enumerate(distinct_names([column.name for column in columns[1:]]), 1):
+    first = len(columns) - len(group) * len(measures)
+    for i, one in enumerate(distinct_names([column.name for column in columns[first:]]), first):
         columns[i] = replace(columns[i], name=one)
-    time = None if layout.time is None else replace(layout.time, index=0, parts=())
-    if time is None:
-        columns, data = columns[1:], {i - 1: column for i, column in data.items() if i}
     return Reading(data, tally, replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)))
 
 
