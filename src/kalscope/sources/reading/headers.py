@@ -29,11 +29,9 @@ _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
-_NUMBERED_NAME = re.compile(r"[#%* \t]*(?:name|column) ?([0-9]{1,3})[ \t]*[=:][ \t]*(\S.*)", re.IGNORECASE)
+_SETTING = re.compile(r'[#%*; \t"]*([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*(\S.*)')
 _LIST = re.compile(
-    r"[#%*; \t]*(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
-    r"[ \t]*(?::=|[:=])[ \t]*(\S.*)",
-    re.IGNORECASE,
+    r"(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
 )
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 
@@ -72,26 +70,32 @@ class _Rows:
         return f"{said}, units from line {self.units[0]}" if self.names and self.units else said
 
 
-def _listed_above(head: Sequence[str], width: int) -> tuple[Cells, Cells]:
-    """Names and units that lines above a table list: `# Labels:= ECG;EDA`, `# name 0 = timeS: Time [seconds]`."""
-    numbered: dict[int, str] = {}
+def settings_of(head: Sequence[str], first: int) -> dict[str, str]:
+    """What lines above line `first`, and those beside the first rows, say: {"source": "CH2", "unit volume": "m3"}.
+
+    The key is in lower case. The lines are `# Labels:= ECG;EDA`, `Vertical Units,V`, `# name 0 = timeS: Time [s]`.
+    """
+    found: dict[str, str] = {}
+    for line in head[: max(_MAX_HEADER_PLACE, first - 1)]:
+        match = _SETTING.fullmatch(line) if len(line) <= _MAX_HEADER_LENGTH else None
+        if match:
+            found.setdefault(match[1].strip().lower(), match[2].strip())
+    return found
+
+
+def _listed_above(settings: dict[str, str], width: int) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table list, or give one by one."""
     lists: dict[bool, Cells] = {}
-    for line in head if width > 1 else ():
-        if len(line) > _MAX_HEADER_LENGTH:
-            continue
-        if match := _NUMBERED_NAME.fullmatch(line):
-            numbered[int(match[1])] = match[2].strip()
-        elif match := _LIST.fullmatch(line):
-            cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", match[2]))
-            if len(cells) == width and all(cells):
-                lists.setdefault(match[1].lower() == "units", cells)
-    if sorted(numbered) == list(range(width)):
-        lists[False] = tuple(numbered[i] for i in range(width))
-    return lists.get(False, ()), lists.get(True, ())
+    for key, value in settings.items() if width > 1 else ():
+        cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
+        if (match := _LIST.fullmatch(key)) and len(cells) == width and all(cells):
+            lists.setdefault(match[1] == "units", cells)
+    numbered = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
+    return numbered if width > 1 and all(numbered) else lists.get(False, ()), lists.get(True, ())
 
 
 def named_by_settings(
-    head: Sequence[str], columns: list[Column], time: TimeColumn | None, form: LineFormat
+    settings: dict[str, str], columns: list[Column], time: TimeColumn | None, form: LineFormat
 ) -> list[Column]:
     """The columns with the names and units that settings above or beside the table give to its channels.
 
@@ -101,18 +105,17 @@ def named_by_settings(
     channels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
     if not channels or form.kind != "table" or form.delimiter == " ":
         return columns
-    settings: dict[str, list[str]] = {}
-    for line in head[:_MAX_HEADER_PLACE]:
-        key, *values = split_fields(line, form.delimiter)
-        said = [value for value in values if value and not is_number(value, form.decimal)]
-        settings.setdefault(key.strip(" :=").lower(), said)
-    named = list(columns)
-    names = settings.get("source") or settings.get("channel data") or []
+
+    def texts(key: str) -> list[str]:
+        cells = split_fields(settings.get(key, ""), form.delimiter)
+        return [cell for cell in cells if cell and not is_number(cell, form.decimal)]
+
+    named, names = list(columns), texts("source") or texts("channel data")
     alike = len({columns[i].name for i in channels}) == 1
     if alike and len(names) == len(channels) and (len(channels) > 1 or not columns[channels[0]].name):
         for i, name in zip(channels, names, strict=True):
             named[i] = replace(named[i], name=name)
-    for i, unit in zip(channels, settings.get("vertical units", ()), strict=False):
+    for i, unit in zip(channels, texts("vertical units"), strict=False):
         named[i] = replace(named[i], unit=named[i].unit or bare_unit(unit))
     return named
 
@@ -138,14 +141,16 @@ def join_quoted(head: Sequence[str]) -> list[str]:
     return lines
 
 
-def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> Header:
+def read_header(
+    head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds
+) -> Header:
     """Find the names and units of a table's columns."""
     found = _chosen(head, table, body, plan) or _find(head, table, body, plan, kinds)
     notes, columns = [found.note], tuple(Column("") for _ in range(table.width))
     if found.names is not None:
         columns, more = _named(found.names, table, body)
         notes += more
-    names, units = _listed_above(head[: body.first - 1], table.width)
+    names, units = _listed_above(settings, table.width)
     if found.names is None and names:
         notes = ["names from the lines above the table"]
     if plan.preface.names:

@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import NumberForm, is_comment
+from kalscope.sources.grammar.cells import NumberForm
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, WORD_OF_DECIMAL, WORD_OF_DELIMITER, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
@@ -28,7 +28,7 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header
+from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
 from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
     Body,
@@ -130,7 +130,6 @@ MAX_COLUMNS = 256
 MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
 """Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
 
-_MAX_COMMENT_LENGTH = 400
 _TELEPLOT_TIME = Column("time", "ms")
 
 
@@ -212,9 +211,10 @@ def _layout(
     if body.first > len(head):  # lines of the samples have no number of the file
         return None
     is_table = table.form.kind == "table"
-    header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
+    settings = settings_of(head, body.first)
+    header = read_header(head, settings, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
     body = replace(body, rows=tuple(row for row in body.rows if row[0] >= header.first))
-    columns, about_numbers = _described(head, header, body, kinds, plan)
+    columns, about_numbers = _described(len(head), settings, header, body, kinds, plan)
     if not header.rows and is_table:
         # Only columns after the last number are empty: `1,,3` has a second channel that is still missing.
         last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
@@ -225,7 +225,7 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
-    columns = named_by_settings(head, columns, time, table.form)
+    columns = named_by_settings(settings, columns, time, table.form)
     above = sum(number < header.first for number, _ in table.rows) if is_table else 0
     lead = None
     if table.form.kind == "labels" and not table.form.complete:
@@ -261,15 +261,14 @@ def _layout(
 
 
 def _described(
-    head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan
+    size: int, settings: dict[str, str], header: Header, body: Body, kinds: CellKinds, plan: Plan
 ) -> tuple[list[Column], list[str]]:
     """The columns with their units, roles and forms of numbers; sentences about forms that differ."""
-    said = dict(filter(None, map(_unit_comment, head)))
     columns: list[Column] = []
     notes: list[str] = []
     for i, column in enumerate(header.columns):
         cells, kind = [row[i] for _, row in body.rows], body.types[i]
-        here = cells[: sum(number <= len(head) for number, _ in body.rows)]
+        here = cells[: sum(number <= size for number, _ in body.rows)]
         role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
         form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
         name, form = column.name or f"column {i + 1}", None if form == NumberForm(kinds.decimal) else form
@@ -281,23 +280,12 @@ def _described(
             replace(
                 column,
                 role=role,
-                unit=said.get(column.name, column.unit) or (form.suffix if form else ""),
+                unit=settings.get(f"unit {column.name.lower()}", column.unit) or (form.suffix if form else ""),
                 form=form,
                 words=kind.words,
             )
         )
     return columns, notes
-
-
-def _unit_comment(line: str) -> tuple[str, str] | None:
-    """(name, unit) of `# unit volume: 1e8 m3`; None for any other line."""
-    if len(line) > _MAX_COMMENT_LENGTH or not is_comment(line):
-        return None
-    words = line.strip().lstrip("#%/").split(None, 1)
-    if len(words) < 2 or words[0].lower() != "unit":
-        return None
-    name, _, unit = (part.strip() for part in words[1].partition(":"))
-    return (name, unit) if name and unit else None
 
 
 def _find_time(
