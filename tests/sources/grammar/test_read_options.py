@@ -58,24 +58,12 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
     assert any("samples of -200 that are missing, as requested: 3" in note for note in recording.report.notes)
 
 
-def test_time_is_never_missing(read):
-    recording = read("t,a\n0,1\n1,0\n2,1\n", missing=(0.0,))
-    assert recording.time.tolist() == [0, 1, 2]
-    np.testing.assert_array_equal(recording.values[:, 0], [1, NAN, 1])
-
-
 def test_a_header_of_numbers_is_one_when_told(read):
     text = "1,2\n3,4\n5,6\n"
     assert read(text).values.tolist() == [[1, 2], [3, 4], [5, 6]]
     recording = read(text, header=True)
     assert (recording.names, recording.values.tolist()) == (("1", "2"), [[3, 4], [5, 6]])
     assert recording.report.headers == 1
-
-
-def test_no_header_when_told(read):
-    recording = read("a,b\n1,2\n", header=False)
-    assert recording.names == ("value 1", "value 2")
-    assert (recording.report.headers, recording.report.comments) == (0, 1)
 
 
 GAPPY = "t,a\n" + "".join(f"{t},{t * 10:.0f}\n" for t in (0.0, 0.1, 0.2, 0.6, 0.7, 0.65, 0.8, 0.9))
@@ -109,16 +97,6 @@ def test_a_rate_above_the_table_is_taken_where_there_are_no_stamps(read):
     assert (recording.sample_period, recording.report.timing.source) == (0.004, "file")
     assert recording.time[:3].tolist() == [0, 0.004, 0.008]
     assert read(text, rate=100.0).sample_period == 0.01
-
-
-def test_a_clock_of_whole_seconds_gets_no_rows_within_a_second(read):
-    rows = "".join(f"12:00:{i // 7:02},{i % 5}\n" for i in range(280))
-    recording = read(f"clock,a\n{rows}", gaps="missing")
-    assert (recording.report.inserted, len(recording)) == (0, 280)
-    np.testing.assert_allclose(np.diff(recording.time), 1 / 7, rtol=1e-3)
-    paused = "".join(f"12:00:{i // 7 + 9 * (i >= 140):02},{i % 5}\n" for i in range(280))
-    recording = read(f"clock,a\n{paused}", gaps="missing")
-    assert (recording.report.timing.pauses, recording.report.inserted) == (1, 63)
 
 
 def test_a_gap_of_years_is_no_million_rows(read):

@@ -28,15 +28,6 @@ def notes_of(recording):
     return "\n".join(recording.report.notes)
 
 
-@each("ending", [",", ", "])
-@each("header", ["t,a,b\n", "t,a,b,\n", "t,a,b\ns,V,m\n", ""])
-def test_a_separator_at_the_end_of_each_row_shifts_no_column(read, header, ending):
-    recording = read(header + "".join(f"{i / 10},{i % 7},{i % 5}{ending}\n" for i in range(30)))
-    assert recording.names == (("a", "b") if header else ("value 1", "value 2"))
-    np.testing.assert_array_equal(recording.channel(recording.names[1]), [i % 5 for i in range(30)])
-    assert recording.report.rejected == 0
-
-
 @each("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
 def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word):
     recording = read(

@@ -166,16 +166,6 @@ STREAMS = {
 }
 
 
-@pytest.mark.slow
-@each("name", STREAMS)
-def test_cuts_change_nothing(name):
-    data = STREAMS[name]
-    expected = repr(events_of(data)[1])
-    assert repr(events_of(data, [bytes([byte]) for byte in data])[1]) == expected
-    for cut in range(0, len(data) + 1, 1 if len(data) < 100 else 3):
-        assert repr(events_of(data, [data[:cut], data[cut:]])[1]) == expected
-
-
 @given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
 def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     places = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})

@@ -12,7 +12,7 @@ from raw_bytes import damaged
 from kalscope.errors import BadFile, Cancelled, KalscopeError
 from kalscope.sources.grammar.cells import parse_number, split_fields
 from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.kernels import EXACT, MAX_PLAIN_TENS, divided
@@ -269,11 +269,3 @@ def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
     with pytest.raises(Cancelled, match="cancelled"):
         read_recording(long_log, cancelled=cancelled)
     assert threading.active_count() == before
-
-
-def test_a_header_of_numbers_that_comes_again_is_a_header_to_both(tmp_path, taken):
-    path = tmp_path / "log.csv"
-    path.write_text(2 * ("0,1,2\n" + "".join(f"{i * 0.37 + 0.5:.2f},{i * 1.5},{i * i / 8}\n" for i in range(20))))
-    assert_same(path, ReadOptions(header_row=1))
-    assert read_recording(path, ReadOptions(header_row=1)).report.headers == 2
-    assert sum(taken) == 0

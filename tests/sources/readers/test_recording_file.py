@@ -85,12 +85,6 @@ def test_without_a_time_column_a_rejected_line_leaves_one_missing_sample(read):
     assert (recording.report.rows, recording.report.rejected) == (2, 1)
 
 
-def test_a_line_without_a_readable_stamp_is_rejected(read):
-    recording = read("t,a\n0.0,1\nERR,2\n1e30,2\n0.3,3\n")
-    assert recording.values[:, 0].tolist() == [1, 3]
-    assert [issue.line for issue in recording.report.issues] == [3, 4]
-
-
 @pytest.mark.slow
 def test_a_cut_number_is_never_taken_for_a_number(read):
     lines = CLEAN.splitlines()
@@ -199,14 +193,6 @@ def test_a_damaged_gzip_archive_is_a_bad_file(tmp_path_factory, tail):
     path.write_bytes(b"\x1f\x8b\x08" + tail)
     with pytest.raises(BadFile):
         read_recording(path)
-
-
-@pytest.mark.slow
-def test_a_large_clean_file_is_read_whole(tmp_path):
-    n = 50_000
-    path = tmp_path / "large.csv"
-    path.write_text("t,a,b\n" + "".join(f"{i * 0.01:.2f},{i % 97}.25,{i % 89}.5\n" for i in range(n)))
-    assert len(read_recording(path)) == n
 
 
 @pytest.mark.slow

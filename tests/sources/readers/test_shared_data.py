@@ -97,19 +97,6 @@ def test_messy_twins_of_the_clean_file_equal_it(name):
     np.testing.assert_array_equal(twin.values, clean.values)
 
 
-def test_what_is_said_about_the_messy_files():
-    assert read_messy("03_comments.csv").report.comments == 3
-    assert read_messy("04_boot_text.csv").report.comments == 4
-    assert any("torn" in note for note in read_messy("05_truncated_last.csv").report.notes)
-    assert len(set(read_messy("09_dup_header.csv").names)) == 2
-    assert any("is repeated" in note for note in read_messy("09_dup_header.csv").report.notes)
-    assert read_messy("16_plotter_single.txt").sample_period is None
-    assert read_messy("25_units_row.csv").units == ("degC", "m")
-    repeated = read_messy("21_repeat_header.csv").report
-    assert (repeated.headers, repeated.clipped_times) == (2, 1)
-    assert any("time steps back once" in note for note in repeated.notes)
-
-
 def test_messy_times_and_late_values_are_right():
     for name in ("19_iso_time.csv", "26_arduino_ide_ts.txt"):
         np.testing.assert_allclose(np.diff(read_messy(name).time), 0.1, atol=1e-9)
