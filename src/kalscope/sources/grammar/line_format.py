@@ -80,7 +80,7 @@ MAX_LABEL, MAX_PARTS = 60, 2048
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
-_WORD = re.compile(r'(?:[^\s"]|"[^"]*")+')
+_WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
 _ESPHOME = re.compile(

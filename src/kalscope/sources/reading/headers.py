@@ -205,7 +205,8 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
         numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
         if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
             above.append(numbered)
-    level = (abs(len(row[1]) - len(upper[1])) < 2 for row, upper in pairwise(above))
+    spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
+    level = (abs(len(row[1]) - len(upper[1])) <= spare for row, upper in pairwise(above))
     place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), None)
     start = 0 if place is None else place + 1
     # `Unix,CAL,CAL` above the units only says what was done to each column.
@@ -214,6 +215,10 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     units = None if place is None else above[place]
     if plan.preface.unit_row is not None:
         units = _row(head, plan.preface.unit_row, table)
+    elif units is None and above[names][0] < len(head) and is_comment(text := head[above[names][0]]):
+        # A row of units that begins with an empty cell and %, and so looks like a comment.
+        cells = tuple(split_fields(text, table.form.delimiter))
+        units = (above[names][0] + 1, cells) if len(cells) == len(above[names][1]) and are_units(cells) else None
     return _Rows(above[names], units, tuple(row for i, row in enumerate(above[:names]) if i != place))
 
 

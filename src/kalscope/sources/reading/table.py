@@ -9,7 +9,15 @@ from dataclasses import dataclass
 from itertools import groupby, islice
 from typing import Literal
 
-from kalscope.sources.grammar.cells import NumberForm, is_blank, is_comment, is_number, parse_number, split_fields
+from kalscope.sources.grammar.cells import (
+    NumberForm,
+    is_blank,
+    is_comment,
+    is_number,
+    parse_number,
+    split_fields,
+    words,
+)
 from kalscope.sources.grammar.line_format import (
     LineFormat,
     find_labels,
@@ -45,6 +53,13 @@ _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
 _RULED = frozenset("-=_+|:;, \t")
 """Characters of a ruled line below the names."""
+_SETTINGS = words(
+    """
+    sample sampling record serial operator user site station gain offset firmware software version model device
+    instrument manufacturer start created comment comments title project province
+    """
+)
+"""First words, in lower case, of the properties of a recording that may be above its table."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -193,7 +208,7 @@ class _Grid:
         if not data:
             return self._table.rows[0][0]
         start = data[0] if best else next((i for i in data if not self._is_label(i)), data[0])
-        while start - 1 in places and start > best and self._fits[start - 1] == "void":
+        while start - 1 in places and (self._fits[start - 1] == "void" or self._repeats(start - 1)):
             start -= 1
         return self._lines[start][0]
 
@@ -206,7 +221,20 @@ class _Grid:
         """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
         first = self._lines[place][1][0]
         strange = self._fits[place] == "partial" and self._types[0].judge(first, self._kinds) == "strange"
-        return strange and any(map(str.isalpha, first)) and (not place or self._fits[place - 1] != "text")
+        nameless = not place or self._fits[place - 1] != "text" or self._is_setting(self._lines[place][1])
+        return strange and any(map(str.isalpha, first)) and nameless
+
+    def _is_setting(self, cells: Cells) -> bool:
+        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
+        first = cells[0].lower().strip(" :=").split()[:1]
+        others = sum(cell != "" for cell in cells[1:])
+        return others == 1 and self._types[0].kind in ("number", "stamp") and set(first) <= _SETTINGS
+
+    def _repeats(self, place: int) -> bool:
+        """True for the first ERR of several below other names: one word that repeats is not a name."""
+        cells = self._lines[place][1]
+        near = [line for _, line in self._lines[max(0, place - 1) : place + 2]]
+        return place > 0 and self._fits[place] == "text" and len(set(cells)) == 1 and near.count(cells) > 1
 
     def _begins_anew(self, place: int) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
@@ -260,9 +288,14 @@ class _Grid:
             prose = self._table.form.delimiter == " "
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
-        found = [(self._kinds[cell], cell) for cell in cells if cell]  # `Sample Rate,100 Hz` are no names
-        numeric = any(kind in ("number", "stamp") or (kind == "measure" and " " in cell) for kind, cell in found)
-        return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
+        numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+        return (
+            fits
+            and any(cells)
+            and not numeric
+            and not cells[0].endswith(("=", ":"))
+            and not self._is_setting(cells)
+        )
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
@@ -284,8 +317,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 _MAX_CELLS = 4096
 """A line of more cells is not a row of any table."""
-MIN_RUN = 8
-"""Successive lines of another width that mean a new field, not damage."""
+MIN_RUN, MIN_NAMED_RUN = 8, 3
+"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 _BEGIN = re.compile(
@@ -422,6 +455,12 @@ def _as_table(split: _SplitLines, form: LineFormat, kinds: CellKinds) -> HeadTab
     return HeadTable(total / len(split.lines), form, width, tuple(rows), narrow)
 
 
+def _is_void(cells: Cells, kinds: CellKinds) -> bool:
+    """True for a row of a stamp and missing samples."""
+    found = {kinds[cell] for cell in cells}
+    return "stamp" in found and found <= {"stamp", "missing", "word"}
+
+
 def _grown_width(
     split: _SplitLines, likely: Mapping[str, float], width: int, kinds: CellKinds
 ) -> tuple[int, frozenset[int]]:
@@ -430,11 +469,15 @@ def _grown_width(
     `width` is the commonest. Several rows of the other width follow each other, hold the same in each column, and
     have no names of their own.
     """
-    rows = [line for line in split.lines if likely[line.shape]]
-    runs = [(w, len([*run])) for w, run in groupby(split.widths[line.shape] for line in rows)]
-    above = [split.cells(line) for line in split.lines if rows and line.number < rows[0].number]
-    named = {len(cells) for cells in above if only_text(cells, kinds.decimal)}
-    long = {w for w, lines in runs if lines >= MIN_RUN and w > 1}
+    rows = [line for line in split.lines if likely[line.shape] or _is_void(split.some[line.shape][0], kinds)]
+    runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: split.widths[line.shape])]
+    # `Gain,24` above the names may look like the first row of the first run.
+    begin = next((run[1].number for _, run in runs if len(run) >= MIN_NAMED_RUN), 0)
+    above = (split.cells(line) for line in reversed(split.lines) if line.number < begin)
+    named = next((len(cells) for cells in above if only_text(cells, kinds.decimal)), 0)
+    widest = max((w for w, run in runs if len(run) >= MIN_NAMED_RUN), default=0)
+    least = MIN_NAMED_RUN if named == widest else MIN_RUN
+    long = {w for w, run in runs if len(run) >= least and w > 1}
     if len(long) < 2 or width not in long:
         return width, frozenset()
 
@@ -445,7 +488,7 @@ def _grown_width(
     widest = max(long)
     narrow = {
         w
-        for w in long - {widest} - named
+        for w in long - {widest, named}
         if all(wide.suits(less) for wide, less in zip(types(widest, w), types(w, w), strict=True))
     }
     return (widest, frozenset(narrow)) if width in {widest, *narrow} else (width, frozenset())
