@@ -228,7 +228,7 @@ class _Grid:
         """True for `Firmware,v2.31b`: a property of the recording, and its value."""
         first = cells[0].lower().strip(" :=").split()[:1]
         others = sum(cell != "" for cell in cells[1:])
-        return others == 1 and self._types[0].kind in ("number", "stamp") and set(first) <= _SETTINGS
+        return others == 1 and self._types[0].kind in ("number", "stamp") and not _SETTINGS.isdisjoint(first)
 
     def _repeats(self, place: int) -> bool:
         """True for the first ERR of several below other names: one word that repeats is not a name."""
