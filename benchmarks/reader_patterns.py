@@ -31,10 +31,10 @@ from kalscope.errors import KalscopeError
 from kalscope.sources.grammar import cells, line_format, timestamps
 from kalscope.sources.grammar.line_format import find_labels
 from kalscope.sources.grammar.read_options import DEFAULTS
-from kalscope.sources.instruments.registry import find_preface
 from kalscope.sources.reading.columns import named_column
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineReader
+from kalscope.sources.reading.preface import find_preface
 from kalscope.sources.reading.sniffer import sniff
 
 SIZES = (1024, 2048, 4096, 8192, 16384, 32768, 65536)

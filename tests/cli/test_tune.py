@@ -462,7 +462,7 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: 
     assert run(["tune", str(log), "--delimiter", "comma"]) == 0
     first, read_as, warning, *_ = capsys.readouterr().out.splitlines()
     assert first.startswith("log.csv: 500 rows, 3 channels, 100 Hz")
-    assert first.endswith("40 lines rejected: another number of fields")
+    assert first.endswith("40 lines rejected: must have 4 fields")
     assert warning.startswith("Warning: 7.4 % of the lines were rejected, the first is line 302")
     reading = tuned(capsys, str(log), "--delimiter", "comma")["reading"]
     assert read_as == f"Read as {reading['read_as']}."
@@ -473,7 +473,7 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(log: Path, capsys: 
 def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(lost: Path, capsys: Captured) -> None:
     assert run(["tune", str(lost)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("lost.csv: 60 rows, 1 channel, 1.00 Hz; 257 lines rejected: another number of fields\n")
+    assert out.startswith("lost.csv: 60 rows, 1 channel, 1.00 Hz; 257 lines rejected: must have 2 fields\n")
     assert out.index("81 % of the lines were rejected") < out.index("Next: fix how the file is read first")
     assert run(["tune", str(lost), "-o", str(lost.with_name("t.toml"))]) == 2
     assert "kalscope: 81 % of the lines were rejected, the first is line 62" in capsys.readouterr().err

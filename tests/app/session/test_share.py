@@ -113,12 +113,12 @@ def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen)
 def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))
-    options = options_from_text("comma", "none", None, ["-200", "n/x"], "rows")
+    options = options_from_text(delimiter="comma", time_column="none", missing=["-200", "n/x"], gaps="rows")
     state = opened(open_source(name, options)).with_open(options=options)
     line = share_line(state).line
     assert "--missing=-200" in line
     assert essence(reopen(line)) == essence(state)
-    timed = options_from_text(None, "t", "ms", [], "dt")
+    timed = options_from_text(time_column="t", time_unit="ms", gaps="dt")
     state = opened(open_source(name, timed)).with_open(options=timed)
     assert essence(reopen(share_line(state).line)) == essence(state)
 

@@ -72,9 +72,7 @@ def plain(text):
 def test_the_summary_comes_first_then_the_warning_then_the_rest():
     report = ReadReport(lines=56, rows=50, rejected=5, bad_cells=1, headers=1, issues=ISSUES, notes=("a *note*",))
     head, warning, rest = import_summary(recording(report)).split("\n\n")
-    assert plain(head).startswith(
-        "50 rows, 3 channels, 1.00 Hz; 5 lines rejected: another number of fields; 1 cell"
-    )
+    assert plain(head).startswith("50 rows, 3 channels, 1.00 Hz; 5 lines rejected: must have 3 fields; 1 cell")
     assert warning.startswith("**9")
     assert "of the lines were rejected, the first is line 5" in warning
     assert "- not shown first: seq (a counter), stuck (constant)" in plain(rest)

@@ -41,8 +41,7 @@ from kalscope.sources.reading.line_parser import LineParser
 def test_the_pairs_of_a_line(line, pairs):
     found = find_labels(line)
     assert found is not None
-    assert dict(found[0]) == pairs
-    assert found[1] == []
+    assert dict(found) == pairs
 
 
 @each(

@@ -6,7 +6,6 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions, join_values, options_from_text, split_values
 from kalscope.sources.reading.account import account
@@ -31,10 +30,6 @@ def test_a_delimiter_outranks_what_is_found(read):
     assert read(text, delimiter=";", decimal=",").values[3].tolist() == [3.5, 3.25]
 
 
-def test_a_decimal_mark_outranks_what_is_found(read):
-    assert read("a\n1,5\n2,5\n", decimal=",").values[:, 0].tolist() == [1.5, 2.5]
-
-
 TIMED = "n,clock [ms],a\n" + "".join(f"{i},{20 * i},{i % 3}\n" for i in range(9))
 
 
@@ -42,16 +37,6 @@ TIMED = "n,clock [ms],a\n" + "".join(f"{i},{20 * i},{i % 3}\n" for i in range(9)
 def test_a_time_column_is_chosen_by_name(read, choice, names, period):
     recording = read(TIMED, time_column=choice)
     assert (recording.names, recording.sample_period) == (names, period)
-
-
-@pytest.mark.parametrize("choice", [1, "clock [ms]"])
-def test_a_time_column_is_chosen_by_index_or_as_the_file_writes_it(read, choice):
-    assert read(TIMED, time_column=choice).names == ("n", "a")
-
-
-def test_no_time_column_at_all(read):
-    recording = read("t,a\n0,1\n1,2\n", time_column="none")
-    assert (recording.names, recording.sample_period) == (("t", "a"), None)
 
 
 def test_a_chosen_date_brings_its_clock(read):
@@ -70,50 +55,7 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
     recording = read(text, missing=(-200.0, "ERR"))
     np.testing.assert_array_equal(recording.values, [[NAN, 1], [NAN, NAN], [5, NAN], [6, NAN], [7, 0]])
     assert recording.report.bad_cells == 0
-    assert any("3 samples of -200 are missing, as requested" in note for note in recording.report.notes)
-
-
-def test_a_number_typed_as_text_is_compared_as_a_cell(read):
-    recording = read("a,b\n1.0,2\n1,3\n1,4\n", missing=("1",))
-    np.testing.assert_array_equal(recording.values[:, 0], [1, NAN, NAN])
-
-
-def test_time_is_never_missing(read):
-    recording = read("t,a\n0,1\n1,0\n2,1\n", missing=(0.0,))
-    assert recording.time.tolist() == [0, 1, 2]
-    np.testing.assert_array_equal(recording.values[:, 0], [1, NAN, 1])
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("t,a\n" + "".join(f"{i},{20 + i % 7 / 4}\n" for i in range(30)) + "30,-127\n31,-127\n32,-127\n", -127),
-        ("a\n" + "".join(f"{i % 11}\n400\n" for i in range(20)), 400),
-    ],
-)
-def test_a_far_value_that_repeats_is_asked_about_and_stays(read, text, values):
-    recording = read(text)
-    asked = [note for note in recording.report.notes if "a missing value?" in note]
-    assert len(asked) == 1
-    assert asked[0].startswith(f"is {values} a missing value?")
-    assert f"--missing {values}" in asked[0]
-    assert np.count_nonzero(recording.values[:, -1] == values) >= 3
-
-
-@each(
-    "samples",
-    [
-        [i % 2 for i in range(50)],  # a switch
-        [i % 17 for i in range(50)],
-        [*range(20), 400, 400],  # twice is chance
-        [min(i * 7 % 40, 30) for i in range(50)],  # clipped
-        [5.0] * 50,
-        [0.0] * 40 + [9.0] * 10,
-    ],
-)
-def test_ordinary_signals_raise_no_question(read, samples):
-    recording = read("a,b\n" + "".join(f"{x},1.5\n" for x in samples))
-    assert not any("a missing value?" in note for note in recording.report.notes)
+    assert any("samples of -200 that are missing, as requested: 3" in note for note in recording.report.notes)
 
 
 def test_a_header_of_numbers_is_one_when_told(read):
@@ -124,25 +66,7 @@ def test_a_header_of_numbers_is_one_when_told(read):
     assert recording.report.headers == 1
 
 
-def test_no_header_when_told(read):
-    recording = read("a,b\n1,2\n", header=False)
-    assert recording.names == ("value 1", "value 2")
-    assert (recording.report.headers, recording.report.comments) == (0, 1)
-
-
-def test_codes_above_fractions_are_a_header_by_themselves(read):
-    rows = "".join(f"{i % 9}.5,{i % 4}.25,{i % 5}.0,1\n" for i in range(30))
-    assert read(f"7001,7002,7003,0\n{rows}").names == ("7001", "7002", "7003", "0")
-    # A first sample that is merely large is a sample.
-    assert len(read(f"7001.5,7002,7003,0\n{rows}")) == len(read(f"70,2,3,0\n{rows}")) == 31
-
-
 GAPPY = "t,a\n" + "".join(f"{t},{t * 10:.0f}\n" for t in (0.0, 0.1, 0.2, 0.6, 0.7, 0.65, 0.8, 0.9))
-
-
-def test_gaps_are_rows_unless_something_else_is_chosen(read):
-    recording = read(GAPPY)
-    assert (len(recording), recording.gaps) == (8, "rows")
 
 
 def test_gaps_become_rows_of_missing_samples(read):
@@ -173,16 +97,6 @@ def test_a_rate_above_the_table_is_taken_where_there_are_no_stamps(read):
     assert (recording.sample_period, recording.report.timing.source) == (0.004, "file")
     assert recording.time[:3].tolist() == [0, 0.004, 0.008]
     assert read(text, rate=100.0).sample_period == 0.01
-
-
-def test_a_clock_of_whole_seconds_gets_no_rows_within_a_second(read):
-    rows = "".join(f"12:00:{i // 7:02},{i % 5}\n" for i in range(280))
-    recording = read(f"clock,a\n{rows}", gaps="missing")
-    assert (recording.report.inserted, len(recording)) == (0, 280)
-    np.testing.assert_allclose(np.diff(recording.time), 1 / 7, rtol=1e-3)
-    paused = "".join(f"12:00:{i // 7 + 9 * (i >= 140):02},{i % 5}\n" for i in range(280))
-    recording = read(f"clock,a\n{paused}", gaps="missing")
-    assert (recording.report.timing.pauses, recording.report.inserted) == (1, 63)
 
 
 def test_a_gap_of_years_is_no_million_rows(read):
@@ -224,18 +138,14 @@ def test_impossible_options_are_refused(options):
 
 
 def test_options_as_a_person_types_them():
-    options = options_from_text("semicolon", "2", "millis", ["-200", "ERR", "1e3"], "dt")
+    options = options_from_text(
+        delimiter="semicolon", time_column="2", time_unit="millis", missing=["-200", "ERR", "1e3"], gaps="dt"
+    )
     assert options == ReadOptions(";", None, 1, "ms", (-200.0, "ERR", 1000.0), gaps="dt")
     assert options_from_text() == ReadOptions()
     assert options_from_text(time_column="column 3").time_column == 2
     assert options_from_text(time_column="none").time_column == "none"
-    assert options_from_text("\\t").delimiter == "\t"
-
-
-def test_open_source_passes_options_on(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("a;b\n1;2\n3;-1\n")
-    assert np.isnan(open_source(str(path), ReadOptions(missing=(-1.0,))).values).sum() == 1
+    assert options_from_text(delimiter="\\t").delimiter == "\t"
 
 
 def test_the_account_adds_up_and_names_every_issue(read):
@@ -245,20 +155,6 @@ def test_the_account_adds_up_and_names_every_issue(read):
     assert "line 4, \"a\": must be a number (got 'ERR')" in text
     assert "line 6: must have 2 fields (got 1) (got '2')" in text
     assert all(line.isprintable() for line in text.splitlines())
-
-
-@each(
-    ("text", "values"),
-    [
-        ("", []),
-        ("  -200   400 ", ["-200", "400"]),
-        ('-200 "no data"', ["-200", "no data"]),
-        ("'no data' n/x", ["no data", "n/x"]),
-        (r"\N #N/A ° | ; &", [r"\N", "#N/A", "°", "|", ";", "&"]),
-    ],
-)
-def test_values_of_one_line_are_parted_by_blanks_outside_quotes(text, values):
-    assert split_values(text) == values
 
 
 @given(st.lists(st.text(min_size=1)))

@@ -96,7 +96,7 @@ def test_a_whole_file(name, ending, tmp_path):
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
 
 
-@each("name", ["rigol numbered", "tektronix beside", "keysight", "picoscope"])
+@each("name", ["tektronix beside", "keysight", "picoscope"])
 def test_a_file_that_a_spreadsheet_saved_with_decimal_commas(name, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"
@@ -128,7 +128,6 @@ def quoted(line):
 
 MANGLED = {
     "blank lines above": lambda text: ["", "", *text],
-    "each line end doubled": lambda text: "\n\n".join(text).split("\n"),
     "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
     "all cells quoted": lambda text: [quoted(line) for line in text],
     "one more separator": lambda text: [line + "," for line in text],

@@ -5,7 +5,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import Preface, find_preface
 
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 
@@ -70,42 +70,12 @@ def test_a_rate_above_the_table(line, period):
     ],
 )
 def test_no_rate(line):
-    assert find_preface([line, *TABLE]) is None
+    assert find_preface([line, *TABLE]) == Preface()
 
 
 def test_a_key_on_each_line_is_a_value_of_the_board():
-    assert find_preface([f"dt: {10 + i % 3}" for i in range(50)]) is None
-    assert find_preface(["dt: 10"] * 50) is None
-
-
-def test_two_rates_are_none():
-    assert find_preface(["# Sampling Rate: 250 Hz", "# Sampling Rate: 100 Hz", *TABLE]) is None
-
-
-def test_lines_below_the_first_sample_say_nothing_about_the_table():
-    assert find_preface([*TABLE, "# Sampling Rate: 250 Hz"]) is None
-
-
-ORDINARY = [
-    ["t,temp,dist", "0.00,21.5,0.4", "0.01,21.5,0.4"],
-    ["time,CH1", "0,1", "1,2"],
-    ["Time (s),Voltage (V)", "0,1", "1,2"],
-    ["1,2,3", "4,5,6", "7,8,9"],
-    ["a:1 b:2", "a:3 b:4"],
-    ["s,V", "0,1", "1,2"],
-    ["name,unit", "s,V", "0,1"],
-    ["Record Length", "1", "2"],
-    ["x,y,z", "1,2,3", "4,5,6"],
-    ["source,target", "1,2", "3,4"],
-    ["sequence,value", "0,1", "1,2"],
-    ["", "", ""],
-    [],
-]
-
-
-@each("lines", ORDINARY)
-def test_an_ordinary_table_is_no_instruments(lines):
-    assert find_preface(lines) is None
+    assert find_preface([f"dt: {10 + i % 3}" for i in range(50)]) == Preface()
+    assert find_preface(["dt: 10"] * 50) == Preface()
 
 
 STARTS = [
@@ -126,3 +96,19 @@ def test_no_first_lines_make_a_rule_fail(lines):
     assert found.first_row is None or 0 < found.first_row <= len(lines)
     if found.names and found.time_column is not None:
         assert -1 <= found.time_column < len(found.names)
+
+
+@each(
+    "text",
+    [
+        "1551453301\n1551453302\n1551453303",  # stamps alone
+        "1551453301\n1\n1551453302\n1",
+        "1551453301,1551453301\n32,64\n1,2\n3,4",
+        "1551453301,20.5\n32,20.6\n64,20.7",
+        "1551453301\n33\n1\n2",  # no rate of an E4
+        "100.0\n32.0\n1\n2",
+        "1551453301,1551453301\n32,32\n1\n2",
+    ],
+)
+def test_numbers_that_begin_like_an_empatica_file_are_no_such_file(text):
+    assert find_preface(text.split("\n")) == Preface()

@@ -274,12 +274,6 @@ def test_what_could_be_one_number_or_two_is_asked_about(tmp_path):
     np.testing.assert_array_equal(one.values[:, 0], [1010.25 + i % 9 for i in range(N)])
 
 
-def test_labels_that_are_evenly_apart_are_rows_of_their_own(tmp_path):
-    recording = read(tmp_path, rows(lambda i: f"[{clock(i)}] temp: {A[i]}\n[{clock(i + 0.5)}] pressure: {B[i]}\n"))
-    assert (len(recording), recording.sample_period) == (2 * N, 5)
-    assert np.isnan(recording.values[0, 1])
-
-
 def test_a_label_that_is_lost_shifts_no_other(tmp_path):
     lines = [line for i in range(N) for line in (f"Temp: {A[i]}\n", f"Press: {B[i]}\n")]
     recording = read(tmp_path, "".join(line for i, line in enumerate(lines) if i not in (21, 30)))
@@ -287,14 +281,6 @@ def test_a_label_that_is_lost_shifts_no_other(tmp_path):
     np.testing.assert_array_equal(known, B[:10] + B[11:])
     both = recording.values[np.isfinite(recording.values).all(axis=1)]
     assert {tuple(row) for row in both} <= set(zip(A, B, strict=True))
-
-
-def test_a_name_with_d_and_digits_is_no_number_of_fortran(tmp_path):
-    path = tmp_path / "log.txt"
-    path.write_text("t,a,id\n" + "".join(f"{i / 4:.2f},{A[i]},12D3\n" for i in range(N)))
-    recording = read_recording(path)
-    assert recording.names == ("a",)
-    assert not any("Fortran" in note for note in recording.report.notes)
 
 
 @pytest.mark.parametrize(

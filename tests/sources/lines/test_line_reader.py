@@ -10,8 +10,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.line_format import split_checksum, split_teleplot
-from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.line_format import split_checksum
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser, comma_line
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -74,12 +73,6 @@ def test_text_is_text(line):
     assert only(line)[0] == "text"
 
 
-@each("line", ["12abc", "0x1F", "Infinity", "-inf", "1_000"])
-def test_what_begins_like_a_number_and_is_none_is_rejected(line):
-    kind, _, issues = only(line)
-    assert (kind, issues[0].text) == ("rejected", line)
-
-
 @each("cell", ["12abc", "0x1F", "Infinity", "hello"])
 def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     kind, values, issues = only(f"1,{cell}", b"1,2\n" * 3)
@@ -88,30 +81,12 @@ def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     assert [(issue.line, issue.column, issue.text) for issue in issues] == [(4, "value 2", cell)]
 
 
-def test_a_token_that_no_label_claims_is_left_out_and_reported():
-    kind, values, issues = only("a:1 5")
-    assert (kind, values) == ("row", {"a": 1})
-    assert [(issue.column, issue.text) for issue in issues] == [("", "5")]
-
-
 def test_between_labelled_lines_prose_is_text_and_a_damaged_line_is_rejected():
     labelled = b"temp:1,hum:2\n" * 3
     assert only("Warning: reached 26 degrees", labelled)[0] == "text"
     assert only("rebooting in 3, 2, 1", labelled)[0] == "text"
     assert only("temp:1,hu", labelled)[0] == "rejected"
     assert only("temp:1,temp:2", labelled)[0] == "rejected"
-
-
-def test_a_late_label_opens_a_column_while_the_head_lasts():
-    parser, events = events_of(b"a:1\na:2 b:3\nb:4\n")
-    assert [column.name for column in parser.layout.columns] == ["a", "b"]
-    np.testing.assert_equal([event.rows for event in events], [((1.0,),), ((2.0, 3.0),), ((NAN, 4.0),)])
-
-
-def test_a_header_line_names_the_values_below_it():
-    parser, events = events_of(b"boot ok\ntemp,dist\n1,2\n3,4\n")
-    assert [column.name for column in parser.layout.columns] == ["temp", "dist"]
-    assert [event.kind for event in events] == ["text", "text", "row", "row"]
 
 
 def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
@@ -158,11 +133,6 @@ def test_variables_that_come_together_are_known_before_the_first_is_read():
     assert parser.layout.time.index == 0
 
 
-@each("line", ["a:1", ">3D|cube:1:2", ">a:b:1", ">msg:hello|t", ">p:1:2|xy", ">a", "", ">:1", f">{'n' * 201}:1"])
-def test_what_is_no_sample_of_teleplot(line):
-    assert split_teleplot(line) is None
-
-
 def checked(payload):
     return f"{payload}*{reduce(int.__xor__, payload.encode(), 0):02X}"
 
@@ -182,11 +152,6 @@ def test_a_right_checksum_is_taken_off_and_a_wrong_one_rejects_the_line():
     assert parser.layout.form.checksum
 
 
-def test_a_last_line_with_its_checksum_is_whole_without_newline():
-    _, events = events_of("\n".join(checked(f"{i},{i}") for i in range(5)).encode())
-    assert events[-1].kind == "row"
-
-
 STREAMS = {
     "table": b"boot\r\nt,a,b\n"
     + b"".join(b"%.2f,%d,%d\n" % (i / 100, i * 7 % 5, i) for i in range(30))
@@ -199,16 +164,6 @@ STREAMS = {
     "checksums": "".join(checked(f"{i},2") + "\n" for i in range(9)).encode() + b"1,2*00\n",
     "units": "temp [°C];dist [µm]\n1,5;2,5\n1,6;x\n".encode(),
 }
-
-
-@pytest.mark.slow
-@each("name", STREAMS)
-def test_cuts_change_nothing(name):
-    data = STREAMS[name]
-    expected = repr(events_of(data)[1])
-    assert repr(events_of(data, [bytes([byte]) for byte in data])[1]) == expected
-    for cut in range(0, len(data) + 1, 1 if len(data) < 100 else 3):
-        assert repr(events_of(data, [data[:cut], data[cut:]])[1]) == expected
 
 
 @given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
@@ -236,11 +191,6 @@ def test_a_stream_means_what_the_file_means(tmp_path, name):
     assert len(events) == recording.report.lines
 
 
-def test_the_first_line_after_connecting_can_be_dropped():
-    _, events = events_of(b"3,4\n1,2\n", skip_first=True)
-    assert [event.rows for event in events] == [((1.0, 2.0),)]
-
-
 def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     parser = LineParser()
     for _ in range(100):
@@ -252,17 +202,6 @@ def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     assert [event.kind for event in events] == ["rejected", "row"]
     assert "65536 bytes" in events[0].issues[0].reason
     assert len(events[0].text) <= 200
-
-
-def test_a_stream_that_ends_in_a_line_without_end_says_so():
-    _, events = events_of(b"1,2\n" + b"9" * 100_000)
-    assert [event.kind for event in events] == ["row", "rejected"]
-
-
-def test_options_hold_for_a_stream_as_for_a_file():
-    _, events = events_of(b"1;2\n1;-200\nx;4\n", options=ReadOptions(delimiter=";", missing=(-200.0, "x")))
-    np.testing.assert_equal([event.rows for event in events], [((1.0, 2.0),), ((1.0, NAN),), ((NAN, 4.0),)])
-    assert all(event.issues == () for event in events)
 
 
 @each(

@@ -152,18 +152,3 @@ def test_a_field_log_reads_as_its_table_says(read, name):
 @each("name", UNGAPPED)
 def test_a_clock_of_whole_seconds_or_of_bursts_has_no_gaps(read, name):
     assert not any("gaps" in note or "--gaps" in note for note in read(name).report.notes)
-
-
-@each("name", RIGHT)
-def test_neither_a_date_part_nor_metadata_is_a_channel(read, name):
-    names = {known.lower() for known in read(name).names}
-    assert not names & {"year", "month", "day", "hour", "minute", "second", "hora", "data", "record length"}
-    assert not any("missing value" in note for note in read(name).report.notes)
-
-
-def test_four_temperatures_under_one_name_are_four_channels(read):
-    recording = read("balcony_six_date_columns.txt")
-    assert len(set(recording.names)) == 4
-    assert all(name.startswith("Temperatures") for name in recording.names)
-    means = recording.values.mean(axis=0)
-    np.testing.assert_allclose(means, [15.1731868, 16.9694451, 15.1965659, 15.9171154], rtol=1e-8)

@@ -9,6 +9,8 @@ import re
 import numpy as np
 import pytest
 from effort import FUZZ
+from hypothesis import given
+from hypothesis import strategies as st
 from raw_bytes import decoded
 
 from kalscope.errors import KalscopeError
@@ -72,7 +74,7 @@ def check(path, data):
     else:
         check_reading(recording, data)
         return
-    assert "must" in refusal
+    assert "must" in refusal or "cannot be read" in refusal
     assert "\n" not in refusal
 
 
@@ -115,3 +117,8 @@ def test_a_stream_counts_every_line_and_invents_nothing():
             found |= {row[i] for row in event.rows for i in channels if np.isfinite(row[i])}
         assert parser.next_line() is None
         assert found <= written(data.decode("latin-1"))
+
+
+@given(st.binary(max_size=300) | st.text(alphabet='0123456789.,;:-+eE \t\n"#naT/', max_size=200).map(str.encode))
+def test_any_bytes_at_all_are_accounted_for(tmp_path_factory, data):
+    check(tmp_path_factory.getbasetemp() / "any.csv", data)

@@ -69,16 +69,6 @@ def test_annotated_csv_of_influxdb(read):
     assert recording.sample_period == 10.0
 
 
-def test_tags_of_influxdb_tell_series_apart(read):
-    rows = [
-        f",,0,{stamp(i)},{x + k},temperature,air,{room}"
-        for k, room in enumerate(["hall", "kitchen"])
-        for i, x in enumerate(X)
-    ]
-    recording = read(",result,table,_time,_value,_field,_measurement,room\n" + "\n".join(rows) + "\n")
-    assert recording.names == ("hall", "kitchen")
-
-
 def test_time_name_value_and_unit(read):
     rows = [f"{i * 0.5};{name};{x};{unit}" for i, x in enumerate(X) for name, unit in (("T", "°C"), ("p", "hPa"))]
     recording = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n")
@@ -92,13 +82,6 @@ def test_a_name_that_misses_a_stamp_has_a_missing_sample(read):
     recording = read("time,name,value\n" + "\n".join(rows) + "\n")
     assert recording.names == ("a", "b")
     assert np.flatnonzero(np.isnan(recording.values[:, 1])).tolist() == [4]
-
-
-def test_without_time_the_values_are_counted(read):
-    rows = [f"{name},{x}" for x in X for name in ("a", "b")]
-    recording = read("name,value\n" + "\n".join(rows) + "\n")
-    np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
-    assert recording.sample_period is None
 
 
 def test_the_answer_of_thingsboard(read):

@@ -97,19 +97,6 @@ def test_messy_twins_of_the_clean_file_equal_it(name):
     np.testing.assert_array_equal(twin.values, clean.values)
 
 
-def test_what_is_said_about_the_messy_files():
-    assert read_messy("03_comments.csv").report.comments == 3
-    assert read_messy("04_boot_text.csv").report.comments == 4
-    assert any("torn" in note for note in read_messy("05_truncated_last.csv").report.notes)
-    assert len(set(read_messy("09_dup_header.csv").names)) == 2
-    assert any("is repeated" in note for note in read_messy("09_dup_header.csv").report.notes)
-    assert read_messy("16_plotter_single.txt").sample_period is None
-    assert read_messy("25_units_row.csv").units == ("degC", "m")
-    repeated = read_messy("21_repeat_header.csv").report
-    assert (repeated.headers, repeated.clipped_times) == (2, 1)
-    assert any("time steps back once" in note for note in repeated.notes)
-
-
 def test_messy_times_and_late_values_are_right():
     for name in ("19_iso_time.csv", "26_arduino_ide_ts.txt"):
         np.testing.assert_allclose(np.diff(read_messy(name).time), 0.1, atol=1e-9)
@@ -134,17 +121,13 @@ CATALOGUE = [
     ("tof_mcu_kalman/E1_run04.csv", "tof_distance_mm", 235, 235, 250.93617, 206.669066, None),
     ("tof_mcu_kalman/E3_run04.csv", "tof_distance_mm", 231, 231, 282.978355, 195.659541, None),
     ("tmp36_serial_monitor/serial_monitor_output.txt", "degrees C", 22, 22, 31.6095455, 2.92407328, None),
-    ("tmp36_serial_monitor/serial_monitor_output.txt", "Sensor Value", 22, 22, 167.136364, 5.98645658, None),
     ("putty_pressure/putty.log", "value 1", 190, 190, 0.624280226, 0.0295082723, None),
     ("flex_arm/flex_sensor_data.csv", "Raw_ADC", 3206, 3206, 136.74267, 54.635147, None),
-    ("flex_arm/flex_sensor_data.csv", "Filtered_ADC", 3206, 3206, 134.599392, 34.5455349, None),
     ("hcsr04_short/ultrasonic_data_20260227_225818.csv", "Distance_cm", 110, 110, 121.518182, 159.171406, None),
     ("ppg_arduino/data.csv", "value 1", 2483, 2483, 514.823198, 102.945017, None),
     ("ppg_arduino/data2.csv", "hr", 15000, 15000, 482.955933, 124.691456, None),
     ("actigraphy_exports/test_sample_rpx_eng.csv", "White Light", 20160, 20160, 604.984753, 3945.97836, 30),
-    ("actigraphy_exports/test_sample_rpx_eng.csv", "Activity", 20160, 20160, 187.516319, 269.73096, 30),
     ("actigraphy_exports/test_sample_atr.txt", "TEMPERATURE", 5760, 5760, 30.4055885, 1.92604864, 60),
-    ("actigraphy_exports/test_sample_atr.txt", "LIGHT", 5760, 5760, 76.4939375, 463.258163, 60),
     (
         "nab_machine_temperature/machine_temperature_system_failure.csv",
         "value",
@@ -164,32 +147,18 @@ CATALOGUE = [
         3600,
     ),
     ("occupancy_office/datatraining.txt", "Temperature", 8143, 8143, 20.6190836, 1.01691644, 60),
-    ("occupancy_office/datatraining.txt", "Light", 8143, 8143, 119.519375, 194.755805, 60),
-    ("occupancy_office/datatraining.txt", "CO2", 8143, 8143, 606.546243, 314.320877, 60),
     ("occupancy_office/datatest.txt", "Temperature", 2665, 2665, 21.4338763, 1.02802418, 60),
-    ("occupancy_office/datatest.txt", "Light", 2665, 2665, 193.227556, 250.210906, 60),
-    ("occupancy_office/datatest.txt", "CO2", 2665, 2665, 717.90647, 292.681718, 60),
     ("occupancy_office/datatest2.txt", "Temperature", 9752, 9752, 21.0017684, 1.02069322, 60),
-    ("occupancy_office/datatest2.txt", "Light", 9752, 9752, 123.06793, 208.221275, 60),
-    ("occupancy_office/datatest2.txt", "CO2", 9752, 9752, 753.224832, 297.096114, 60),
     ("brocket_flight/log.csv", "alt", 8630, 8630, 107.633256, 87.5884885, None),
-    ("brocket_flight/log.csv", "aX", 8630, 8630, 2.60666512, 7.52819654, None),
     ("picoquake_car/car_vibration.csv", "a_x", 10000, 10000, 0.397375598, 0.246534969, None),
-    ("picoquake_car/car_vibration.csv", "a_z", 10000, 10000, -0.893834412, 0.238144908, None),
-    ("picoquake_car/car_vibration.csv", "g_x", 10000, 10000, -2.00804585, 14.0748717, None),
     ("oxford_phone_accel/accelerometer.csv", "value 2", 61406, 61406, 0.0686045233, 2.51276667, 0.00247),
-    ("oxford_phone_accel/accelerometer.csv", "value 3", 61406, 61406, 9.40792902, 4.76283127, 0.00247),
-    ("oxford_phone_accel/accelerometer.csv", "value 4", 61406, 61406, 0.833512348, 3.35970451, 0.00247),
     ("daphnet_accel/S06R02E0.csv", "ankle_vert", 7040, 7040, 1140.42812, 430.863621, 0.015625),
     ("sea_surface_temp/sea_surface_temperature.csv", "temperature", 19226, 19226, 10.5893775, 5.35483601, 1800),
     ("cgm_glucose/CGM.csv", "glucose", 52281, 52281, 137.421912, 53.8804756, 300),
-    ("cgm_glucose/CGM.csv", "isig", 52281, 51220, 18.812173, 8.39545877, 300),
     ("gps_track_mtb/obiszow_mtb_xcm.csv", "alt", 978, 978, 173.037832, 25.6192417, None),
     ("co2_weekly/co2.csv", "co2", 2284, 2225, 340.142247, 17.0038848, 604800),
     ("solar_stations/surfrad-slv16001.dat", "value 3", 1440, 1440, 140.368542, 211.306456, None),
-    ("solar_stations/surfrad-slv16001.dat", "value 33", 1440, 1440, -13.7286806, 6.16716211, None),
     ("solar_stations/midc_20181014.txt", "Temperature @ 2m", 1440, 1440, -6.73128889, 0.945073643, 60),
-    ("solar_stations/midc_20181014.txt", "Global PSP", 1440, 1440, 125.188363, 194.771486, 60),
     ("solar_stations/midc_raw_20181018.txt", "Temp CHP1", 1440, 1440, -6967.0341, 2625.05753, 60),
     ("solar_stations/SRML-day-EUPO1801.txt", "7008", 1440, 1440, -23.3027083, 23.3861, None),
     ("one_euro_truth/groundTruth.csv", "noisy", 1200, 1200, 0.183259403, 0.669276584, None),

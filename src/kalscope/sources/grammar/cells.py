@@ -143,15 +143,10 @@ _MEASURE = re.compile(
     r"([-+]?(?:[0-9]+(?:[.,][0-9]+){0,4}|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?) ?([^\s0-9.,+\-][^\s]{0,7}(?: [AD]C)?)"
 )
 _GROUPED = {
-    # The thousands of "1,234.5" by its decimal mark; 0,123 has none.
-    ".": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]+)?"),
-    ",": re.compile(r"[-+]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]+)?"),
+    # The thousands of "1,234.5" by its decimal mark, with blanks or the Swiss apostrophe: 1 234.5; 0,123 has none.
+    mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:[{other} \u00a0\u202f'’][0-9]{{3}})+(?:{re.escape(mark)}[0-9]+)?")
+    for mark, other in (".,", ",.")
 }
-_BLANK_GROUPED = {
-    mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:[ \u00a0\u202f'’][0-9]{{3}})+(?:{re.escape(mark)}[0-9]+)?")
-    for mark in ".,"
-}
-"""The same with blanks or the Swiss apostrophe: 1 234,5."""
 _NO_BLANKS = str.maketrans("", "", " \u00a0\u202f'’")
 OTHER_MARK = {".": ",", ",": "."}
 """The mark that is not the decimal mark, and may separate thousands."""
@@ -171,18 +166,15 @@ class NumberForm:
     def fits(self, cell: str) -> bool:
         """True where the whole cell is a number of this form, within float64 or not."""
         cell = self._bare(cell)
-        return bool(self.thousands and self._is_grouped(cell)) or NUMBER[self.decimal].fullmatch(cell) is not None
+        grouped = self.thousands and _GROUPED[self.decimal].fullmatch(cell) is not None
+        return grouped or NUMBER[self.decimal].fullmatch(cell) is not None
 
     def parse(self, cell: str) -> float | None:
         """The number in a cell, as `parse_number`."""
         cell = self._bare(cell)
-        if self.thousands and self._is_grouped(cell):
+        if self.thousands and _GROUPED[self.decimal].fullmatch(cell):
             cell = cell.replace(OTHER_MARK[self.decimal], "").translate(_NO_BLANKS)
         return parse_number(cell, self.decimal)
-
-    def _is_grouped(self, cell: str) -> bool:
-        patterns = (_GROUPED[self.decimal], _BLANK_GROUPED[self.decimal])
-        return any(pattern.fullmatch(cell) for pattern in patterns)
 
     def _bare(self, cell: str) -> str:
         return cell.removesuffix(self.suffix).rstrip(" ") if self.suffix else cell
@@ -196,7 +188,7 @@ def split_measure(cell: str) -> tuple[str, str] | None:
 
 def is_grouped(cell: str) -> bool:
     """True for a number that has thousands separators, or may have them: 1,234.5, 1 234,5 and 1.234."""
-    return any(pattern.fullmatch(cell) for pattern in (*_GROUPED.values(), *_BLANK_GROUPED.values()))
+    return any(pattern.fullmatch(cell) for pattern in _GROUPED.values())
 
 
 # Words that are units, in a header, in a row of their own or after a number.
@@ -221,15 +213,9 @@ _UNITS = words(
     farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
-_SPELLED = {
-    **dict.fromkeys(("-", "--", "no_units", "unitless"), ""),
-    "second": "s",
-    "volt": "V",
-    "volts": "V",
-    "ampere": "A",
-    "amperes": "A",
-    "amp": "A",
-    "amps": "A",
+_SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), "")} | {
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("ampere", "amperes", "amp", "amps"), "A"),
 }
 """Units in lower case that are written as their symbols."""
 MAX_UNIT = 24

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from functools import partial
+from typing import Any, cast
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Gaps
@@ -16,17 +17,19 @@ DELIMITERS = (",", ";", "\t", "|", " ")
 """What may separate cells; a space is any run of blanks."""
 
 _DELIMITER_WORDS = {
-    "comma": ",",
-    "semicolon": ";",
-    "tab": "\t",
-    "\\t": "\t",
-    "bar": "|",
-    "pipe": "|",
-    "space": " ",
-    "blank": " ",
-    "blanks": " ",
+    word: mark
+    for mark, words in (
+        (",", "comma"),
+        (";", "semicolon"),
+        ("\t", "tab \\t"),
+        ("|", "bar pipe"),
+        (" ", "space blank blanks"),
+    )
+    for word in words.split()
 }
-_WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+WORD_OF_DECIMAL = {".": "point", ",": "comma"}
+"""How the options of the command line name the marks."""
 _DECIMAL_WORDS = {"point": ".", "dot": ".", "comma": ","}
 
 
@@ -112,60 +115,34 @@ OPTIONS = (
 
 
 def options_from_text(
-    delimiter: str | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    missing: Sequence[str] = (),
-    gaps: str | None = None,
-    *,
-    decimal: str | None = None,
-    header_row: str | None = None,
-    unit_row: str | None = None,
-    time_format: str | None = None,
-    day_first: bool | None = None,
-    rate: str | None = None,
-    part: str | None = None,
-    unpack_gb: str | None = None,
+    *, missing: Sequence[str] = (), gaps: str | None = None, day_first: bool | None = None, **texts: str | None
 ) -> ReadOptions:
     r"""Options as the user types them, on the command line or into a form.
 
     Args:
-        delimiter: The mark itself, or comma, semicolon, tab, bar, space.
-        time_column: A name, "none", or "column 2" / "2" counted from 1 as the reports do.
-        time_unit: Any common word for the unit: ms, millis, µs, seconds.
         missing: Numbers and texts.
         gaps: rows, missing or dt.
-        decimal: The mark itself, or point, comma.
-        header_row: A line number from 1, or 0.
-        unit_row: A line number from 1, or 0.
-        time_format: Codes of `datetime.strptime`.
         day_first: See ReadOptions.
-        rate: A number of Hz, with or without the unit.
-        part: A name.
-        unpack_gb: A number of GB, with or without the unit.
+        texts: Its other fields: a mark itself, or comma, semicolon, tab, bar, space, point; a column's name,
+            "none", or "column 2" / "2" counted from 1 as the reports do; any common word for a unit of time; a line
+            number; a number of Hz or GB, with or without the unit; codes of `datetime.strptime`.
 
     Raises:
         BadSetting: a choice that is none of these.
     """
-    column: str | int | None = time_column
-    number = (time_column or "").lower().removeprefix("column").strip()
-    if number.isascii() and number.isdecimal() and number != "0":
-        column = int(number) - 1
-    return ReadOptions(
-        delimiter=_by_word(delimiter, _DELIMITER_WORDS),
-        decimal=_by_word(decimal, _DECIMAL_WORDS),
-        time_column=column,
-        time_unit=_by_word(time_unit, UNIT_OF_WORD),
-        missing=tuple(float(text) if is_number(text.strip()) else text for text in missing),
-        gaps=cast("Gaps", gaps or "rows"),
-        header_row=_line_number("header_row", header_row),
-        unit_row=_line_number("unit_row", unit_row),
-        time_format=time_format,
-        day_first=day_first,
-        rate=_number("rate", "Hz", rate),
-        part=part,
-        unpack_gb=_number("unpack_gb", "GB", unpack_gb),
-    )
+    read: dict[str, Callable[[str], object]] = {
+        "delimiter": lambda text: _DELIMITER_WORDS.get(text.strip().lower(), text),
+        "decimal": lambda text: _DECIMAL_WORDS.get(text.strip().lower(), text),
+        "time_unit": lambda text: UNIT_OF_WORD.get(text.strip().lower(), text),
+        "time_column": _column,
+        "header_row": partial(_line_number, "header_row"),
+        "unit_row": partial(_line_number, "unit_row"),
+        "rate": partial(_number, "rate", "Hz"),
+        "unpack_gb": partial(_number, "unpack_gb", "GB"),
+    }
+    chosen: dict[str, Any] = {name: read.get(name, str)(text) for name, text in texts.items() if text is not None}
+    values = tuple(float(text) if is_number(text.strip()) else text for text in missing)
+    return ReadOptions(missing=values, gaps=cast("Gaps", gaps or "rows"), day_first=day_first, **chosen)
 
 
 def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
@@ -175,8 +152,8 @@ def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
     """
     column = options.time_column
     single = {
-        "delimiter": _WORD_OF_DELIMITER.get(options.delimiter or ""),
-        "decimal": {".": "point", ",": "comma"}.get(options.decimal or ""),
+        "delimiter": WORD_OF_DELIMITER.get(options.delimiter or ""),
+        "decimal": WORD_OF_DECIMAL.get(options.decimal or ""),
         "header_row": "0" if options.header is False and options.header_row is None else options.header_row,
         "unit_row": options.unit_row,
         "time_column": column + 1 if isinstance(column, int) else column,
@@ -235,23 +212,19 @@ def option(name: str, value: str) -> tuple[str, ...]:
     return (f"--{name}={value}",) if value.startswith("-") else (f"--{name}", value)
 
 
-def _by_word(text: str | None, meanings: Mapping[str, str]) -> str | None:
-    """What a word means; any other text unchanged, for ReadOptions to reject."""
-    return None if text is None else meanings.get(text.strip().lower(), text)
+def _column(text: str) -> str | int:
+    number = text.lower().removeprefix("column").strip()
+    return int(number) - 1 if number.isascii() and number.isdecimal() and number != "0" else text
 
 
-def _line_number(name: str, text: str | None) -> int | None:
-    if text is None:
-        return None
+def _line_number(name: str, text: str) -> int:
     digits = text.strip()
     if not (digits.isascii() and digits.isdecimal() and len(digits) <= 9):
         raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {text!r})")
     return int(digits)
 
 
-def _number(name: str, unit: str, text: str | None) -> float | None:
-    if text is None:
-        return None
+def _number(name: str, unit: str, text: str) -> float:
     digits = text.strip().lower().removesuffix(unit.lower()).strip()
     if not is_number(digits):
         raise BadSetting(f"{name} must be a number of {unit} above 0 (got {text!r})")

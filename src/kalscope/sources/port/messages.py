@@ -169,7 +169,7 @@ def _values(text: str) -> Iterable[tuple[str, str, str]]:
         return _of_json(text)
     found = find_labels(text)
     if found is not None:
-        return _of_pairs((f".{label}", value) for label, value in found[0])
+        return _of_pairs((f".{label}", value) for label, value in found)
     cells = _CELLS.split(text)
     return [(f"[{i}]", cell, "") for i, cell in enumerate(cells)] if all(map(is_number, cells)) else []
 

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import islice
 from typing import Any
 
 from kalscope.common.text import THIN_SPACE, count, percent, sample_rate
@@ -25,27 +26,15 @@ MAX_SHARE = 0.02
 MAX_ASSUMPTIONS = 4
 """Assumptions that are shown with a summary."""
 
-_SHORT = {
-    "must have a readable": "no readable time",
-    "must have": "another number of fields",
-    "must be written as": "text between the samples",
-    "must be printable": "control bytes",
-    "must end with a newline": "the last is torn",
-    "must end with": "checksum",
-    "must begin with a stamp": "no stamp",
-    "must be >": "text between the samples",
-    "must hold one of": "other labels",
-}
-"""Why lines were rejected, by how the reason begins, in as few words as a summary can hold."""
-
 
 def summary(recording: Recording) -> str:
     """How the recording was read, in one line: "2 094 rows, 4 channels, 13.4 Hz; 85 lines rejected: …"."""
     report = recording.report
-    parts = [_many(len(recording), "row"), _many(len(recording.names), "channel"), _rate(recording)]
-    line = ", ".join(parts)
+    line = ", ".join((_many(len(recording), "row"), _many(len(recording.names), "channel"), _rate(recording)))
     if report.rejected:
-        line += f"; {_many(report.rejected, 'line')} rejected{_short_reason(recording)}"
+        reasons = Counter(issue.reason.partition(" (")[0] for issue in report.issues if issue.column is None)
+        why = "".join(f": {reason}" for reason, _ in reasons.most_common(1))
+        line += f"; {_many(report.rejected, 'line')} rejected{why}"
     if report.bad_cells:
         line += f"; {_many(report.bad_cells, 'cell')} without a number"
     if report.comments > max(1.0, MAX_SHARE * report.lines):
@@ -95,15 +84,6 @@ def _rate(recording: Recording) -> str:
     return rate + steps_words(jitter_of(recording))
 
 
-def _short_reason(recording: Recording) -> str:
-    """Why most of the rejected lines were, ": …"; "" where there is no short form."""
-    reasons = Counter(issue.reason for issue in recording.report.issues if issue.column is None)
-    if not reasons:
-        return ""
-    most = reasons.most_common(1)[0][0]
-    return next((f": {short}" for start, short in _SHORT.items() if most.startswith(start)), "")
-
-
 def _first(issues: list[LineIssue]) -> str:
     return f", the first is {_issue(issues[0], 60)}" if issues else ""
 
@@ -151,15 +131,12 @@ def account(recording: Recording) -> str:
 
 def sample_period_conflict(recording: Recording) -> str:
     """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
-    timing = recording.report.timing
-    if timing is None:
-        rate = find_rate(recording.time)
-        own = None if rate is None else rate.period
-    else:
-        own = timing.stamps_period
-    if recording.sample_period is None or own is None or abs(recording.sample_period - own) <= 0.01 * own:
+    timing, period = recording.report.timing, recording.sample_period
+    rate = find_rate(recording.time) if timing is None else None
+    own = timing.stamps_period if timing is not None else rate and rate.period
+    if period is None or own is None or abs(period - own) <= 0.01 * own:
         return ""
-    return f"the sample period is taken as {recording.sample_period:.6g} s; by its time it would be {own:.6g} s"
+    return f"the sample period is taken as {period:.6g} s; by its time it would be {own:.6g} s"
 
 
 def _channels(recording: Recording) -> str:
@@ -176,13 +153,14 @@ def _plain(line: str) -> str:
 
 MAX_TEXT = 60
 """Characters of a line that are quoted."""
-MAX_LINES = 2000
-"""Lines that are looked at for the reason."""
-MAX_LINE = 16_384
-"""Characters of a line that are looked at."""
+MAX_LINES, MAX_LINE = 2000, 16_384
+"""Lines that are looked at for the reason, and characters of each."""
 
-_PAGES = ("<!doctype html", "<html", "<head", "<body")
-_XML = ("<?xml", "<gpx", "<kml")
+_MARKUP = {
+    ("<!doctype html", "<html", "<head", "<body"): "a web page: download the file itself",
+    ("<?xml", "<gpx", "<kml"): "an XML document: export it as CSV",
+}
+_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
 _TRIES = {
     "must have a readable": "--time-format, or --time-column none",
     "must have": "--delimiter, --decimal or --header-row",
@@ -194,14 +172,9 @@ _TRIES = {
 def refuse_markup(name: str, lines: Sequence[str]) -> None:
     """Raise BadFile where a text begins as a web page or an XML document: its lines may still hold numbers."""
     number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
-    start = line[:MAX_TEXT].lstrip("\ufeff").lower()
-    if start.startswith(_PAGES):
-        what = "a web page, not the file that it shows: download the file itself"
-    elif start.startswith(_XML):
-        what = "an XML document: export it as CSV"
-    else:
-        return
-    raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
+    for starts, what in _MARKUP.items():
+        if line[:MAX_TEXT].lstrip("\ufeff").lower().startswith(starts):
+            raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
 
 
 def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
@@ -210,46 +183,50 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     said = [(number, line) for number, line in numbered if not is_blank(line) and not is_comment(line)]
     if not said:
         return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
-    if len(said) <= 2 and not _numbers(said[-1][1]):
-        number, line = said[0]
-        return BadFile(f"{name} must hold numbers below its header (got only line {number}: {_quoted(line)})")
-    wide = max(widths := _widths(said), default=0)
-    if wide > MAX_COLUMNS and len(widths) == 1:
+    last, text = said[-1]
+    if len(said) <= 2 and not _numbers(text, ","):
         return BadFile(
-            f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {wide} fields in line"
-            f" {widths[wide]}): write the columns that matter to a file of their own"
+            f"{name} must hold numbers below its header (got only line {said[0][0]}: {_quoted(said[0][1])})"
         )
-    if (frames := _raw_frames(name, said[-1][1])) is not None:
-        return frames
+    if _CANDUMP.match(text):
+        return _raw_frames(name)
+    mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
+    widths: dict[int, int] = {}
+    for number, line in said:
+        width = len(split_fields(line, mark))
+        if _numbers(line, mark) > 0.5 * width:
+            widths.setdefault(width, number)
+    if len(widths) == 1 and max(widths) > MAX_COLUMNS:
+        return BadFile(
+            f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {max(widths)} fields in line"
+            f" {widths[max(widths)]}): write the columns that matter to a file of their own"
+        )
+    got = f"text such as line {last}: {_quoted(text)}"
+    if widths:
+        some = [f"{_many(width, 'field')} in line {number}" for width, number in islice(widths.items(), 2)]
+        got = f"{', '.join(some)}: {_quoted(dict(said)[next(iter(widths.values()))])}"
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     return BadFile(
-        f"{name} must be a table of numbers, one sample per line, all of one width "
-        f"(got {_closest(said)}): {instead}"
-    )
-
-
-_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
-
-
-def _raw_frames(name: str, line: str) -> BadFile | None:
-    if not _CANDUMP.match(line):
-        return None
-    return BadFile(
-        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
-        " writes their signals, where FILE.dbc describes them"
+        f"{name} must be a table of numbers, one sample per line, all of one width (got {got}): {instead}"
     )
 
 
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
-    said = [line for line in lines if not is_blank(line) and not is_comment(line)]
-    if said and (frames := _raw_frames(name, said[-1])) is not None:
-        return frames
-    last = _quoted(said[-1].strip()) if said else "nothing"
+    last = next((line.strip() for line in reversed(lines) if not is_blank(line) and not is_comment(line)), "")
+    if _CANDUMP.match(last):
+        return _raw_frames(name)
     return BadFile(
-        f"{name} must hold a column of numbers besides the time (got only text, as in {last}): try --decimal,"
-        " or --time-column none where the time is the signal"
+        f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): try"
+        " --decimal, or --time-column none where the time is the signal"
+    )
+
+
+def _raw_frames(name: str) -> BadFile:
+    return BadFile(
+        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
+        " writes their signals, where FILE.dbc describes them"
     )
 
 
@@ -267,33 +244,7 @@ def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:
     )
 
 
-def _widths(said: Sequence[tuple[int, str]]) -> dict[int, int]:
-    """The first line of each number of fields, of the lines with most numbers."""
-    mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
-    widths: dict[int, int] = {}
-    for number, line in said:
-        cells = split_fields(line, mark)
-        if _numbers(line, mark) > 0.5 * len(cells):
-            widths.setdefault(len(cells), number)
-    return widths
-
-
-def _closest(said: Sequence[tuple[int, str]]) -> str:
-    """What the lines with most numbers lack to be a table."""
-    (width, number), *others = [*_widths(said).items(), (0, 0)]
-    if width == 0:
-        return f"text such as line {said[-1][0]}: {_quoted(said[-1][1])}"
-    text = dict(said)[number]
-    if others[0] == (0, 0):
-        return f"too few lines like line {number}: {_quoted(text)}"
-    return f"{_fields(width)} in line {number}, {_fields(others[0][0])} in line {others[0][1]}: {_quoted(text)}"
-
-
-def _fields(width: int) -> str:
-    return "1 field" if width == 1 else f"{width} fields"
-
-
-def _numbers(line: str, mark: str = ",") -> int:
+def _numbers(line: str, mark: str) -> int:
     """Cells that are numbers, with a decimal point or comma."""
     return sum(is_number(cell) or (mark != "," and is_number(cell, ",")) for cell in split_fields(line, mark))
 

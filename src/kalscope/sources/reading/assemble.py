@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -48,10 +49,12 @@ _MIN_DISTINCT = 3
 """With fewer values beside it there is nothing to be far from: a switch, an event marker."""
 _SAMPLE = 20_000
 
-_LIMITS = {32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0}
-"""Limits of a processor's integers."""
-_KNOWN = {-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0}
-"""DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X: out of range."""
+_SURE = {
+    *(32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0),
+    *(-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0),
+}
+"""Limits of a processor's integers; DS18B20: not connected, not converted; Campbell: NAN; absolute zero; VL53L0X:
+out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
 """Zero, an error value of C, and limits of short integers."""
 HUGE = 1e20
@@ -70,15 +73,14 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         One sentence for each value that is the smallest or largest of a channel, a code, and further from the rest
         than the middle half of the rest is wide, and half of all of it.
     """
-    pairs = [(float(low), float(high)) for low, high in zip(*ends, strict=True)]
-    found = dict.fromkeys(value for i, (low, high) in enumerate(pairs) for value in _codes(values[:, i], low, high))
+    found: dict[float, list[int]] = {}
+    for i, (low, high) in enumerate(zip(*ends, strict=True)):
+        for value in _codes(values[:, i], float(low), float(high)):
+            found.setdefault(value, []).append(i)
     questions: list[str] = []
-    for value in found:
-        # One channel shows that it is a code; those that only have it as smallest or largest sample count as well.
-        channels = [i for i, ends_of_one in enumerate(pairs) if value in ends_of_one]
-        channels = channels or [i for i in range(len(pairs)) if np.any(values[:, i] == value)]  # behind another
-        where = _listed([names[i] for i in channels])
+    for value, channels in found.items():
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
+        where = _quoted([names[i] for i in channels])
         questions.append(
             Assumption(
                 f"is {value:.15g} a missing value? It occurs {often} times in {where},"
@@ -88,18 +90,13 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     return questions
 
 
-def _listed(channels: list[str]) -> str:
-    shown = ", ".join(f'"{name}"' for name in channels[:4])
-    return shown if len(channels) <= 4 else f"{shown} and {len(channels) - 4} more"
-
-
 def _codes(samples: Array, low: float, high: float) -> list[float]:
     """The codes of one channel, from the ends of its samples inwards: each hides how far the next one is."""
     found: list[float] = []
     rest = samples
     while len(found) < MAX_CODES:
-        ends = [value for value in dict.fromkeys((low, high)) if _is_code(value)]
-        codes = [value for value in ends if _stands_out(rest, value, {other for other in ends if _is_sure(other)})]
+        sure = {value for value in (low, high) if _is_sure(value)}
+        codes = [value for value in dict.fromkeys((low, high)) if _stands_out(rest, value, sure)]
         if not codes:
             break
         found += codes
@@ -108,17 +105,11 @@ def _codes(samples: Array, low: float, high: float) -> list[float]:
     return found
 
 
-def _is_code(value: float) -> bool:
-    return _is_sure(value) or value in _UNSURE or _is_round(value)
-
-
 def _is_sure(value: float) -> bool:
     """Whether nothing measures this number by chance: −9999.9, 888.8, 32767, 1e30."""
     digits = f"{abs(value):.10g}".replace(".", "")
     repeated = len(digits) >= 3 and set(digits) in ({"9"}, {"8"})
-    return (
-        repeated or value in _LIMITS or value in _KNOWN or abs(value) >= HUGE or (value < 0.0 and _is_round(value))
-    )
+    return repeated or value in _SURE or abs(value) >= HUGE or (value < 0.0 and _is_round(value))
 
 
 def _is_round(value: float) -> bool:
@@ -129,6 +120,8 @@ def _is_round(value: float) -> bool:
 
 def _stands_out(samples: Array, value: float, sure: set[float]) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
+    if not (value in sure or value in _UNSURE or _is_round(value)):
+        return False
     times = int(np.count_nonzero(samples == value))
     if times < (MIN_SURE if value in sure else max(MIN_UNSURE, samples.size // 2000)):
         return False
@@ -149,9 +142,8 @@ def _comes_for_moments(samples: Array, value: float, nearest: float) -> bool:
     edges = np.diff(np.concatenate(([0], (samples == value).astype(np.int8), [0])))
     first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     inner = (first > 0) & (stop < samples.size)
-    jumps = np.abs(samples[stop[inner]] - samples[first[inner] - 1])
-    returns = int(np.count_nonzero(jumps <= 0.5 * nearest))
-    return float(np.median(stop - first)) <= MAX_RUN and returns >= max(2, MIN_RETURNS * len(jumps))
+    returns = np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest
+    return float(np.median(stop - first)) <= MAX_RUN and returns.sum() >= max(2, MIN_RETURNS * returns.size)
 
 
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
@@ -185,8 +177,6 @@ class Reading:
     """The account of all lines."""
     layout: Layout
     """What the columns are."""
-    period: float | None = None
-    """Sample period in s that the file itself states; None where it gives none."""
 
 
 def check_chosen_period(options: ReadOptions, sample_period: float | None) -> None:
@@ -234,6 +224,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         if options.gaps == "missing":
             time, values, inserted = fill_gaps(time, values, period, axis.pauses)
             notes.append(f"{inserted} rows of missing samples were inserted into the gaps")
+    decided = () if sample_period is None else option("sample-period", repr(sample_period))
     report = ReadReport(
         lines=tally.lines.total(),
         rows=tally.lines["row"],
@@ -249,7 +240,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         read_as=_read_as(layout, time, timing, axis.unit),
         assumptions=tuple(str(note) for note in notes if isinstance(note, Assumption)),
         timing=timing,
-        options=_options(options, sample_period),
+        options=(*decided, *option_words(options)),
     )
     names = tuple(layout.columns[i].name for i in channels)
     units = tuple(layout.columns[i].unit for i in channels)
@@ -284,30 +275,27 @@ def _without_debris(reading: Reading, name: str) -> tuple[Layout, list[str]]:
 def _read_as(layout: Layout, time: Array, timing: Timing, unit: str) -> str:
     """What was taken for what: "300 rows over 10 min; time "t" in ms; channels a, b; left out: "status" (text)"."""
     columns, taken = layout.columns, layout.time
+    named = [f'"{column.name or f"column {i + 1}"}"' for i, column in enumerate(columns)]
     said = f"{count(len(time))} row{'' if len(time) == 1 else 's'}"
     if timing.period is not None and len(time) > 1:
         said += f" over {duration(float(time[-1] - time[0]))}"
-    if taken is None:
-        parts = ["no time column"]
-    else:
-        names = " and ".join(f'"{columns[i].name or f"column {i + 1}"}"' for i in taken.indices)
+    how = "no time column"
+    if taken is not None:
         how = {"calendar": "as dates", "clock": "as a clock"}.get(taken.kind, f"in {unit}")
-        parts = [f"time {names} {how}"]
+        how = f"time {' and '.join(named[i] for i in taken.indices)} {how}"
     channels = [columns[i].name for i in layout.channels]
-    parts.append(f"{'channel' if len(channels) == 1 else 'channels'} {_some(channels)}")
+    parts = [said, how, f"channel{'' if len(channels) == 1 else 's'} {_some(channels)}"]
     out = {"text": "text", "row name": "row names", "row number": "row numbers", "metadata": "metadata"}
-    left = [
-        f'"{column.name or f"column {i + 1}"}" ({out[column.role]})'
-        for i, column in enumerate(columns)
-        if column.role in out
-    ]
-    if left:
-        parts.append(f"left out: {_some(left)}")
-    return "; ".join((said, *parts))
+    left = [f"{named[i]} ({out[column.role]})" for i, column in enumerate(columns) if column.role in out]
+    return "; ".join([*parts, *([f"left out: {_some(left)}"] if left else [])])
 
 
 def _some(names: list[str]) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _quoted(names: list[str]) -> str:
+    return _some([f'"{name}"' for name in names])
 
 
 def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
@@ -337,12 +325,6 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
     return [Assumption(f"{found}: the rows were put in order of time")]
 
 
-def _options(options: ReadOptions, sample_period: float | None) -> tuple[str, ...]:
-    """What the user decided, as words of the command line."""
-    period = () if sample_period is None else option("sample-period", repr(sample_period))
-    return (*period, *option_words(options))
-
-
 def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:
     """Samples, shape (n, channels), without the values that the user declared missing; and how many those were."""
     # Column by column in memory: each channel is filtered, drawn and judged by itself.
@@ -352,18 +334,14 @@ def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tupl
     notes: list[str] = []
     for number in options.missing_numbers:
         found = values == number
-        often = int(np.count_nonzero(found))
-        samples = "1 sample" if often == 1 else f"{often} samples"
-        notes.append(f"{samples} of {number:.15g} {'is' if often == 1 else 'are'} missing, as requested")
+        notes.append(f"samples of {number:.15g} that are missing, as requested: {np.count_nonzero(found)}")
         values[found] = np.nan
     return values, notes
 
 
 def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float | None) -> TimeAxis:
     layout, column = reading.layout, reading.layout.time
-    if sample_period is None and options.rate is not None:
-        sample_period = 1.0 / options.rate
-    given = GivenPeriod(sample_period, reading.period or layout.period)
+    given = GivenPeriod(sample_period or (options.rate and 1.0 / options.rate), layout.period)
     if column is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
@@ -373,26 +351,15 @@ def _axis(reading: Reading, n: int, options: ReadOptions, sample_period: float |
 
 
 def _about_columns(layout: Layout, ends: Extremes, n: int, name: str) -> list[str]:
-    """Remarks about the columns; BadFile if no sample is left."""
+    """Remarks about the channels; BadFile if no sample is left."""
     low, high = ends
     if not np.isfinite(low).any():
         raise BadFile(f"{name} must hold at least one number in a channel (got only missing samples)")
-    names = [column.name or f"column {i + 1}" for i, column in enumerate(layout.columns)]
-    what = {"text": "text", "row name": "row names", "row number": "row numbers"}
-    notes = [
-        f'"{names[i]}" holds {what[column.role]} and is not a channel'
-        for i, column in enumerate(layout.columns)
-        if column.role in what
-    ]
-    if n == 1:
-        notes.append("there is only one sample")
-    empty, constant = ~np.isfinite(low), (low == high) & (n > 1)
-    for which, one, many in ((empty, "holds only", "hold only"), (constant, "is", "are")):
-        found = [f'"{names[i]}"' for i, chosen in zip(layout.channels, which.tolist(), strict=True) if chosen]
-        if found:
-            listed = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
-            said = "constant" if which is constant else "missing samples"
-            notes.append(f"{listed} {one if len(found) == 1 else many} {said}")
+    notes = ["there is only one sample"] if n == 1 else []
+    names = [layout.columns[i].name for i in layout.channels]
+    for which, what in ((~np.isfinite(low), "without any number"), ((low == high) & (n > 1), "constant")):
+        found = [one for one, chosen in zip(names, which.tolist(), strict=True) if chosen]
+        notes += [f"{what}: {_quoted(found)}"] if found else []
     return notes
 
 
@@ -424,7 +391,9 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         if time is None and table.period is not None:
             more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
         notes = (*notes, *more)
-    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start)
+    layout = Layout(
+        LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period
+    )
     wanted = {*layout.channels, *(time.indices if time else ())}
     return _counted({i: column for i, column in data.items() if i in wanted}, layout, table)
 
@@ -445,24 +414,15 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
-    cells = [[_cell(value) for value in column[:_FEW_ROWS].tolist()] for column in table.columns]
-    texts = [""] * len(table.texts)
-    rows = [(*row, *texts) for row in zip(*cells, strict=True)]
+    few = [column[:_FEW_ROWS].tolist() for column in table.columns]
+    cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
+    rows = [(*row, *[""] * len(table.texts)) for row in zip(*cells, strict=True)]
     time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
     if time is None or time.kind != "number":
         return None
-    if index is None and table.period is not None and not time.unit and _counts(table.columns[time.index]):
-        return None
-    return time
-
-
-def _counts(column: Array) -> bool:
-    """True for 0, 1, 2, … or 1, 2, 3, …: beside a rate that the file gives, they number the samples."""
-    return column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))
-
-
-def _cell(value: float) -> str:
-    return f"{value:.17g}" if np.isfinite(value) else ""
+    column = table.columns[time.index]
+    counts = column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))  # beside a rate, the numbers of the samples
+    return None if index is None and table.period is not None and not time.unit and counts else time
 
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
@@ -479,4 +439,4 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
     tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
-    return Reading(columns, tally, layout, table.period)
+    return Reading(columns, tally, layout)

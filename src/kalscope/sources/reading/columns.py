@@ -29,8 +29,7 @@ from kalscope.sources.grammar.cells import (
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.stamps import MONTHS, is_stamp, is_weekday
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.instruments.preface import Preface
-from kalscope.sources.instruments.registry import find_preface
+from kalscope.sources.reading.preface import Preface, find_preface
 
 # Lines that differ in their digits only: the first few of each shape are judged for all of them.
 
@@ -160,19 +159,14 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
 
 def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
-    if name == ROW_NUMBER_NAME:
-        return _counts(cells)
-    if name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED or not _counts(cells):
+    own = name == ROW_NUMBER_NAME
+    if not own and (name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED):
         return False
-    return int(cells[-1]) - int(cells[0]) == len(cells) - 1
-
-
-def _counts(cells: list[str]) -> bool:
-    """True for 0, 1, 2, … and 1, 2, 3, …, perhaps with a line left out."""
     if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
     numbers = [int(cell) for cell in cells]
-    return numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
+    rising = numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
+    return rising and (own or numbers[-1] - numbers[0] == len(numbers) - 1)
 
 
 def settle_roles(
@@ -220,42 +214,13 @@ def distinct_names(names: list[str]) -> tuple[str, ...]:
 # What is decided before anything is weighed: by the user, else by the rules of the instrument.
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(NamedTuple):
     """The choices that hold for one file; what is None is weighed."""
 
     options: ReadOptions
-    """The choices of the user, which outrank the instrument's."""
+    """The choices of the user."""
     preface: Preface
-    """What the instrument's rules say, without what the user chose otherwise."""
-
-    @property
-    def delimiter(self) -> str | None:
-        """Delimiter of cells."""
-        return self.options.delimiter or self.preface.delimiter
-
-    @property
-    def decimal(self) -> str | None:
-        """Decimal mark."""
-        return self.options.decimal or self.preface.decimal
-
-    @property
-    def header_row(self) -> int | None:
-        """Line number of the row of names; 0 where there is none."""
-        if self.options.header_row is None and self.options.header is False:
-            return 0
-        return self.options.header_row if self.options.header_row is not None else self.preface.header_row
-
-    @property
-    def unit_row(self) -> int | None:
-        """Line number of the row of units; 0 where there is none."""
-        return self.options.unit_row if self.options.unit_row is not None else self.preface.unit_row
-
-    @property
-    def first_row(self) -> int:
-        """Line number of the first line that may be data."""
-        rows = (self.preface.first_row, self.options.header_row, self.options.unit_row)
-        return max(self.preface.first_row or 1, *((row or 0) + 1 for row in rows[1:]))
+    """What the lines above the table say, where the user did not choose otherwise."""
 
 
 def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
@@ -264,19 +229,24 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     Raises:
         BadSetting: a row is chosen that the head of the file does not have.
     """
-    for word, row in (("header", options.header_row), ("unit", options.unit_row)):
+    names, units = options.header_row, options.unit_row
+    for word, row in (("header", names), ("unit", units)):
         if row is not None and row > len(head):
             raise BadSetting(
                 f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
             )
-    preface = find_preface(head) or Preface("")
-    if options.header_row is not None or options.header is not None:
-        preface = replace(preface, names=(), header_row=None)
-    if options.unit_row is not None:
-        preface = replace(preface, units=(), unit_row=None)
+    preface = find_preface(head)
+    if names is not None or options.header is not None:
+        row = 0 if names is None and options.header is False else names
+        preface = replace(preface, names=(), header_row=row)
+    if units is not None:
+        preface = replace(preface, units=(), unit_row=units)
     if options.delimiter is not None and options.delimiter != preface.delimiter:
-        preface = replace(preface, left_out=frozenset(), names=(), units=(), time_column=None)
-    return Plan(options, preface)
+        preface = replace(
+            preface, left_out=frozenset(), names=(), units=(), time_column=None, delimiter=options.delimiter
+        )
+    first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
+    return Plan(options, replace(preface, first_row=first))
 
 
 # What each cell of the head looks like, and what a column of such cells holds. Pure functions on cells.
@@ -323,7 +293,12 @@ class CellKinds(dict[str, CellKind]):
             return "word"
         # Most other cells of a log are several numbers, split at the wrong mark.
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
-        return "stamp" if not is_listed and self._is_stamp(cell) else _odd_kind(cell, self.decimal)
+        if not is_listed and self._is_stamp(cell):
+            return "stamp"
+        if is_grouped(cell) or NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
+            return "grouped" if is_grouped(cell) else "other number"
+        measure = split_measure(cell)
+        return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
     def _is_stamp(self, cell: str) -> bool:
         """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
@@ -336,16 +311,6 @@ class CellKinds(dict[str, CellKind]):
         found = is_stamp(cell)
         self._shapes[shape] = known + (1 if found else -1)
         return found
-
-
-def _odd_kind(cell: str, decimal: str) -> CellKind:
-    """The kind of a cell that is not a plain number, a missing value or a stamp."""
-    if is_grouped(cell):
-        return "grouped"
-    if NUMBER[OTHER_MARK[decimal]].fullmatch(cell):
-        return "other number"
-    measure = split_measure(cell)
-    return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
@@ -378,8 +343,6 @@ class ColumnType:
 
     kind: Literal["number", "stamp", "text", "empty"]
     """The majority among the cells that are not missing; "empty" where all are."""
-    share: float
-    """Share of the cells that are not missing and are of that kind."""
     numbers: int = 0
     """How many of its cells are numbers, of whatever form."""
     measured: bool = False
@@ -410,20 +373,17 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     numbers = sum(counts[kind] for kind in NUMERIC)
     measured = counts["measure"] > numbers / 2
     stamps, texts = counts["stamp"], counts["text"]
-    total = numbers + stamps + texts
-    if not total:
-        return ColumnType("empty", 1.0)
+    if not numbers + stamps + texts:
+        return ColumnType("empty")
     if texts >= _MIN_REPEATED and _are_hexadecimal(cells):
-        return ColumnType("text", 1.0)
+        return ColumnType("text")
     if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
         said = {cell.lower() for cell in cells if kinds[cell] == "text"}
         if len(said) == 1 and texts <= numbers:
-            return ColumnType("number", 1.0, numbers, measured, frozenset(said))
+            return ColumnType("number", numbers, measured, frozenset(said))
     if numbers >= max(stamps, texts):
-        return ColumnType("number", numbers / total, numbers, measured)
-    if stamps >= texts:
-        return ColumnType("stamp", stamps / total, numbers)
-    return ColumnType("text", texts / total, numbers)
+        return ColumnType("number", numbers, measured)
+    return ColumnType("stamp" if stamps >= texts else "text", numbers)
 
 
 def _are_hexadecimal(cells: Sequence[str]) -> bool:
@@ -439,25 +399,26 @@ def number_form(
     The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
     outranks it.
     """
-    marks = Counter(kinds[cell] for cell in cells)
     plain = NumberForm(wanted or kinds.decimal)
-    odd = marks["other number"] + marks["grouped"] + marks["measure"]
-    if not odd and plain.decimal == kinds.decimal:
-        return plain, None
-    suffix = _common_suffix([cell for cell in cells if kinds[cell] == "measure"])
-    suffix = suffix if 2 * marks["measure"] >= sum(marks[kind] for kind in NUMERIC) else ""
     numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
-    measures = replace(plain, suffix=suffix)
-    if odd == marks["measure"] and all(map(measures.fits, numeric)):
-        return measures, None  # 20.271C is no more in doubt than 20.271
-    bases = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
-    forms = [NumberForm(mark, grouped, suffix) for grouped in (False, True) for mark in bases]
+    measures = [cell for cell in numeric if kinds[cell] == "measure"]
+    if plain.decimal == kinds.decimal and all(kinds[cell] == "number" for cell in numeric):
+        return plain, None
+    suffix = ""
+    if measures and 2 * len(measures) >= len(numeric):
+        suffix = Counter(parts[1] for cell in measures if (parts := split_measure(cell))).most_common(1)[0][0]
+    simple = replace(plain, suffix=suffix)
+    if all(kinds[cell] in ("number", "measure") for cell in numeric) and all(map(simple.fits, numeric)):
+        return simple, None  # 20.271C is no more in doubt than 20.271
+    # "1,234" above "2,345": English thousands rather than decimal commas.
+    marks = [
+        (kinds.decimal, False),
+        (kinds.decimal, True),
+        *((OTHER_MARK[kinds.decimal], n) for n in (False, True)),
+    ]
+    forms = [NumberForm(mark, grouped, suffix) for mark, grouped in marks if not wanted or mark == wanted]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
-    if best.decimal != kinds.decimal and not best.thousands and not wanted:
-        # "1,234" above "2,345": English thousands rather than decimal commas.
-        grouped = NumberForm(kinds.decimal, thousands=True, suffix=suffix)
-        best = grouped if counts[grouped] == counts[best] else best
     rivals = [
         form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
     ]
@@ -468,12 +429,6 @@ def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
     """True where both forms read a cell, and read different numbers."""
     both = form.fits(cell) and rival.fits(cell)
     return both and None not in (read := (form.parse(cell), rival.parse(cell))) and read[0] != read[1]
-
-
-def _common_suffix(measures: list[str]) -> str:
-    """The unit after most of the numbers; "" where there is none."""
-    found = Counter(parts[1] for cell in measures if (parts := split_measure(cell)))
-    return found.most_common(1)[0][0] if found else ""
 
 
 # Long ("tidy") tables: one value per row, beside the name of what was measured, as databases export them.
@@ -511,7 +466,7 @@ _MIN_CHANGES, _MIN_IN_TURN = 0.2, 0.8
 
 def mark_series(
     columns: list[Column], rows: list[Cells], time: TimeColumn | None, decimal: str
-) -> tuple[list[Column], tuple[str, ...]]:
+) -> tuple[list[Column], list[str]]:
     """The columns of a long table with the role "series" for those that name the value, and a note about it.
 
     Rows that hold several values, each row of one of several sensors, are long as well. Any other table is returned
@@ -526,48 +481,44 @@ def mark_series(
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
     if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        return _mark_keys(columns, bases, rows, times)
+        key = next(
+            (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None
+        )
+        if key is None:
+            return columns, []
+        columns = [replace(column, role="series") if i == key else column for i, column in enumerate(columns)]
+        count, named = len({row[key] for row in rows}), columns[key].name or f"column {key + 1}"
+        return columns, [Assumption(f'each row is of one of {count} sensors, by "{named}"')]
     series = [i for i in texts if by_field and bases[i] not in _NO_TAGS] or names
     series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
     distinct = {tuple(row[i] for i in series) for row in rows}
     if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
-        return columns, ()
-    marked = [
-        replace(column, role="series" if i in series else "channel" if i in values else column.role)
-        for i, column in enumerate(columns)
-    ]
-    marked = [replace(column, role="text") if i in numbers else column for i, column in enumerate(marked)]
+        return columns, []
+    roles: dict[int, Role] = {
+        **dict.fromkeys(numbers, "text"),
+        **dict.fromkeys(series, "series"),
+        values[0]: "channel",
+    }
+    columns = [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)]
     said = ", ".join(f'"{columns[i].name}"' for i in series)
-    return marked, (f"each row holds one value, named by {said}",)
+    return columns, [f"each row holds one value, named by {said}"]
 
 
-def _mark_keys(
-    columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]
-) -> tuple[list[Column], tuple[str, ...]]:
-    """The columns with the role "series" for the one that says which sensor each row is of, and a note about it.
+def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:
+    """True for a column that says which sensor each row is of.
 
     Its texts, or small whole numbers where its name says so, come again and again, in turn or mixed. A status or a
     phase does not: it has no such name, and lasts.
     """
-    for i, column in enumerate(columns):
-        named = bases[i] in _KEYS
-        rest = [other for j, other in enumerate(columns) if j != i and j not in times and other.role == "channel"]
-        is_key = column.role == "text" or (named and column.role == "channel")
-        if i in times or not rest or not is_key or len(rows) < _MIN_KEYED_ROWS:
-            continue
-        keys = [row[i] for row in rows]
-        is_date = all(key.lower() in MONTHS or is_weekday(key) for key in keys[:7]) and not named
-        if is_date or any(map(is_stamp, keys[:4])):
-            continue
-        count = len(set(keys))
-        if not 2 <= count <= min(_MAX_KEYS, len(rows) // _MIN_ROWS) or "" in keys:
-            continue
-        if column.role == "channel" and not all(key.isdecimal() and len(key) <= 5 for key in keys):
-            continue
-        changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
-        in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
-        if (changes >= _MIN_CHANGES) if named else (min(changes, in_turn) >= _MIN_IN_TURN):
-            marked = [replace(other, role="series") if j == i else other for j, other in enumerate(columns)]
-            said = f'each row is of one of {count} sensors, by "{column.name or f"column {i + 1}"}"'
-            return marked, (Assumption(said),)
-    return columns, ()
+    role, named, keys = columns[index].role, bases[index] in _KEYS, [row[index] for row in rows]
+    rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
+    is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
+    if not rest or len(rows) < _MIN_KEYED_ROWS or not (role == "text" or (named and role == "channel" and is_code)):
+        return False
+    is_date = not named and all(key.lower() in MONTHS or is_weekday(key) for key in keys[:7])
+    count = len(set(keys))
+    if is_date or any(map(is_stamp, keys[:4])) or "" in keys or not 2 <= count <= min(_MAX_KEYS, len(rows) // 4):
+        return False
+    changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
+    in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
+    return changes >= _MIN_CHANGES if named else min(changes, in_turn) >= _MIN_IN_TURN

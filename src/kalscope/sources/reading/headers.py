@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +29,9 @@ _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
-_NUMBERED_NAME = re.compile(r"[#%* \t]*(?:name|column) ?([0-9]{1,3})[ \t]*[=:][ \t]*(\S.*)", re.IGNORECASE)
+_SETTING = re.compile(r'[#%*; \t"]*([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*(\S.*)')
 _LIST = re.compile(
-    r"[#%*; \t]*(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
-    r"[ \t]*(?::=|[:=])[ \t]*(\S.*)",
-    re.IGNORECASE,
+    r"(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
 )
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 
@@ -63,29 +60,42 @@ class _Rows:
     units: Row | None = None
     others: tuple[Row, ...] = ()
     first: int = 0
-    said: str = "no header line"
+    said: str = ""
+    """Where the names are from, where that is no row above the data."""
+
+    @property
+    def note(self) -> str:
+        """The sentence about the names and the units."""
+        said = self.said or (f"names from line {self.names[0]}" if self.names else "no header line")
+        return f"{said}, units from line {self.units[0]}" if self.names and self.units else said
 
 
-def _listed_above(head: Sequence[str], width: int) -> tuple[Cells, Cells]:
-    """Names and units that lines above a table list: `# Labels:= ECG;EDA`, `# name 0 = timeS: Time [seconds]`."""
-    numbered: dict[int, str] = {}
+def settings_of(head: Sequence[str], first: int) -> dict[str, str]:
+    """What lines above line `first`, and those beside the first rows, say: {"source": "CH2", "unit volume": "m3"}.
+
+    The key is in lower case. The lines are `# Labels:= ECG;EDA`, `Vertical Units,V`, `# name 0 = timeS: Time [s]`.
+    """
+    found: dict[str, str] = {}
+    for line in head[: max(_MAX_HEADER_PLACE, first - 1)]:
+        match = _SETTING.fullmatch(line) if len(line) <= _MAX_HEADER_LENGTH else None
+        if match:
+            found.setdefault(match[1].strip().lower(), match[2].strip())
+    return found
+
+
+def _listed_above(settings: dict[str, str], width: int) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table list, or give one by one."""
     lists: dict[bool, Cells] = {}
-    for line in head:
-        if len(line) > _MAX_HEADER_LENGTH:
-            continue
-        if match := _NUMBERED_NAME.fullmatch(line):
-            numbered[int(match[1])] = match[2].strip()
-        elif match := _LIST.fullmatch(line):
-            cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", match[2]))
-            if len(cells) == width > 1 and all(cells):
-                lists.setdefault(match[1].lower() == "units", cells)
-    if width > 1 and sorted(numbered) == list(range(width)):
-        lists[False] = tuple(numbered[i] for i in range(width))
-    return lists.get(False, ()), lists.get(True, ())
+    for key, value in settings.items() if width > 1 else ():
+        cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
+        if (match := _LIST.fullmatch(key)) and len(cells) == width and all(cells):
+            lists.setdefault(match[1] == "units", cells)
+    numbered = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
+    return numbered if width > 1 and all(numbered) else lists.get(False, ()), lists.get(True, ())
 
 
 def named_by_settings(
-    head: Sequence[str], columns: list[Column], time: TimeColumn | None, form: LineFormat
+    settings: dict[str, str], columns: list[Column], time: TimeColumn | None, form: LineFormat
 ) -> list[Column]:
     """The columns with the names and units that settings above or beside the table give to its channels.
 
@@ -95,19 +105,18 @@ def named_by_settings(
     channels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
     if not channels or form.kind != "table" or form.delimiter == " ":
         return columns
+
+    def texts(key: str) -> list[str]:
+        cells = split_fields(settings.get(key, ""), form.delimiter)
+        return [cell for cell in cells if cell and not is_number(cell, form.decimal)]
+
+    named, names = list(columns), texts("source") or texts("channel data")
     alike = len({columns[i].name for i in channels}) == 1
-    settings: dict[str, list[str]] = {}
-    for line in head[:_MAX_HEADER_PLACE]:
-        key, *values = split_fields(line, form.delimiter)
-        said = [value.rpartition(":")[2] for value in values if value and not is_number(value, form.decimal)]
-        settings.setdefault(key.strip(" :=").lower(), said)
-    named = list(columns)
-    for key in ("source", "channel data"):
-        for i, name in zip(channels, settings.get(key, ()), strict=False):
-            if alike and len(settings[key]) == len(channels) and (len(channels) > 1 or not columns[i].name):
-                named[i] = replace(named[i], name=name)
-    for i, unit in zip(channels, settings.get("vertical units", ()), strict=False):
-        named[i] = named[i] if named[i].unit else replace(named[i], unit=bare_unit(unit))
+    if alike and len(names) == len(channels) and (len(channels) > 1 or not columns[channels[0]].name):
+        for i, name in zip(channels, names, strict=True):
+            named[i] = replace(named[i], name=name)
+    for i, unit in zip(channels, texts("vertical units"), strict=False):
+        named[i] = replace(named[i], unit=named[i].unit or bare_unit(unit))
     return named
 
 
@@ -117,36 +126,38 @@ def join_quoted(head: Sequence[str]) -> list[str]:
     Spreadsheets write such names. A stray quote in a row of data joins nothing: all cells must be names.
     """
     lines = list(head)
-    for first, line in enumerate(lines[:_MAX_HEADER_PLACE]):
-        if line.count('"') % 2 == 0 or len(line) > _MAX_HEADER_LENGTH:
-            continue
-        for last in range(first + 1, min(first + _MAX_NAME_LINES, len(lines))):
-            if lines[last].count('"') % 2 == 1 and len(lines[last]) <= _MAX_HEADER_LENGTH:
-                joined = " ".join(part.strip() for part in lines[first : last + 1] if part)
-                if any(_are_texts(split_fields(joined, mark)) for mark in DELIMITERS if mark != " "):
-                    lines[first : last + 1] = [""] * (last - first) + [joined]
-                break
+    odd = [
+        i
+        for i, line in enumerate(lines[: _MAX_HEADER_PLACE + _MAX_NAME_LINES])
+        if line.count('"') % 2 and len(line) <= _MAX_HEADER_LENGTH
+    ]
+    for first, last in zip(odd[::2], odd[1::2], strict=False):
+        joined = " ".join(part.strip() for part in lines[first : last + 1] if part)
+        ways = (split_fields(joined, mark) for mark in DELIMITERS if mark != " ")
+        if last - first <= _MAX_NAME_LINES and any(
+            len(cells) > 1 and not any('"' in cell[:1] or is_number(cell) for cell in cells) for cells in ways
+        ):
+            lines[first : last + 1] = [""] * (last - first) + [joined]
     return lines
 
 
-def _are_texts(cells: list[str]) -> bool:
-    return len(cells) > 1 and not any('"' in cell[:1] or is_number(cell) for cell in cells)
-
-
-def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> Header:
+def read_header(
+    head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds
+) -> Header:
     """Find the names and units of a table's columns."""
     found = _chosen(head, table, body, plan) or _find(head, table, body, plan, kinds)
-    notes = [found.said]
-    columns = tuple(Column("") for _ in range(table.width))
+    notes, columns = [found.note], tuple(Column("") for _ in range(table.width))
     if found.names is not None:
         columns, more = _named(found.names, table, body)
         notes += more
-    listed_names, listed_units = _listed_above(head[: body.first - 1], table.width)
-    if found.names is None and listed_names:
-        columns, notes = tuple(map(named_column, listed_names)), ["names from the lines above the table"]
+    names, units = _listed_above(settings, table.width)
+    if found.names is None and names:
+        notes = ["names from the lines above the table"]
     if plan.preface.names:
-        columns, notes = _by_preface(plan.preface.names, table.width), []
-    units = plan.preface.units or (found.units[1] if found.units is not None else listed_units)
+        names, notes = plan.preface.names, []
+    if plan.preface.names or (found.names is None and names):
+        columns = tuple(named_column(name) for name in (*names, *[""] * table.width)[: table.width])
+    units = plan.preface.units or (found.units[1] if found.units is not None else units)
     columns = tuple(
         replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column
         for i, column in enumerate(columns)
@@ -155,154 +166,101 @@ def read_header(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, k
     return Header(columns, tuple(sorted(rows, reverse=True)), found.first or body.first, tuple(notes))
 
 
+def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | None:
+    if not number or number > len(head):
+        return None
+    text = head[number - 1]
+    text = text.strip(" \t").lstrip("#%/").strip() if is_comment(text) else text
+    return number, header_cells(text, table.form.delimiter, table.width)
+
+
 def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _Rows | None:
     """The rows that the user or the instrument's rules name; None where they leave it open."""
-    if plan.header_row is None:
+    if plan.preface.header_row is None:
         return None
-
-    def row(number: int | None) -> Row | None:
-        if not number or number > len(head):
-            return None
-        text = head[number - 1]
-        text = text.strip(" \t").lstrip("#%/").strip() if is_comment(text) else text
-        return number, header_cells(text, table.form.delimiter, table.width)
-
-    names, units = row(plan.header_row), row(plan.unit_row)
+    names, units = _row(head, plan.preface.header_row, table), _row(head, plan.preface.unit_row, table)
     if names is None:
         return _Rows(None, units, said="no header line, as requested")
-    if plan.unit_row is None:
+    if plan.preface.unit_row is None:
         below = [above for above in reversed(body.above) if above[0] > names[0]]
         units = next((above for above in below if are_units(above[1])), None)
-    said = f"names from line {names[0]}" + (f", units from line {units[0]}" if units else "")
-    return _Rows(names, units, said=said)
+    return _Rows(names, units)
 
 
 def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> _Rows:
-    """The rows of names and units as the lines themselves show them."""
-    above = body.above
-    commented = _commented_header(head, table, body, kinds) if not plan.options.header else None
-    units_below = commented is not None and len(above) == 1 and commented[0] == above[0][0] - 1
-    if above and not (units_below and are_units(above[0][1])):
-        return _among(above, plan, head, table)
-    if commented is not None:
-        units = above[0] if above else None
-        said = f"names from comment line {commented[0]}" + (f", units from line {units[0]}" if units else "")
-        return _Rows(commented, units, said=said)
-    if (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
-        said = f"names from line {body.rows[0][0]}"
-        said += "" if plan.options.header else ", codes unlike all numbers below"
-        return _Rows(body.rows[0], first=body.rows[1][0], said=said)
-    return _Rows()
-
-
-def _among(above: tuple[Row, ...], plan: Plan, head: Sequence[str], table: HeadTable) -> _Rows:
-    """The names and the units among lines of text above the data, nearest first: units are below the names."""
-    rows = list(above)
-    units = next(
-        (
-            i
-            for i, (_, cells) in enumerate(rows[:-1])
-            if are_units(cells) and _stand_below(cells, rows[i + 1][1], table.form.delimiter)
-        ),
-        None,
-    )
-    if len(rows) == 1 and units is None and all(is_unit(cell) and len(cell) > 2 for cell in rows[0][1]):
-        numbered = _numbered_names(head, rows[0], table)
-        if numbered is not None:
-            rows, units = [rows[0], numbered], 0
-    start = 0 if units is None else units + 1
-    names = next((i for i in range(start, len(rows)) if _is_telling(rows[i][1])), start)
-    found = None if units is None else rows[units]
-    if plan.unit_row is not None:
-        number = plan.unit_row
-        found = (number, tuple(split_fields(head[number - 1], table.form.delimiter))) if number else None
-    elif found is None:
-        found = _commented_units(head, rows[names], rows[0][0], table)
-    said = f"names from line {rows[names][0]}" + (f", units from line {found[0]}" if found else "")
-    others = tuple(row for i, row in enumerate(rows[:names]) if i != units)
-    return _Rows(rows[names], found, others, said=said)
-
-
-def _numbered_names(head: Sequence[str], units: Row, table: HeadTable) -> Row | None:
-    """The line above a row of units that names the channels by numbers: `x-axis,1,2`."""
-    number = units[0] - 1
-    cells = tuple(split_fields(head[number - 1], table.form.delimiter)) if number else ()
-    named = bool(cells) and len(cells) == len(units[1]) and not is_number(cells[0]) and all(cells)
-    return (number, cells) if named else None
-
-
-def _commented_units(head: Sequence[str], names: Row, last: int, table: HeadTable) -> Row | None:
-    """A row of units right below the names that begins with an empty cell and %, and so looks like a comment."""
-    for number in range(names[0] + 1, min(last + 2, len(head) + 1)):
-        text = head[number - 1]
+    """The rows of names and units as the lines themselves show them: units are below the names."""
+    above = list(body.above)
+    commented = None if plan.options.header else _commented_header(head, table, body, kinds)
+    if commented is not None and (not above or (len(above) == 1 and commented[0] == above[0][0] - 1)):
+        units = next((row for row in above if are_units(row[1])), None)
+        if units or not above:
+            return _Rows(commented, units, said=f"names from comment line {commented[0]}")
+    if not above:
+        if (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
+            said = f"names from line {body.rows[0][0]}"
+            said += "" if plan.options.header else ", codes unlike all numbers below"
+            return _Rows(body.rows[0], first=body.rows[1][0], said=said)
+        return _Rows()
+    if len(above) == 1 and all(is_unit(cell) and len(cell) > 2 for cell in above[0][1]):
+        numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
+        if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
+            above.append(numbered)
+    spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
+    level = (abs(len(row[1]) - len(upper[1])) <= spare for row, upper in pairwise(above))
+    place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), None)
+    start = 0 if place is None else place + 1
+    # `Unix,CAL,CAL` above the units only says what was done to each column.
+    done = [sum(cell.lower() in _PROCESSING for cell in cells) for _, cells in above]
+    names = next((i for i in range(start, len(above)) if 2 * done[i] <= len(above[i][1])), start)
+    units = None if place is None else above[place]
+    if plan.preface.unit_row is not None:
+        units = _row(head, plan.preface.unit_row, table)
+    elif units is None and above[names][0] < len(head) and is_comment(text := head[above[names][0]]):
+        # A row of units that begins with an empty cell and %, and so looks like a comment.
         cells = tuple(split_fields(text, table.form.delimiter))
-        if is_comment(text) and len(cells) in (len(names[1]), table.width) and are_units(cells):
-            return number, cells
-    return None
-
-
-def _stand_below(units: Cells, names: Cells, delimiter: str) -> bool:
-    """True where these may be units below these names: `seconds pressure` below a sentence are names themselves."""
-    bracketed = all(cell != bare_unit(cell) for cell in units if cell)
-    spare = abs(len(names) - len(units))
-    return bracketed or spare == 0 or (spare == 1 and delimiter != " ")
-
-
-def _is_telling(cells: Cells) -> bool:
-    """True for a row of names: `Avg,Avg,Smp` and `Unix,CAL,CAL` only say what was done to each column."""
-    said = [cell.lower() for cell in cells if cell]
-    return 2 * len(set(said)) >= len(said) and 2 * sum(cell in _PROCESSING for cell in said) <= len(said)
+        units = (above[names][0] + 1, cells) if len(cells) == len(above[names][1]) and are_units(cells) else None
+    return _Rows(above[names], units, tuple(row for i, row in enumerate(above[:names]) if i != place))
 
 
 def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
     """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
     (number, cells), width = row, table.width
-    if cells in ((), ("",)):
+    if not any(cells):
         return tuple(Column("") for _ in range(width)), [f"line {number} is empty"]
     trailing = 0
     while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
         trailing += 1
-    if len(cells) + trailing >= width:
-        notes: list[str] = []
-        if trailing:
-            notes.append("each row ends in a separator that the line of names lacks")
-        elif any(cells[width:]):
-            notes.append(f"line {number} holds {len(cells)} names for {width} columns")
-        return tuple(named_column(name) for name in (*cells, *[""] * trailing)[:width]), notes
+    more = width - trailing - len(cells)
     notes = [f"line {number} holds {len(cells)} names for {width - trailing} columns"]
+    if more <= 0:
+        names = (*cells, *[""] * trailing)[:width]
+        return tuple(map(named_column, names)), notes if any(cells[width:]) else []
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
         return (Column("", role="row name"), *map(named_column, cells)), notes
-    more = width - trailing - len(cells)
     names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
     return tuple(map(named_column, names)), notes
 
 
 def _are_row_names(first: str, body: Body) -> bool:
     """True where the first column holds texts or counts the rows, as R writes them without a name of their own."""
-    if first.lower() in COUNTING_NAMES:
-        return False
+    if first.lower() in COUNTING_NAMES or body.types[0].kind == "text":
+        return first.lower() not in COUNTING_NAMES
     cells = [cells[0] for _, cells in body.rows]
-    if body.types[0].kind == "text":
-        return True
     if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
-    return all(int(b) == int(a) + 1 for a, b in pairwise(cells))
-
-
-def _by_preface(names: Cells, width: int) -> tuple[Column, ...]:
-    return tuple(named_column(name) for name in (*names, *[""] * width)[:width])
+    return sum(int(b) - int(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
 
 
 def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
-    below = body.rows[0][1]
     for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
         if is_comment(text):
             names = _commented_cells(text, table.form.delimiter, table.width)
             full = len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
             listed = full and table.width > 1 and all(_is_name(name, table.form.delimiter) for name in names)
-            return (number, names) if listed and _are_names(names, below, kinds) else None
+            numeric = any(kinds[name] in ("number", "stamp", "missing") for name in names)
+            return (number, names) if listed and not numeric else None
     return None
 
 
@@ -316,27 +274,12 @@ def _commented_cells(text: str, delimiter: str, width: int) -> Cells:
     return cells
 
 
-def _are_names(names: Cells, below: Cells, kinds: CellKinds) -> bool:
-    """True where no cell is a number, a stamp or a missing value; one "Na" beside a name of a number is sodium."""
-    others = [name for name in names if name.lower() != "na"]
-    if any(kinds[name] in ("number", "stamp", "missing") for name in others):
-        return False
-    named = any(
-        name.lower() != "na" and kinds[under] == "number" for name, under in zip(names, below, strict=False)
-    )
-    return len(others) == len(names) or (named and len(others) == len(names) - 1)
-
-
 def _is_name(text: str, delimiter: str) -> bool:
     """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
-    few = len(bare.split()) <= _COMMENT_NAME_WORDS
-    return (
-        0 < len(bare) <= _COMMENT_NAME_LENGTH
-        and few
-        and not bare.endswith(":")
-        and not any(c in bare for c in ("\t;|" if delimiter in "\t;|" else "\t,;|"))
-    )
+    short = 0 < len(bare) <= _COMMENT_NAME_LENGTH and len(bare.split()) <= _COMMENT_NAME_WORDS
+    marks = "\t;|" if delimiter in "\t;|" else "\t,;|"
+    return short and not bare.endswith(":") and not any(mark in bare for mark in marks)
 
 
 def _is_code_row(table: HeadTable, body: Body) -> bool:
@@ -349,11 +292,6 @@ def _is_code_row(table: HeadTable, body: Body) -> bool:
     codes, rows = body.rows[0][1], [cells for _, cells in body.rows[1:]]
     if len(rows) < _MIN_CODE_ROWS or not all(is_number(cell) and cell.isdecimal() for cell in codes):
         return False
-    unlike, above_fractions = 0, False
-    for i, code in enumerate(codes):
-        values = [parse_number(row[i], decimal) for row in rows]
-        sizes = [abs(value) for value in values if value is not None and not math.isnan(value)]
-        if sizes and float(code) > 5 * max(*sizes, 1.0):
-            unlike += 1
-            above_fractions |= all(decimal in row[i] for row in rows)
-    return unlike >= 3 and above_fractions
+    sizes = [[abs(parse_number(row[i], decimal) or 0.0) for row in rows] for i in range(len(codes))]
+    unlike = [i for i, code in enumerate(codes) if float(code) > 5 * max(*sizes[i], 1.0)]
+    return len(unlike) >= 3 and any(all(decimal in row[i] for row in rows) for i in unlike)

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 from kalscope.common.compiled import compiled
 
-# Decimal numbers of text, exactly as `float` reads them: most with one division, the others by Eisel and Lemire.
+# Decimal numbers of text, exactly as `float` reads them: by one division, and its remainder for 16 to 18 digits.
 #
-# Source: W. D. Clinger, How to read floating point numbers accurately (1990); D. Lemire, Number parsing at a
-# gigabyte per second (2021), https://arxiv.org/abs/2101.11408; N. Mushtak and D. Lemire, Fast number parsing
-# without fallback (2023), by which the product of 128 bits never has to be checked.
+# Source: W. D. Clinger, How to read floating point numbers accurately (1990); T. J. Dekker, A floating-point
+# technique for extending the available precision (1971), for the exact product of two numbers.
 
 
 Bytes = NDArray[np.uint8]
 
 EXACT, ROUNDED, BAD = 0, 1, 2
-"""What `read_number` found: the number; the number within a few roundings, which `float` must read again; none."""
+"""What `read_number` found: the number; a number that `float` must read again; none."""
 
 MAX_DIGITS = 18
 """Digits that always fit an int64."""
@@ -29,75 +28,30 @@ MAX_TENS = 60
 """Largest power of ten, up or down, of a number that is read here: far from the ends of float64."""
 _MAX_PLAIN = 1 << 53
 """Up to here a whole number is a float64, and one division by an exact power of ten is rounded correctly."""
-_MAX_PLAIN_TENS = 22
-TENS = np.array([10.0**i for i in range(_MAX_PLAIN_TENS + 1)])
-
-_U = np.uint64
-_LOW, _HALF, _TOP = _U(0xFFFFFFFF), _U(32), _U(1) << _U(63)
-_ONE, _THREE, _NINE, _SPARE = _U(1), _U(3), _U(9), _U(0x1FF)
-
-
-def _fives() -> NDArray[np.uint64]:
-    """The first 128 bits of 5 to the power −MAX_TENS … MAX_TENS, as pairs of the upper and the lower 64."""
-    rows: list[tuple[int, int]] = []
-    for power in range(-MAX_TENS, MAX_TENS + 1):
-        five = 5 ** abs(power)
-        if power < 0:  # rounded up as far as -27, as the proof assumes
-            five = (1 << (five.bit_length() + 127)) // five + (power >= -27)
-        bits = five.bit_length()
-        five = five << (128 - bits) if bits <= 128 else five >> (bits - 128)
-        rows.append((five >> 64, five & (1 << 64) - 1))
-    return np.array(rows, dtype=np.uint64)
-
-
-_FIVES = _fives()
-
-
-@compiled(inner=True)
-def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """The upper and the lower 64 bits of a product."""
-    a_low, a_high, b_low, b_high = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
-    low = a_low * b_low
-    middle = a_high * b_low + (low >> _HALF)
-    other = a_low * b_high + (middle & _LOW)
-    return a_high * b_high + (middle >> _HALF) + (other >> _HALF), (other << _HALF) | (low & _LOW)
+MAX_PLAIN_TENS = 22
+TENS = np.array([10.0**i for i in range(MAX_PLAIN_TENS + 1)])
+_SPLIT = float((1 << 27) + 1)
+_DOUBT = 2.0**-48
 
 
 @compiled(inner=True, error_model="numpy")
-def scaled(digits: int, tens: int) -> float:
-    """A number of at most MAX_DIGITS digits times a power of ten of at most MAX_TENS, up or down, rounded once."""
-    if digits <= _MAX_PLAIN and -_MAX_PLAIN_TENS <= tens <= _MAX_PLAIN_TENS:
-        return digits / TENS[-tens] if tens < 0 else digits * TENS[tens]
-    if digits == 0:
-        return 0.0
-    zeros = 64 - math.frexp(float(digits))[1]
-    word = _U(digits) << _U(zeros)
-    if not word & _TOP:  # float() had rounded it up to the next power of two
-        word <<= _ONE
-        zeros += 1
-    high, low = _product(word, _FIVES[tens + MAX_TENS, 0])
-    if high & _SPARE == _SPARE:
-        carry = _product(word, _FIVES[tens + MAX_TENS, 1])[0]
-        low += carry
-        if low < carry:
-            high += _ONE
-    upper = high >> _U(63)
-    shift = upper + _NINE
-    found = high >> shift
-    if low <= _ONE and -4 <= tens <= 23 and found & _THREE == _ONE and found << shift == high:
-        found &= ~_ONE  # exactly between two: to the even one
-    found = (found + (found & _ONE)) >> _ONE
-    return math.ldexp(float(found), ((217706 * tens) >> 16) + 63 + int(upper) - zeros - 52)
-
-
-@compiled(inner=True)
-def _roughly(data: Bytes, at: int, end: int) -> float:
-    """The digits between two places as one whole number, with a rounding each."""
-    rough = 0.0
-    for i in range(at, end):
-        if 48 <= data[i] <= 57:
-            rough = 10.0 * rough + (data[i] - 48)
-    return rough
+def divided(digits: int, tens: int) -> tuple[float, int]:
+    """A whole number below 2^63 divided by a power of ten of at most MAX_PLAIN_TENS; EXACT where rounded once."""
+    power, high = TENS[tens], float(digits)
+    found = high / power
+    if digits <= _MAX_PLAIN:
+        return found, EXACT
+    # The exact remainder: of the division, and of the digits that a float64 lacks.
+    a = found * _SPLIT
+    a -= a - found
+    b = power * _SPLIT
+    b -= b - power
+    product = found * power
+    error = ((a * b - product) + a * (power - b) + (found - a) * b) + (found - a) * (power - b)
+    more = (((high - product) - error) + float(digits - int(high))) / power
+    value = found + more
+    sure = found + more * (1.0 + _DOUBT) == value == found + more * (1.0 - _DOUBT)
+    return value, EXACT if sure else ROUNDED
 
 
 @compiled(inner=True)
@@ -152,16 +106,14 @@ def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, int]:
         tens += power
     if not -MAX_TENS <= tens <= MAX_TENS:
         return 0.0, at, BAD
-    is_long = count > MAX_DIGITS
-    value = _roughly(data, first, end) * 10.0**tens if is_long else scaled(digits, tens)
-    return (-value if negative else value), at, ROUNDED if is_long else EXACT
+    if count > MAX_DIGITS or abs(tens) > MAX_PLAIN_TENS or (tens > 0 and digits > _MAX_PLAIN):
+        return 0.0, at, ROUNDED
+    value, how = (digits * TENS[tens], EXACT) if tens > 0 else divided(digits, -tens)
+    return (-value if negative else value), at, how
 
 
 # Plain rows of a table, many lines per call: each line is read as the line reader reads it, or ends the call.
 
-
-NEVER, ALWAYS, AFTER_ITS_LIKE = 0, 1, 2
-"""Whether a line of so many fields is a row; the last only after an equally narrow row, or as the first."""
 
 MAX_SURE_STAMP = 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
@@ -222,16 +174,16 @@ class RowForm(NamedTuple):
     """Delimiter and decimal mark."""
     wanted: Bytes
     """1 where a column is read, 0 where it may hold any text; shape (width,)."""
-    widths: Bytes
-    """NEVER, ALWAYS or AFTER_ITS_LIKE by the number of fields, shape (width + 2,)."""
+    fields: tuple[int, int]
+    """Fewest and most fields of a line that is a row."""
     stamp: int
     """The column of the time; −1 where there is none."""
 
 
 @compiled(error_model="numpy")
 def read_plain_rows(
-    data: Bytes, at: int, form: RowForm, before: int, out: NDArray[np.float64], rounded: NDArray[np.int64]
-) -> tuple[int, int, int, int]:
+    data: Bytes, at: int, form: RowForm, out: NDArray[np.float64], rounded: NDArray[np.int64]
+) -> tuple[int, int, int]:
     """Plain rows from `at` on, up to the first line that is not plain, or until `out` or `rounded` is full.
 
     The usual cell, 15 digits at most and a mark after them, is read here: with a call for each it takes four times
@@ -241,13 +193,12 @@ def read_plain_rows(
         data: Whole lines, each with its newline.
         at: Where a line begins.
         form: How the rows are written.
-        before: Fields of the row before; −1 at the first row.
         out: Their values, shape (rows, width), NaN where missing or not wanted.
         rounded: Numbers of too many digits, which `float` must read again: row, column, begin and end of the cell;
             shape (many, 4), many > width.
 
     Returns:
-        Rows, the place after them, the fields of the last of them, numbers in `rounded`.
+        Rows, the place after them, numbers in `rounded`.
     """
     marks, wanted = form.marks, form.wanted
     delimiter, decimal = marks
@@ -283,15 +234,9 @@ def read_plain_rows(
         at += 1
         if data[at - 1] == _NEWLINE:
             out[row, fields:] = math.nan
-            if not known or not _is_row(form, fields, before, out[row]):
+            whole = form.fields[0] <= fields <= form.fields[1]
+            sure = form.stamp < 0 or abs(out[row, form.stamp]) <= MAX_SURE_STAMP  # else it may be damage
+            if not (known and whole and sure):
                 break
-            row, end, before, hard, fields, known = row + 1, at, fields, new, 0, False
-    return row, end, before, hard
-
-
-@compiled(inner=True)
-def _is_row(form: RowForm, fields: int, before: int, values: NDArray[np.float64]) -> bool:
-    """Whether a line of so many fields is a row, and its stamp is not damage."""
-    kind = form.widths[fields] if fields < len(form.widths) else NEVER
-    whole = kind == ALWAYS or (kind == AFTER_ITS_LIKE and before in (-1, fields))
-    return whole and (form.stamp < 0 or abs(values[form.stamp]) <= MAX_SURE_STAMP)
+            row, end, hard, fields, known = row + 1, at, new, 0, False
+    return row, end, hard

@@ -10,67 +10,11 @@ from dataclasses import replace
 
 from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged
-from kalscope.sources.grammar.line_format import LineFormat, Teleplot, split_teleplot, without_escapes
+from kalscope.sources.grammar.line_format import LineFormat, split_teleplot, without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
-
-# New variables of Teleplot: one more column each, after the others.
-
-
-_MAX_NAMES = 1024
-"""Names that were seen once and are remembered; damage on the wire makes a new one of each line."""
-
-
-class TeleplotVariables:
-    """Which new names of one stream are accepted."""
-
-    def __init__(self) -> None:
-        self._seen_once = set[str]()
-
-    def layout_with(self, line: str, layout: Layout | None, *, settled: bool) -> Layout | None:
-        """The layout with the new variable of a line; None for a line without one.
-
-        Args:
-            line: The line.
-            layout: As it is known.
-            settled: Whether the head of the stream is over: a name then counts from its second line on, because one
-                that came once may be damage.
-        """
-        plot = split_teleplot(line) if line.lstrip().startswith(">") else None
-        grown = None if plot is None else with_variable(layout, plot)
-        if plot is None or grown is None or not settled or plot.only_names or plot.name in self._seen_once:
-            return grown
-        if len(self._seen_once) >= _MAX_NAMES:
-            self._seen_once.clear()
-        self._seen_once.add(plot.name)
-        return None
-
-
-def with_variable(layout: Layout | None, plot: Teleplot) -> Layout | None:
-    """The layout with a column for the variable of a line.
-
-    Args:
-        layout: As it is known; None before any line, when `>name:` alone is enough.
-        plot: The line.
-
-    Returns:
-        None where no column is to be added: the lines are not of Teleplot, the variable has one, the line has no
-        valid name, or there are MAX_STREAM_COLUMNS already.
-    """
-    if not plot.name or not plot.name.isprintable():
-        return None
-    column = Column(plot.name, plot.unit)
-    if layout is None:
-        form = LineFormat("teleplot", labels=(plot.name,))
-        notes = ("each line is one variable of Teleplot",)
-        return Layout(form, (column,), None, 1, frozenset(), (), notes) if plot.only_names else None
-    form = layout.form
-    if form.kind != "teleplot" or plot.name in form.labels or len(layout.columns) >= MAX_STREAM_COLUMNS:
-        return None
-    return replace(layout, form=replace(form, labels=(*form.labels, plot.name)), columns=(*layout.columns, column))
-
 
 # From a stream of bytes to the lines of a log: for live ports, stdin and replays.
 #
@@ -96,6 +40,9 @@ _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 
 _SHORT_HEAD = 64
 """A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
+
+_MAX_NAMES = 1024
+"""Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
 
 _NEWLINE = re.compile(rb"[\r\n]")
 
@@ -129,7 +76,7 @@ class LineParser:
         self._misfits = 0
         self._next_look = 0
         self._before: deque[str] = deque(maxlen=TAIL_LINES)
-        self._variables = TeleplotVariables()
+        self._seen_once: deque[str] = deque(maxlen=_MAX_NAMES)
         self._number = 0
         self.line = ""
         """The last line of `next_line`, whole; "" where it was too long."""
@@ -174,16 +121,12 @@ class LineParser:
             That line, read again; None, and nothing changes, if they show no other layout, or one in which it is
             not a row.
         """
-        if not self._has_chosen_rows(head):
-            return None
-        layout, known = self._sniffed(head), self.layout
-        if layout is None or (known and (layout.form, layout.columns) == (known.form, known.columns)):
-            return None
-        if named and not layout.header_rows:
+        layout = self._other_layout(head)
+        if layout is None or (named and not layout.header_rows):
             return None
         reader = LineReader(layout, self._options)
         event = reader.read(self._number, head[-1])
-        if event.kind != "row" or not self._is_surely_data(head, layout):
+        if event.kind != "row":
             return None
         self._reader, self._settled, self._misfits = reader, False, 0
         self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
@@ -203,7 +146,8 @@ class LineParser:
         """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
         if self._overlong:
             self._buffer, self._overlong = bytearray(), False
-            return self._overlong_event()
+            self._number += 1
+            return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
         if not self._buffer or self._skip_first:
             return None
         line, self._buffer = _decoded(self._buffer), bytearray()
@@ -236,10 +180,6 @@ class LineParser:
         del buffer[: match.end()]
         return _decoded(line)
 
-    def _overlong_event(self) -> LineEvent:
-        self._number += 1
-        return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
-
     def _read(self, line: str) -> LineEvent:
         if self._overlong or len(line) > MAX_LINE_BYTES:
             self._overlong, self.line = False, ""
@@ -248,8 +188,8 @@ class LineParser:
             line = line.removeprefix("\ufeff")
         self.line = line
         self._before.append(line)
-        if grown := self._variables.layout_with(line, self.layout, settled=self._settled):
-            self._reader = LineReader(grown, self._options)
+        if line.lstrip().startswith(">"):
+            self._add_variable(line)
         event = self._reader.read(self._number, line) if self._reader else None
         if self._settled:
             return event or _without_layout(self._number, line)
@@ -264,36 +204,73 @@ class LineParser:
             self._next_look = 0
         return event or _without_layout(self._number, line)
 
+    def _add_variable(self, line: str) -> None:
+        """Add a column for the new variable of a line of Teleplot, after the others.
+
+        Once the head of the stream is over, a name counts from its second line on: the first may be damage.
+        """
+        plot, layout = split_teleplot(line), self.layout
+        if plot is None or not plot.name or not plot.name.isprintable():
+            return
+        if layout is None and plot.only_names:  # `>name:` is enough
+            layout = Layout(
+                LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",)
+            )
+        if layout is None or layout.form.kind != "teleplot" or len(layout.columns) >= MAX_STREAM_COLUMNS:
+            return
+        labels = layout.form.labels
+        if plot.name in labels:
+            return
+        if self._settled and not plot.only_names and plot.name not in self._seen_once:
+            self._seen_once.append(plot.name)
+            return
+        form, columns = (
+            replace(layout.form, labels=(*labels, plot.name)),
+            (*layout.columns, Column(plot.name, plot.unit)),
+        )
+        self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
+
     def prime(self, lines: Sequence[str]) -> None:
         """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
-        layout = self._sniffed(lines) if self._reader is None and lines else None
+        layout = self._other_layout(lines) if self._reader is None and lines else None
         if layout is not None and layout.form.kind == "teleplot":
             self._reader = LineReader(layout, self._options)
 
     def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
         """Sniff the head again if that is due, for data, new labels or a new header."""
         self._misfits += 1
-        if self._is_look_due(line):
-            layout = self._sniffed(self._head)
-            known = None if self._reader is None else self._reader.layout
-            if layout and known is None and not self._is_surely_data(self._head, layout):
-                layout = None
-            if layout and (known is None or (layout.form, layout.columns) != (known.form, known.columns)):
-                self._reader = LineReader(layout, self._options)
-                event = self._reader.read(self._number, line)
+        layout = self._other_layout(self._head) if self._is_look_due(line) else None
+        if layout is not None:
+            self._reader = LineReader(layout, self._options)
+            event = self._reader.read(self._number, line)
         return event or _without_layout(self._number, line)
 
-    def _sniffed(self, head: Sequence[str]) -> Layout | None:
-        """The layout of these lines; None where they show none, or one that is too wide."""
-        layout = sniff(head, self._options)
-        return None if layout is None or len(layout.columns) > MAX_STREAM_COLUMNS else layout
+    def _other_layout(self, head: Sequence[str]) -> Layout | None:
+        """The layout of these lines where they surely show one, and another than is known.
+
+        The rows that the user chose as names and units must be above the last line. `sine 1,sine 2` is a header,
+        and only looks like a row: rows of words beside numbers are believed once there are others like them.
+        """
+        if len(head) <= max(self._options.header_row or 0, self._options.unit_row or 0):
+            return None
+        layout, known = sniff(head, self._options), self.layout
+        if layout is None or len(layout.columns) > MAX_STREAM_COLUMNS:
+            return None
+        if known and (layout.form, layout.columns) == (known.form, known.columns):
+            return None
+        if layout.form.kind == "table" and any(column.role == "text" for column in layout.columns):
+            reader = LineReader(layout, self._options)
+            rows = [text for text in head if reader.read(0, text).kind == "row"]
+            if len(set(rows)) < _MIN_DISTINCT_ROWS and len(rows) < _MIN_ROWS:
+                return None
+        return layout
 
     def _is_look_due(self, line: str) -> bool:
         """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.
 
         With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
         """
-        if not self._has_chosen_rows(self._head) or not any(c.isdigit() for c in line):
+        if not any(map(str.isdigit, line)):
             return False
         if self._reader is not None:
             return self._misfits & (self._misfits - 1) == 0
@@ -301,23 +278,6 @@ class LineParser:
             return False
         self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
         return True
-
-    def _has_chosen_rows(self, head: Sequence[str]) -> bool:
-        """Whether lines reach below the rows that the user chose as names and units; a shorter head is refused."""
-        last = max(self._options.header_row or 0, self._options.unit_row or 0)
-        return last == 0 or len(head) > last
-
-    def _is_surely_data(self, head: Sequence[str], layout: Layout) -> bool:
-        """Whether lines that look like rows are rows: `sine 1,sine 2` is a header, and only looks like one.
-
-        A row of words beside numbers is believed once there are others like it.
-        """
-        form = layout.form
-        if form.kind != "table" or not any(column.role == "text" for column in layout.columns):
-            return True
-        reader = LineReader(layout, self._options)
-        rows = [text for text in head if reader.read(0, text).kind == "row"]
-        return len(set(rows)) >= _MIN_DISTINCT_ROWS or len(rows) >= _MIN_ROWS
 
 
 def comma_line(parser: LineParser, line: bytes) -> str:

@@ -36,7 +36,6 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
 
-_TAIL_NUMBER = {mark: re.compile(rf'[0-9]{re.escape(mark)}([0-9]+)"?[ \t]*') for mark in ".,"}
 TAIL_LINES = 64
 """Rows before a last line without newline by which it is judged."""
 
@@ -82,7 +81,7 @@ class LineReader:
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
         """The names of a long table and their numbers, which are in its first "series" column."""
-        self.before = -1
+        self._before = -1
         """Fields of the row before; −1 at the first row."""
         self._labels = frozenset(self._form.labels)
         # A blank label would match at each position in a long run of blanks.
@@ -133,8 +132,8 @@ class LineReader:
         text = self._checked(text)
         if self._form.kind == "teleplot":
             return self._teleplot(number, text, issues, missing)
-        cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else None
-        cells = self._labelled(number, text, issues) if cells is None else cells
+        is_table = self._form.kind == "table"
+        cells = split_fields(text, self._form.delimiter) if is_table else self._labelled(number, text, issues)
         return None if cells is None else (self._row(number, head + cells, issues, missing),)
 
     def _checked(self, text: str) -> str:
@@ -155,19 +154,18 @@ class LineReader:
             if self._known_label.search(text) or text.lstrip().startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
-        pairs, ignored = found
-        values = dict(pairs)
-        if len(values) != len(pairs):
+        values = dict(found)
+        if len(values) != len(found):
             raise _Fault("must hold each label once")
         if not values.keys() & self._labels:
             if all(parse_number(value) is None for value in values.values()):
                 return None
-            raise _Fault(f"must hold one of the labels {', '.join(self._form.labels[:8])}")
+            raise _Fault(f"must hold one of the labels ({', '.join(self._form.labels[:8])})")
         if self._form.complete and (lacking := [label for label in self._form.labels if label not in values]):
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
-        strangers = [f"{label}:{value}" for label, value in pairs if label not in self._labels]
-        for token in strangers + ignored:
-            issues.append(LineIssue(number, "must belong to a known label; it is left out", token, ""))
+        for label, value in found:
+            if label not in self._labels:
+                issues.append(LineIssue(number, "must have a known label; it is left out", f"{label}:{value}", ""))
         return [values.get(label, "") for label in self._form.labels]
 
     def _teleplot(
@@ -177,11 +175,9 @@ class LineReader:
             return None  # on a serial line Teleplot leaves all else to the program's log
         plot = split_teleplot(text)
         if plot is None:
-            flags = teleplot_flags(text)
-            if "t" in flags:
+            if "t" in teleplot_flags(text):
                 return None
-            point = ": it is a point of a plane" if "xy" in flags else ""
-            raise _Fault(f"must be >name:value or >name:ms:value{point}")
+            raise _Fault("must be >name:value or >name:ms:value")
         if plot.name not in self._labels:
             raise _Fault(
                 f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"
@@ -236,7 +232,7 @@ class LineReader:
         One row that is too narrow was torn. Where the row before has its width, or there is none, it is from a
         time when the logger wrote fewer fields.
         """
-        count, before, self.before = len(cells), self.before, len(cells)
+        count, before, self._before = len(cells), self._before, len(cells)
         if count == self._width + 1 and not cells[-1]:
             return cells[:-1]
         if count < self._least and count in self.layout.narrow and before in (-1, count):
@@ -256,21 +252,19 @@ class LineReader:
             before: The lines before it, TAIL_LINES are plenty.
         """
         event = self.read(number, line)
-        if event.kind in ("blank", "comment"):
-            return event
-        if event.kind == "row" and (split_checksum(line) or self._is_whole(line, before)):
+        whole = event.kind == "row" and (split_checksum(line) is not None or self._is_whole(line, event, before))
+        if whole or event.kind in ("blank", "comment"):
             return event
         return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
 
-    def _is_whole(self, line: str, before: Sequence[str]) -> bool:
-        mark, event = self._form.decimal, self.read(0, line)
+    def _is_whole(self, line: str, event: LineEvent, before: Sequence[str]) -> bool:
         read = [(text, self.read(0, text)) for text in before[-TAIL_LINES:]]
         rows = [(text, above) for text, above in read if above.kind == "row"]
         ours = any(column.name == HOST_AND_DEVICE[0] for column in self.layout.columns[:1])
         if ours or event.issues or not rows or _known(event) < _known(rows[-1][1]):
             return False  # our recorder ends each line
-        usual = {_decimals(text, mark) for text, _ in rows}
-        return len(usual) > 1 or _decimals(line, mark) >= max(usual)
+        usual = {_decimals(text, self._form.decimal) for text, _ in rows}
+        return len(usual) > 1 or _decimals(line, self._form.decimal) >= max(usual)
 
 
 def rejected(number: int, text: str, reason: str) -> LineEvent:
@@ -285,6 +279,5 @@ def _known(event: LineEvent) -> int:
 
 def _decimals(line: str, mark: str) -> int:
     """Digits after the decimal mark of the number that ends the line; 0 where none does."""
-    text = line.rstrip("\r\n")
-    matches = [match for match in _TAIL_NUMBER[mark].finditer(text) if match.end() == len(text)]
-    return len(matches[-1][1]) if matches else 0
+    whole, _, decimals = line.rstrip(' \t\r\n"').rpartition(mark)
+    return len(decimals) if whole[-1:].isdecimal() and decimals.isdecimal() else 0

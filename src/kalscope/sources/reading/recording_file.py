@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -67,7 +67,7 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     codes = table[next(i for i, column in enumerate(layout.columns) if column.role == "series")]
     kept = np.isfinite(codes)
     codes = codes[kept].astype(np.int64)
-    measures = [Measure(layout.columns[i], table[i][kept]) for i in layout.channels]
+    measures = [(layout.columns[i], table[i][kept]) for i in layout.channels]
     stamps = _counted(codes) if layout.time is None else _in_turns(codes, table[layout.time.index][kept])
     distinct, ranks = np.unique(stamps, return_inverse=True)
     # Several samples of one name at one stamp: the first ones belong together, then the second ones, and so on.
@@ -77,7 +77,7 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     known = [
         code
         for code in range(len(tally.series))
-        if any(np.isfinite(measure.values[codes == code]).any() for measure in measures)
+        if any(np.isfinite(values[codes == code]).any() for _, values in measures)
     ]
     groups = _groups({code: keys[codes == code] for code in known})
     described = _described(tally.series, layout)
@@ -93,36 +93,21 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     times, notes = distinct[places // most], tuple(map(Assumption, notes))
     silent = [described[code].name for code in range(len(tally.series)) if code not in known]
     if silent:
-        more = f" and {len(silent) - 8} more" if len(silent) > 8 else ""
-        notes = (*notes, f"names without numbers: {', '.join(silent[:8])}{more}")
-    data: dict[int, Array] = {0: times.astype(np.float64)}
-    columns = [Column("time", role="time" if layout.time is not None else "text")]
+        notes = (*notes, f"names without numbers: {_listed(silent)}")
+    time = None if layout.time is None else replace(layout.time, index=0, parts=())
+    data: dict[int, Array] = {} if time is None else {0: times.astype(np.float64)}
+    columns = [] if time is None else [Column("time", role="time")]
     for code in group:
         here = codes == code
-        for measure in measures:
+        for measure, values in measures:
             column = np.full(len(times), np.nan)
-            column[np.searchsorted(places, keys[here])] = measure.values[here]
+            column[np.searchsorted(places, keys[here])] = values[here]
             data[len(columns)] = column
-            columns.append(_of_series(described[code], measure.column, single=len(measures) == 1))
-    for i, one in enumerate(distinct_names([column.name for column in columns[1:]]), 1):
+            columns.append(_of_series(described[code], measure, single=len(measures) == 1))
+    first = len(columns) - len(group) * len(measures)
+    for i, one in enumerate(distinct_names([column.name for column in columns[first:]]), first):
         columns[i] = replace(columns[i], name=one)
-    time = None if layout.time is None else replace(layout.time, index=0, parts=())
-    if time is None:
-        columns, data = columns[1:], {i - 1: column for i, column in data.items() if i}
-    return Reading(
-        data,
-        tally,
-        replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)),
-        layout.period,
-    )
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One column of values of a long table."""
-
-    column: Column
-    values: Array
+    return Reading(data, tally, replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)))
 
 
 def _of_series(series: Column, measure: Column, *, single: bool) -> Column:
@@ -275,7 +260,7 @@ def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Pro
     refuse_part(options.part, raw.name)
     columns = {i: table[i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}
     table.clear()
-    return Reading(columns, tally, layout, layout.period)
+    return Reading(columns, tally, layout)
 
 
 def _read_container(container: Container, raw: RawFile, options: ReadOptions, progress: Progress) -> Reading:

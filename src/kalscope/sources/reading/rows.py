@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from kalscope.common.progress import Progress
 from kalscope.recording import MAX_ISSUES, LineIssue
 from kalscope.sources.grammar.cells import is_blank, is_number, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.kernels import AFTER_ITS_LIKE, ALWAYS, RowForm, read_plain_rows
+from kalscope.sources.reading.kernels import RowForm, read_plain_rows
 from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.reading.text_file import open_text, read_line
@@ -34,16 +34,13 @@ _MAX_ROUNDED = 1024
 """Numbers of more digits than the loops hold that are read again at once."""
 
 
-@dataclass(frozen=True)
-class PlainRows:
+class PlainRows(NamedTuple):
     """The plain rows at one place."""
 
     values: Array
     """Numbers, shape (rows, columns), NaN where missing or not read; overwritten by the next call."""
     end: int
     """The place after them."""
-    fields: int
-    """Fields of the last of them; what was given as `before` where there is none."""
 
 
 class BlockParser:
@@ -57,47 +54,48 @@ class BlockParser:
     def __init__(self, layout: Layout) -> None:
         width, delimiter = len(layout.columns), layout.form.delimiter
         self._decimal = layout.form.decimal
-        widths = np.zeros(width + 2, dtype=np.uint8)
-        widths[list(layout.narrow)] = AFTER_ITS_LIKE
-        widths[layout.least : width + 1 + (delimiter != " ")] = ALWAYS  # a separator may end the line
         self._form = RowForm(
             marks=(ord(delimiter), ord(self._decimal)),
             wanted=np.array(_are_read(layout), dtype=np.uint8),
-            widths=widths,
+            fields=(layout.least, width + (delimiter != " ")),  # a separator may end the line
             stamp=-1 if layout.time is None else layout.time.index,
         )
         self._out = np.empty((max(16, _MAX_NUMBERS // width), width))
         self._rounded = np.zeros((max(_MAX_ROUNDED, width + 1), 4), dtype=np.int64)
 
-    def parse(self, data: bytes, at: int, end: int, before: int) -> PlainRows:
+    def parse(self, data: bytes, at: int, end: int) -> PlainRows:
         r"""The plain rows from `at` on, none where the first line is not plain.
 
         Args:
             data: Lines, UTF-8, each with "\n" at its end, up to `end`.
             at: Where the first begins.
             end: Where the last ends.
-            before: Fields of the row before; −1 at the first row.
         """
         lines: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8, count=end)
         out = self._out
-        rows, stop, before, again = read_plain_rows(lines, at, self._form, before, out, self._rounded)
+        rows, stop, again = read_plain_rows(lines, at, self._form, out, self._rounded)
         for row, column, first, last in self._rounded[:again].tolist():
             out[row, column] = float(data[first:last].decode().replace(self._decimal, "."))
-        return PlainRows(out[:rows], stop, before)
+        return PlainRows(out[:rows], stop)
 
 
 def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
     """The parser of plain rows of a layout; None where each line needs the line reader."""
-    form, time = layout.form, layout.time
-    is_never_plain = (
-        form.kind != "table"
-        or form.stamped
-        or form.checksum
+    form, time, read = layout.form, layout.time, _are_read(layout)
+
+    def may_be_row(header: tuple[str, ...]) -> bool:
+        """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
+        cells = (cell for cell, is_read in zip(header, read, strict=False) if is_read)
+        return all(parse_number(cell, form.decimal) is not None for cell in cells)
+
+    is_never_plain = bool(
+        (form.kind, form.stamped, form.checksum) != ("table", False, False)
+        or layout.narrow
         or form.decimal == form.delimiter  # inside quotes
         or (time is not None and time.kind != "number")
         or any(column.role == "series" or column.form is not None for column in layout.columns)
         or any(is_number(text, form.decimal) for text in options.missing_texts)
-        or any(_may_be_row(row, layout) for row in layout.header_rows)
+        or any(map(may_be_row, layout.header_rows))
     )
     return None if is_never_plain else BlockParser(layout)
 
@@ -106,12 +104,6 @@ def _are_read(layout: Layout) -> list[bool]:
     """Whether each column is read: the channels and the time; the others may hold any text."""
     read = {*layout.channels, *(layout.time.indices if layout.time else ())}
     return [i in read for i in range(len(layout.columns))]
-
-
-def _may_be_row(header: tuple[str, ...], layout: Layout) -> bool:
-    """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
-    read = [cell for cell, is_read in zip(header, _are_read(layout), strict=False) if is_read]
-    return all(parse_number(cell, layout.form.decimal) is not None for cell in read)
 
 
 # Turn the lines of a log into rows of numbers, every line in exactly one count.
@@ -176,12 +168,9 @@ class Tally:
     def take_last(self, event: LineEvent) -> None:
         """Count a last line that has no newline, and note whether it was kept."""
         self.take(event)
-        if event.kind == "rejected":
-            self.ending = f"line {event.number}, the last, is torn: it has no newline and was left out"
-        elif event.kind == "row":
-            self.ending = (
-                f"line {event.number}, the last, has no newline; it was kept, because it has all its values"
-            )
+        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
+        if event.kind in what:
+            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
 
 
 def read_rows(
@@ -233,7 +222,8 @@ class _TableReader:
         at, whole = 0, data.rfind(b"\n") + 1
         while at < len(data) and self._number < self._layout.first_data:
             line, at = _line_at(data, at)
-            self.tally.lines[_kind_above_data(self._number, line, self._layout)] += 1
+            kind: Kind = "header" if self._number in self._layout.headers else "text"
+            self.tally.lines["blank" if is_blank(line, self._layout.form.delimiter) else kind] += 1
             self._number += 1
         self._take_rows(data, at, whole)
         if at <= whole < len(data):
@@ -261,10 +251,10 @@ class _TableReader:
         slow = 1
         while at < end:
             if self._plain is not None:
-                rows = self._plain.parse(data, at, end, self._reader.before)
+                rows = self._plain.parse(data, at, end)
                 slow = min(2 * slow, MAX_SLOW)
                 if len(rows.values):
-                    slow, at, self._reader.before = 1, rows.end, rows.fields
+                    slow, at = 1, rows.end
                     self._number += len(rows.values)
                     self.tally.lines["row"] += len(rows.values)
                     self._rows.extend(rows.values)
@@ -350,10 +340,9 @@ class GatheredRows(Rows):
                 self._row = list(row)
 
     def _belongs(self, row: tuple[float, ...]) -> bool:
-        if self._lead is not None:
-            if not math.isnan(row[self._lead]):
-                return False
-        elif self._time is not None and row[self._time] != self._row[self._time]:
+        begins = self._lead is not None and not math.isnan(row[self._lead])
+        later = self._lead is None and self._time is not None and row[self._time] != self._row[self._time]
+        if begins or later:
             return False
         pairs = enumerate(zip(self._row, row, strict=True))
         return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
@@ -362,10 +351,3 @@ class GatheredRows(Rows):
         """The columns, including the row being gathered."""
         self.append(self._row)
         return super().finish()
-
-
-def _kind_above_data(number: int, line: str, layout: Layout) -> Kind:
-    """What a line above the first data line is."""
-    if is_blank(line, layout.form.delimiter):
-        return "blank"
-    return "header" if number in layout.headers else "text"

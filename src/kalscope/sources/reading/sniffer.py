@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,11 +10,10 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import NumberForm, is_comment
+from kalscope.sources.grammar.cells import NumberForm
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.grammar.read_options import DEFAULTS, WORD_OF_DECIMAL, WORD_OF_DELIMITER, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.instruments.preface import told_delimiter
 from kalscope.sources.reading.columns import (
     CellKinds,
     Cells,
@@ -30,13 +28,13 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header
+from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
+from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
     candidate_lines,
     candidate_tables,
-    filled_width,
     find_body,
     marked_begin,
     weigh,
@@ -71,102 +69,51 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | 
     complete = sum(sorted(i for here in turn for i in here) == sorted(labels) for turn in turns)
     if complete < _MIN_COMPLETE * len(turns):
         return None
-    return first if stamps is None or _are_together(begins, stamps) else None
-
-
-def _are_together(begins: list[int], stamps: Array) -> bool:
-    """True where little time passes between the first line of a turn, at `begins`, and the last."""
+    if stamps is None:
+        return first
+    # Little time passes between the first line of a turn and the last.
     inside = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(begins)])
     between = np.diff(stamps[begins])
     known = np.isfinite(inside) & np.isfinite(between)
-    return bool(known.any()) and float(np.median(inside[known])) <= MAX_INSIDE * float(np.median(between[known]))
+    is_turn = known.any() and float(np.median(inside[known])) <= MAX_INSIDE * float(np.median(between[known]))
+    return first if is_turn else None
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
 
 
-_MARKS = {"\t": "tabs", " ": "blanks"}
-_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
-
-
-def explain(
-    form: LineFormat, plan: Plan, body: Body, columns: Sequence[Column], second: HeadTable | None
-) -> list[str]:
+def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
+    form = table.form
     notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
     if form.kind == "table":
-        notes.append(table_note(form))
+        mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
+        notes.append(f'columns are separated by {mark}, the decimal mark is "{form.decimal}"')
     if form.checksum:
         notes.append("each line ends with a checksum, which is checked")
     if form.stamped:
         notes.append("the stamp before each line is the time")
-    left_out = body.beside & plan.preface.left_out
-    for places, what in ((left_out, "no samples"), (body.beside - left_out, "metadata beside the data")):
-        if places:
-            notes.append(f"{_places(places)} {what}")
-    notes += [
-        f"{_named(column, i)}: {_about_numbers(column.form, form)}"
-        for i, column in enumerate(columns)
-        if column.form is not None
-    ]
-    if body.narrow:
-        fields = " or ".join(map(str, sorted(body.narrow)))
+    if body.beside:
+        notes.append(f"columns of metadata beside the data: {', '.join(str(i + 1) for i in sorted(body.beside))}")
+    if table.narrow:
+        fields = " or ".join(map(str, sorted(table.narrow)))
         notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
     if second is not None:
-        notes.append(_could_be(form, second))
+        other = second.form
+        count = "1 column" if second.width == 1 else f"{second.width} columns"
+        chosen = [f"--delimiter {WORD_OF_DELIMITER[other.delimiter]}"] if other.delimiter != form.delimiter else []
+        chosen += [f"--decimal {WORD_OF_DECIMAL[other.decimal]}"] if other.decimal != form.decimal else []
+        notes.append(Assumption(f"it could also be {count}: {' '.join(chosen)}"))
     return notes
 
 
-def explain_doubt(column: Column, index: int, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
+def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
     """The question about a column whose numbers could be written in two ways."""
     example = next(cell for cell in cells if differ(form, rival, cell))
-    word = "comma" if rival.decimal == "," else "point"
     return Assumption(
-        f'is "{example}" in {_named(column, index)} {form.parse(example):.15g} or {rival.parse(example):.15g}?'
-        f" The first was used; --decimal {word} selects the second"
+        f'is "{example}" in "{name}" {form.parse(example):.15g} or {rival.parse(example):.15g}?'
+        f" The first was used; --decimal {WORD_OF_DECIMAL[rival.decimal]} selects the second"
     )
-
-
-def table_note(form: LineFormat) -> str:
-    """The sentence about delimiter and decimal mark."""
-    mark = _MARKS.get(form.delimiter, f'"{form.delimiter}"')
-    return f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'
-
-
-def _could_be(form: LineFormat, second: HeadTable) -> str:
-    """The sentence about a close second: what it is, and the option that would take it."""
-    other = second.form
-    count = "1 column" if second.width == 1 else f"{second.width} columns"
-    chosen: list[str] = []
-    if other.delimiter != form.delimiter:
-        chosen.append(f"--delimiter {_WORDS[other.delimiter]}")
-    if other.decimal != form.decimal:
-        chosen.append(f"--decimal {'comma' if other.decimal == ',' else 'point'}")
-    return Assumption(f"it could also be {count}: {' '.join(chosen)}")
-
-
-def _about_numbers(number: NumberForm, form: LineFormat) -> str:
-    """How the numbers of a column differ from those of the rest of the table."""
-    said: list[str] = []
-    if number.suffix:
-        said.append(f'each number is followed by its unit, "{number.suffix}"')
-    if number.decimal != form.decimal:
-        said.append(f'the decimal mark is "{number.decimal}"')
-    if number.thousands:
-        said.append(f'"{"." if number.decimal == "," else ","}" or a blank separates thousands')
-    return ", ".join(said)
-
-
-def _named(column: Column, index: int) -> str:
-    return f'"{column.name}"' if column.name else f"column {index + 1}"
-
-
-def _places(indices: frozenset[int]) -> str:
-    """`column 3 holds`, `columns 1, 2 and 3 hold`."""
-    numbers = [str(i + 1) for i in sorted(indices)]
-    if len(numbers) == 1:
-        return f"column {numbers[0]} holds"
-    return f"columns {', '.join(numbers[:-1])} and {numbers[-1]} hold"
 
 
 # How a log is written, found from its first lines: delimiter, decimal mark, header, units, time column.
@@ -183,7 +130,6 @@ MAX_COLUMNS = 256
 MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
 """Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
 
-_MAX_COMMENT_LENGTH = 400
 _TELEPLOT_TIME = Column("time", "ms")
 
 
@@ -249,15 +195,11 @@ def sniff(
     if head and told_delimiter(head[0]):
         head[0] = ""  # no row of names
     lines, marks = candidate_lines(head, samples, marked_begin(head))
-    table, second = weigh(lines, candidate_tables(lines, plan, head))
-    if table is None or filled_width(table) > MAX_COLUMNS or table.rows[0][0] > len(head):
+    table, second = weigh(lines, candidate_tables(lines, plan))
+    if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
-    return _layout(head, plan, lines, replace(table, form=_marked(table.form, marks)), second)
-
-
-def _marked(form: LineFormat, marks: LineFormat) -> LineFormat:
-    """The form, with the stamps and checksums that were split off."""
-    return replace(form, stamped=marks.stamped, checksum=marks.checksum)
+    form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
+    return _layout(head, plan, lines, replace(table, form=form), second)
 
 
 def _layout(
@@ -265,29 +207,36 @@ def _layout(
 ) -> Layout | None:
     """The layout of a table among the lines of a file; None where its rows begin below the head."""
     kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
-    body = find_body(lines, table, plan, len(head), kinds)
+    body = find_body(lines, table, plan, kinds)
     if body.first > len(head):  # lines of the samples have no number of the file
         return None
     is_table = table.form.kind == "table"
-    header = read_header(head, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
-    body = body.starting_at(header.first)
-    columns, doubtful = _described(head, header, body, kinds, plan)
+    settings = settings_of(head, body.first)
+    header = read_header(head, settings, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
+    body = replace(body, rows=tuple(row for row in body.rows if row[0] >= header.first))
+    columns, about_numbers = _described(len(head), settings, header, body, kinds, plan)
     if not header.rows and is_table:
-        columns = _in_their_places(columns)
-    cells = [row for _, row in (*body.rows, *body.samples)]
+        # Only columns after the last number are empty: `1,,3` has a second channel that is still missing.
+        last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
+        columns[:last] = [replace(c, role="channel") if c.role == "empty" else c for c in columns[:last]]
+    cells = [row for _, row in body.rows]
     if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
-        cells = [(stamps[number], *row) for number, row in (*body.rows, *body.samples)]
+        cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
-    columns = named_by_settings(head, columns, time, table.form)
+    columns = named_by_settings(settings, columns, time, table.form)
     above = sum(number < header.first for number, _ in table.rows) if is_table else 0
-    lead = _leading(table, columns, cells, time)
+    lead = None
+    if table.form.kind == "labels" and not table.form.complete:
+        taken = time.indices if time else ()
+        labels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
+        lead = leading_label(cells, labels, time and stamps_of(time, cells, table.form.decimal))
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
-        *explain(table.form, plan, body, columns, second),
-        *doubtful,
+        *explain(table, plan, body, second),
+        *about_numbers,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
         *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
@@ -303,61 +252,40 @@ def _layout(
         headers=frozenset(number for number, _ in header.rows),
         header_rows=tuple(cells for _, cells in header.rows),
         notes=notes,
-        narrow=body.narrow,
-        period=_stated_period(plan),
+        narrow=table.narrow,
+        period=plan.preface.period,
         start=plan.preface.start,
-        offset=_stated_offset(plan),
+        offset=plan.preface.offset,
         lead=lead,
     )
 
 
-def _stated_period(plan: Plan) -> float | None:
-    """Sample period in s that the instrument writes; None where its cell is empty or holds no period."""
-    period = plan.preface.period
-    return period if period is not None and math.isfinite(period) and period > 0 else None
-
-
-def _stated_offset(plan: Plan) -> float:
-    """Stamp of the first sample in s that the instrument writes; 0 where its cell is empty."""
-    offset = plan.preface.offset
-    return offset if offset is not None and math.isfinite(offset) else 0.0
-
-
 def _described(
-    head: Sequence[str], header: Header, body: Body, kinds: CellKinds, plan: Plan
+    size: int, settings: dict[str, str], header: Header, body: Body, kinds: CellKinds, plan: Plan
 ) -> tuple[list[Column], list[str]]:
-    """The columns with their units, roles and forms of numbers; sentences about forms that are in doubt."""
-    said = dict(filter(None, map(_unit_comment, head)))
+    """The columns with their units, roles and forms of numbers; sentences about forms that differ."""
     columns: list[Column] = []
-    doubtful: list[str] = []
+    notes: list[str] = []
     for i, column in enumerate(header.columns):
-        cells, kind = body.column(i), body.types[i]
-        here = cells[: len(body.rows)]
+        cells, kind = [row[i] for _, row in body.rows], body.types[i]
+        here = cells[: sum(number <= size for number, _ in body.rows)]
         role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
         form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
-        if form is not None and rival is not None:
-            doubtful.append(explain_doubt(column, i, form, rival, cells))
+        name, form = column.name or f"column {i + 1}", None if form == NumberForm(kinds.decimal) else form
+        if form is not None:
+            notes.append(f'the numbers of "{name}" are written like {next(filter(form.fits, cells), "")!r}')
+        if rival is not None:
+            notes.append(explain_doubt(name, form or NumberForm(kinds.decimal), rival, cells))
         columns.append(
             replace(
                 column,
                 role=role,
-                unit=said.get(column.name, column.unit) or (form.suffix if form else ""),
-                form=form if form != NumberForm(kinds.decimal) else None,
+                unit=settings.get(f"unit {column.name.lower()}", column.unit) or (form.suffix if form else ""),
+                form=form,
                 words=kind.words,
             )
         )
-    return columns, doubtful
-
-
-def _unit_comment(line: str) -> tuple[str, str] | None:
-    """(name, unit) of `# unit volume: 1e8 m3`; None for any other line."""
-    if len(line) > _MAX_COMMENT_LENGTH or not is_comment(line):
-        return None
-    words = line.strip().lstrip("#%/").split(None, 1)
-    if len(words) < 2 or words[0].lower() != "unit":
-        return None
-    name, _, unit = (part.strip() for part in words[1].partition(":"))
-    return (name, unit) if name and unit else None
+    return columns, notes
 
 
 def _find_time(
@@ -380,22 +308,6 @@ def _find_time(
     if time is not None and time.kind == "number" and plan.preface.time_unit:
         time = replace(time, unit=plan.preface.time_unit)
     return time
-
-
-def _leading(table: HeadTable, columns: list[Column], rows: list[Cells], time: TimeColumn | None) -> int | None:
-    """The column of the label that begins a row of several lines; None where each line is a row."""
-    if table.form.kind != "labels" or table.form.complete:
-        return None
-    labels = [
-        i for i, column in enumerate(columns) if column.role == "channel" and not (time and i in time.indices)
-    ]
-    return leading_label(rows, labels, None if time is None else stamps_of(time, rows, table.form.decimal))
-
-
-def _in_their_places(columns: list[Column]) -> list[Column]:
-    """Only columns after the last number are empty: `1,,3` has a second channel that is still missing."""
-    last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
-    return [replace(c, role="channel") if c.role == "empty" and i < last else c for i, c in enumerate(columns)]
 
 
 def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from threading import Event
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO, cast
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
@@ -28,58 +28,41 @@ from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without
 GZIP = b"\x1f\x8b"
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 
-_CHUNKS = {"gzip": 1 << 12, "Zstandard": 1 << 10}
-"""Packed bytes that are unpacked at once: 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB."""
-
-
-def is_packed(magic: bytes) -> bool:
-    """True where a file with these first bytes is an archive that `unpacked` reads."""
-    return magic.startswith((GZIP, ZSTANDARD))
-
 
 def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
-    """The content of an archive in pieces.
+    """The content of all archives that are joined in a file, in pieces; zeros after each are skipped.
 
     Raises:
-        BadFile: it is cut short or damaged, unpacks to too much, or zstandard is not installed.
+        BadFile: it is cut short or damaged, or unpacks to too much.
     """
-    size = path.stat().st_size
     with path.open("rb") as file:
-        kind = "gzip" if file.read(2) == GZIP else "Zstandard"
+        size, kind = max(path.stat().st_size, 1), "gzip" if file.read(2) == GZIP else "Zstandard"
         file.seek(0)
-        for piece in _unpacked(file, name, kind):
-            progress(0.5 * file.tell() / max(size, 1), "unpacking")
-            progress.unpack(len(piece))
-            yield piece
+        # 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB.
+        chunk, library = 1 << 10, None if kind == "gzip" else cast("Any", import_module("zstandard"))
+        error: type[Exception] = library.ZstdError if library else zlib.error
 
+        def unpacker() -> Any:
+            return (
+                library.ZstdDecompressor().decompressobj() if library else zlib.decompressobj(16 + zlib.MAX_WBITS)
+            )
 
-def _unpacked(file: BinaryIO, name: str, kind: str) -> Iterator[bytes]:
-    """The content of all archives that are joined in a file; zeros after each are skipped."""
-    unpacker, error = _library(name, kind)
-    stream = unpacker()
-    try:
-        while packed := file.read(_CHUNKS[kind]):
-            while packed := packed.lstrip(b"\0") if stream.eof else packed:  # a tape fills its blocks with zeros
-                stream = unpacker() if stream.eof else stream
-                yield stream.decompress(packed)
-                packed = stream.unused_data
-    except error as damage:
-        raise BadFile(f"{name} cannot be read as a {kind} archive: {damage}") from None
-    if not stream.eof:
-        raise BadFile(f"{name} cannot be read as a {kind} archive: it is cut short")
-
-
-def _library(name: str, kind: str) -> tuple[Callable[[], Any], type[Exception]]:
-    """The function that makes the decompressor of one archive, and the error of a damaged archive."""
-    if kind == "gzip":
-        return partial(zlib.decompressobj, 16 + zlib.MAX_WBITS), zlib.error
-    try:
-        import zstandard
-    except ImportError:
-        raise BadFile(
-            f'{name} must be unpacked first, or "pip install zstandard" (got a Zstandard archive)'
-        ) from None
-    return lambda: zstandard.ZstdDecompressor().decompressobj(), zstandard.ZstdError
+        stream = unpacker()
+        try:
+            while packed := file.read(chunk):
+                while (
+                    packed := packed.lstrip(b"\0") if stream.eof else packed
+                ):  # a tape fills its blocks with zeros
+                    stream = unpacker() if stream.eof else stream
+                    piece = stream.decompress(packed)
+                    progress(0.5 * file.tell() / size, "unpacking")
+                    progress.unpack(len(piece))
+                    yield piece
+                    packed = stream.unused_data
+        except error as damage:
+            raise BadFile(f"{name} cannot be read as a {kind} archive: {damage}") from None
+        if not stream.eof:
+            raise BadFile(f"{name} cannot be read as a {kind} archive: it is cut short")
 
 
 # A file as lines of text: where its bytes are, their encoding, and what is not text at all.
@@ -180,7 +163,7 @@ def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress:
         magic = file.read(4)
     digest = beside.submit(_sha256, path, left)
     content = path
-    if is_packed(magic):
+    if magic.startswith((GZIP, ZSTANDARD)):
         content = target
         with target.open("wb") as out:
             out.writelines(unpacked(path, path.name, progress))
@@ -247,8 +230,6 @@ def _require_text(head: bytes, name: str) -> None:
         return
     first = next(at for at, byte in enumerate(head) if byte < 32 and byte not in b"\t\n\r\f")
     what = f"binary data, the first byte is 0x{head[first]:02X}, on line {head[:first].count(10) + 1}"
-    if text.count(0) > 0.9 * sum(control) or not text:
-        what = f"NUL bytes, the first on line {head[: head.index(0)].count(10) + 1}"
     raise BadFile(f"{name} must be a text file (got {what})")
 
 

@@ -53,7 +53,7 @@ def test_what_a_datagram_holds(datagram, rows):
     ("line", "kind", "says"),
     [
         ("state:on|t", "text", ""),
-        ("p:1:2|xy", "rejected", "point of a plane"),
+        ("p:1:2|xy", "rejected", "must be >name:value"),
         ("3D|cube:S:cube", "rejected", "must be >name:value"),
         ("temp:broken", "text", ""),
         (">temp:broken", "rejected", "must be a number"),
