@@ -15,7 +15,7 @@ from hostile_boards import BOARDS, GOOD_ROWS, listen
 from hostile_case import in_child
 
 from kalscope.sources.live.samples import MAX_NUMBERS, LiveSamples
-from kalscope.sources.port.events import SYSTEM
+from kalscope.sources.port.reader import SYSTEM
 from kalscope.sources.port.registry import port_of
 from kalscope.sources.reading.line_parser import LineParser
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.lines import BOOT_SECONDS, MAX_UNKNOWN_LINES, LiveLines
-from kalscope.sources.port.events import BytesReceived
+from kalscope.sources.port.reader import BytesReceived
 from kalscope.sources.reading import line_parser
 
 ESP32 = b"""ets Jul 29 2019 12:21:46\r

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scripted_port import Scripted, ScriptedPort
+from scripted_port import ScriptedPort, scripted
 from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.events import Clock
-from kalscope.sources.port.reader import PortReader
+from kalscope.sources.port.reader import Clock, PortReader
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.recorder import RecorderCounts
 
@@ -152,20 +151,6 @@ def test_a_wall_clock_that_is_set_changes_nothing(board, wait_for):
         assert not np.isnan(live.snapshot().recording.values).any()
 
 
-def test_a_machine_that_slept_leaves_a_gap_of_that_length(board, wait_for):
-    asleep = [0.0]
-    with LiveSource(board.link, clock=Clock(asleep=lambda: asleep[0])) as live:
-        wait_for(lambda: live.status().word == "connected")
-        board.say(b"x\n" + lines(0, 10))
-        wait_for(received(live, 10))
-        asleep[0] = 1800.0
-        board.say(lines(10, 20))
-        wait_for(lambda: kept(live) == 21)
-        recording = live.snapshot().recording
-        assert np.isnan(recording.values[10]).all()
-        assert 1800 <= recording.time[11] - recording.time[9] < 1830
-
-
 @pytest.mark.slow
 def test_a_board_that_is_not_there_is_waited_for_or_refused(tmp_path, wait_for):
     path = str(tmp_path / "ttyNONE")
@@ -232,7 +217,7 @@ LOST = BadDevice("lost")
 def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wait_for):
     first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"20,0\n21,0\n"], starts)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
     with source as live:
         wait_for(lambda: kept(live) >= len(kept_values))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], kept_values)
@@ -244,17 +229,17 @@ def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wa
 def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_opening(wait_for):
     first = ScriptedPort([b"heat,light\n2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"force,way\n4,0\n5,0\n"], "at a line")
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
     with source as live:
         wait_for(lambda: live.snapshot() is not None and live.snapshot().recording.names == ("force", "way"))
 
 
 @pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.events.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.reader.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(port)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
     with source as live:
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
@@ -264,7 +249,7 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
 class ListRecorder:
     """What a live source says to a recorder, in order."""
 
-    error = warning = ""
+    error = ""
     counts, paths = RecorderCounts(), (Path("run.csv"),)
 
     def __init__(self):
@@ -284,7 +269,7 @@ class ListRecorder:
 
 
 def test_the_recorder_is_told_every_line_before_it_is_shown(board, live, wait_for):
-    recorder = live._slot._recorder = ListRecorder()
+    recorder = live._recorder = ListRecorder()
     board.say(b"x\na,b\n" + lines(0, 1000))
     wait_for(received(live, 1000))
     board.unplug()

@@ -85,13 +85,6 @@ def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missi
     assert clock.period == pytest.approx(0.01)
 
 
-def test_the_time_of_a_sleeping_machine_is_added():
-    clock = LiveTime(None)
-    times_of(clock, [0.0, 1.0])
-    clock.interrupt(1800.0)
-    np.testing.assert_allclose(times_of(clock, [2.0, 3.0]), [2.0, 1802.0, 1803.0])
-
-
 def test_one_damaged_stamp_moves_nothing_but_itself():
     stamps = [10.0 * i for i in range(20)]
     stamps[7], stamps[13] = 99_999_999.0, 20.0

@@ -9,7 +9,6 @@ import resource
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from hypothesis import strategies as st
 from waiting import PATIENCE, wait_until
 
 from kalscope.errors import BadFile
-from kalscope.sources import recorded_files
+from kalscope.sources import recorder as recorder_module
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import Column
@@ -28,8 +27,7 @@ from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorded_files import escaped, read_ends
-from kalscope.sources.recorder import Recorder, RecorderCounts
+from kalscope.sources.recorder import Recorder, RecorderCounts, escaped, read_ends
 
 STARTED, WALL = 1000.0, 1_763_678_912.25
 NAN = math.nan
@@ -195,25 +193,6 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
 
 
-@pytest.mark.slow
-@given(
-    st.lists(st.text(max_size=20), min_size=1, max_size=4), st.lists(st.text(max_size=5), min_size=4, max_size=4)
-)
-def test_no_name_and_no_unit_hides_a_row_or_a_channel(tmp_path_factory, names, units):
-    import pandas as pd
-
-    path = tmp_path_factory.mktemp("r") / "run.csv"
-    recorder = new_recorder(path)
-    events = [(STARTED + i, row(i, *(i + j / 4 for j in range(len(names))))) for i in range(9)]
-    recorder.write(events, layout_of(names, units[: len(names)]))
-    recorder.close()
-    expected = [[i + j / 4 for j in range(len(names))] for i in range(9)]
-    recording = read_recording(path)
-    np.testing.assert_array_equal(recording.values, expected)
-    np.testing.assert_array_equal(recording.time, np.arange(9.0))
-    np.testing.assert_array_equal(pd.read_csv(path, comment="#").to_numpy()[:, 1:], expected)
-
-
 def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_path):
     import pandas as pd
 
@@ -319,30 +298,15 @@ def test_after_close_nothing_is_written_and_closing_again_changes_nothing(tmp_pa
     assert path.read_bytes() == content
 
 
-def test_an_empty_hand_over_writes_nothing(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    before = (tmp_path / "run.csv").read_bytes()
-    recorder.write([], None)
-    assert (tmp_path / "run.csv").read_bytes() == before
-    recorder.close()
-
-
 def test_all_lines_of_a_hand_over_go_out_in_one_write(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     sizes, write = [], os.write
-    monkeypatch.setattr(recorded_files.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
+    monkeypatch.setattr(recorder_module.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
     layout = layout_of(["a"])
     recorder.write([(STARTED + i / 1000, row(i, i)) for i in range(250)], layout)
     assert len(sizes) == 1
     assert len(data_lines(tmp_path / "run.csv")) == 250
     recorder.close()
-
-
-def test_a_board_that_says_nothing_for_minutes_loses_no_line(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    hand_over(recorder, b"1,2\n3,4\n", at=STARTED + 600)
-    assert recorder.close().written == 2
-    assert data_lines(tmp_path / "run.csv") == ["600.000000,1,2", "600.001000,3,4"]
 
 
 # Names.
@@ -385,19 +349,6 @@ def test_where_no_file_can_be_written_that_is_said_at_once(tmp_path, name):
 # Clocks.
 
 
-@pytest.mark.parametrize("step", [-3600.0, 86_400.0])
-def test_a_step_of_the_wall_clock_changes_no_row(tmp_path, monkeypatch, step):
-    path, steady = tmp_path / "stepped.csv", tmp_path / "steady.csv"
-    for target in (steady, path):
-        recorder = Recorder(target, source="test", started=STARTED, wall=WALL)
-        hand_over(recorder, b"1,2\n3,4\n")
-        if target is path:
-            monkeypatch.setattr(time, "time", lambda: WALL + step)
-        hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
-        recorder.close()
-    assert path.read_bytes() == steady.read_bytes()
-
-
 # Disks.
 
 
@@ -426,7 +377,7 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_the
         path, clock = tmp_path / f"{room}.csv", Clock()
         with monkeypatch.context() as patch:
             disk = FullDisk(room)
-            patch.setattr(recorded_files.os, "write", disk)
+            patch.setattr(recorder_module.os, "write", disk)
             recorder = new_recorder(path, clock=clock)
             hand_over(recorder, stream)
             assert bool(recorder.error) == (room < size)
@@ -448,7 +399,7 @@ def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_seco
     clock = Clock()
     recorder = new_recorder(tmp_path / "run.csv", clock=clock)
     disk = FullDisk(3, error)
-    monkeypatch.setattr(recorded_files.os, "write", disk)
+    monkeypatch.setattr(recorder_module.os, "write", disk)
     hand_over(recorder, b"1,2\n")
     assert "run.csv" in recorder.error
     disk.room = 1_000_000
@@ -462,48 +413,46 @@ def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_seco
 
 
 def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_dropped(tmp_path, monkeypatch):
-    path, clock = tmp_path / "run.csv", Clock()
+    path, clock, layout = tmp_path / "run.csv", Clock(), layout_of(["a"])
     recorder = new_recorder(path, clock=clock)
-    layout = layout_of(["a"])
     recorder.write([(STARTED, row(0, 0))], layout)
     disk = FullDisk(0)
-    monkeypatch.setattr(recorded_files.os, "write", disk)
+    monkeypatch.setattr(recorder_module.os, "write", disk)
+    monkeypatch.setattr(recorder_module, "MAX_WAIT_BYTES", 5000)
     for i in range(1, 201):  # 1 line/s
         clock.now = STARTED + i
         recorder.write([(clock.now, row(i, i))], layout)
         assert law_holds(recorder.counts)
-    kept = int(recorded_files.MAX_WAIT_S) + 1
-    assert recorder.counts == RecorderCounts(200 - kept + 1, 1, 0, 200 - kept, 200 - kept, waiting=kept)
+    kept = recorder.counts.waiting
+    assert 20 < kept < 40
+    assert recorder.counts == RecorderCounts(201 - kept, 1, 0, 200 - kept, 200 - kept, waiting=kept)
     disk.room = 1_000_000
-    clock.now = STARTED + 201
-    recorder.write([(clock.now, row(201, 201))], layout)
-    clock.now = STARTED + 202
-    recorder.write([(clock.now, row(202, 202))], layout)
+    for i in (201, 202):
+        clock.now = STARTED + i
+        recorder.write([(clock.now, row(i, i))], layout)
     counts = recorder.close()
     assert law_holds(counts)
-    numbers = [int(line.split(",")[1]) for line in data_lines(path)]
-    assert numbers == [*range(kept + 1), 202]
-    lines = path.read_text().splitlines()
-    assert lines[-3:-1] == [f"# gap disk full 200.000 s ({201 - kept} lines dropped)", "202.000000,202"]
+    assert [int(line.split(",")[1]) for line in data_lines(path)] == [*range(kept + 1), 202]
+    assert f"# gap disk full 200.000 s ({201 - kept} lines dropped)\n202.000000,202\n" in path.read_text()
     assert counts.dropped == 201 - kept
 
 
-def test_megabytes_wait_no_longer_than_the_bound_in_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorded_files, "MAX_WAIT_BYTES", 1000)
-    monkeypatch.setattr(recorded_files.os, "write", FullDisk(0))
-    recorder = new_recorder(tmp_path / "run.csv")
-    hand_over(recorder, b"1,2\n" * 500, step=0.0)
-    assert recorder.counts.waiting < 100
-    assert recorder.counts.waiting + recorder.counts.dropped == 500
-    counts = recorder.close()
-    assert (counts.received, counts.written, counts.dropped) == (500, 0, 500)
+@pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
+def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_write(tmp_path):
+    for name, change in (("cut", lambda path: os.truncate(path, 9)), ("deleted", Path.unlink)):
+        recorder = new_recorder(tmp_path / f"{name}.csv")
+        hand_over(recorder, b"a,b\n1,2\n")
+        change(recorder.path)
+        recorder.write([], None)
+        assert recorder.error == f"{name}.csv was deleted or cut short by another program: record to a new file"
+        recorder.close()
 
 
 def test_rejected_lines_are_counted_in_the_same_way_on_a_full_disk(tmp_path, monkeypatch):
     clock = Clock()
     recorder = new_recorder(tmp_path / "run.csv", clock=clock)
     disk = FullDisk(0)
-    monkeypatch.setattr(recorded_files.os, "write", disk)
+    monkeypatch.setattr(recorder_module.os, "write", disk)
     hand_over(recorder, b"1,2\n" * 3 + b"1\n2\n")
     assert recorder.counts == RecorderCounts(waiting=5)
     disk.room = 1_000_000
@@ -518,7 +467,7 @@ def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
     recorder = new_recorder(path, clock=clock)
     hand_over(recorder, b"a:1\n")
     disk = FullDisk(0)
-    monkeypatch.setattr(recorded_files.os, "write", disk)
+    monkeypatch.setattr(recorder_module.os, "write", disk)
     hand_over(recorder, b"a:2\n")
     hand_over(recorder, b"a:3 b:4\n")
     assert recorder.counts == RecorderCounts(1, 1, waiting=2)
@@ -544,7 +493,7 @@ def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n3,4\n")
-    monkeypatch.setattr(recorded_files.os, "write", FullDisk(5))
+    monkeypatch.setattr(recorder_module.os, "write", FullDisk(5))
     hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
     assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
     assert len(data_lines(tmp_path / "run.csv")) == 2
@@ -564,7 +513,7 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
         recorder.write([], None)
         return recorder.error
 
-    monkeypatch.setattr(recorded_files, "_fdatasync", sync)
+    monkeypatch.setattr(recorder_module, "_fdatasync", sync)
     recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
     wait_until(lambda: "Input/output error" in error(), "the word that the disk does not confirm")
     asked = len(calls)
@@ -573,81 +522,6 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
     wait_until(lambda: error() == "", "the disk's word")
     hand_over(recorder, b"1,2\n")
     assert recorder.close().written == 1
-
-
-def cut(path):
-    os.truncate(path, path.read_bytes().rindex(b"\n", 0, -1) + 3)
-
-
-@pytest.mark.parametrize(
-    ("change", "word", "kept"),
-    [
-        (cut, "truncated", 2),
-        (lambda path: os.truncate(path, 0), "truncated", 0),
-        (Path.unlink, "deleted", 0),
-        (lambda path: path.rename(path.with_name("old.csv")), "renamed", 3),
-        (lambda path: (path.rename(path.with_name("old.csv")), path.write_text("mine\n"))[1], "replaced", 1),
-        (lambda path: path.write_bytes(path.read_bytes() + b"# mine\n"), "changed", 3),
-    ],
-)
-@pytest.mark.skipif(os.name == "nt", reason="Windows changes no file that is open")
-def test_a_recording_goes_on_in_a_new_file_where_another_program_changes_it(tmp_path, change, word, kept):
-    path, clock = tmp_path / "run.csv", Clock()
-    recorder = new_recorder(path, clock=clock)
-    hand_over(recorder, b"a,b\n1,2\n3,4\n5,6\n")
-    change(path)
-    left = path.read_bytes() if path.exists() else None
-    recorder.write([], None)
-    assert recorder.warning == f"run.csv was {word} by another program: the recording goes on in run-2.csv"
-    hand_over(recorder, b"a,b\n7,8\n9,10\n", at=STARTED + 1)
-    removed = 3 - kept
-    counts = recorder.close()
-    assert counts == RecorderCounts(5, 5 - removed, dropped=removed, removed=removed, other=2)
-    assert (path.read_bytes() if path.exists() else None) == left
-    again = read_recording(tmp_path / "run-2.csv")
-    np.testing.assert_array_equal(again.values, [[7, 8], [9, 10]])
-    assert recorder.files == f"run.csv ({kept} lines, {word} by another program) and run-2.csv (2 lines)"
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows renames no folder with an open file")
-def test_a_recording_whose_folder_is_renamed_goes_on_there(tmp_path):
-    (tmp_path / "a").mkdir()
-    recorder = new_recorder(tmp_path / "a" / "run.csv")
-    hand_over(recorder, b"1,2\n")
-    (tmp_path / "a").rename(tmp_path / "b")
-    hand_over(recorder, b"3,4\n")
-    assert (
-        recorder.warning
-        == "run.csv was renamed by another program, and no new file can be created (No such file or directory)"
-    )
-    assert recorder.close() == RecorderCounts(2, 2)
-    assert len(data_lines(tmp_path / "b" / "run.csv")) == 2
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
-def test_rejects_that_are_deleted_go_on_in_a_new_file(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    hand_over(recorder, b"1,2\n3,4\n5\n")
-    (tmp_path / "run.rejects").unlink()
-    hand_over(recorder, b"1,2\n3,4\n6\n")
-    assert recorder.warning == "run.rejects was deleted by another program: the recording goes on in run-2.rejects"
-    assert recorder.close().rejected == 2
-    assert len(data_lines(tmp_path / "run-2.rejects")) == 1
-
-
-def test_less_than_five_minutes_of_room_is_a_warning(tmp_path, monkeypatch):
-    clock, room = Clock(), [10**9]
-    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": room[0]}))
-    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
-    for _ in range(20):
-        clock.now += 1.0
-        hand_over(recorder, b"12345.5,6\n" * 50, at=clock.now, step=0.0)
-    assert recorder.warning == ""
-    room[0] = 100_000  # at some 1 kB/s
-    clock.now += 1.0
-    hand_over(recorder, b"1,2\n", at=clock.now)
-    assert recorder.warning.startswith("the disk has space left for 1.")
-    recorder.close()
 
 
 RECORD_UNTIL_FULL = """
@@ -781,8 +655,3 @@ def test_escaped_text_is_printable_and_comes_back(text):
     assert shown.isprintable()
     pieces = shown.encode("latin-1", "backslashreplace")
     assert pieces.decode("unicode_escape") == text
-
-
-def test_the_path_may_be_a_string_or_a_path(tmp_path):
-    new_recorder(str(tmp_path / "run.csv")).close()
-    assert Path(tmp_path / "run.csv").is_file()

@@ -13,7 +13,7 @@ from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.lines import LineCounts
-from kalscope.sources.port.events import Clock
+from kalscope.sources.port.reader import Clock
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.axis import unit_by_magnitude
 from kalscope.sources.reading.line_reader import LineEvent
@@ -144,7 +144,7 @@ class LiveTime:
         self._stamp = math.nan  # in s, of the last row whose stamp was accepted
         self._offset = 0.0  # time of a row is its stamp plus this
         self._doubted = False
-        self._broken = 0.0
+        self._broken = False
         self._steps = np.empty(_STEPS)
         self._count = 0
 
@@ -153,9 +153,9 @@ class LiveTime:
         """True where the board's own stamps are the time."""
         return self._scale is not None
 
-    def interrupt(self, slept: float = 0.0) -> None:
-        """Note an interruption; the `slept` s for which the machine slept are missing in monotonic time."""
-        self._broken += max(slept, _TICK)
+    def interrupt(self) -> None:
+        """Note an interruption before the next row."""
+        self._broken = True
 
     def place(self, rows: Sequence[ArrivedRow]) -> tuple[list[float], list[tuple[float, ...]]]:
         """Times and values of the rows, with one row of NaN for each interruption.
@@ -178,7 +178,7 @@ class LiveTime:
             elif last is not None:
                 self._steps[self._count % _STEPS] = time - last
                 self._count += 1
-            self._broken = 0.0
+            self._broken = False
             times.append(time)
             values.append(row.values)
         return times, values
@@ -239,7 +239,7 @@ class LiveTime:
                 self._stamp = row.stamp * self._scale
                 self._offset = -self._stamp
             return 0.0
-        waited = max(row.host - self._host, 0.0) + (self._broken if self._broken > _TICK else 0.0)
+        waited = max(row.host - self._host, 0.0)
         self._host = row.host
         time = self._by_stamp(row, waited) if self._scale is not None else self._time + self._untimed(waited)
         self._time = max(time, self._time)
