@@ -19,7 +19,6 @@ import os
 import shutil
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -345,8 +344,8 @@ RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 MAX_WAIT_BYTES = 32_000_000
 """Memory that lines may take while they wait for such a disk; later ones are lost, and counted: 1,000 lines/s of 20
-bytes wait for 4 minutes."""
-_OVERHEAD = 150  # bytes of memory that each call of `flush` takes besides its text
+bytes wait for 6 minutes."""
+_OVERHEAD = 60  # bytes of memory that each text takes besides
 
 _FULL = {
     errno.ENOSPC: "the disk is full",
@@ -377,9 +376,7 @@ class AppendFile:
         self._fd_lock = threading.Lock()
         self._size = 0
         self._dirty = self._losing = False
-        self._texts: list[bytes] = []  # since the last flush
-        self._lines_in_texts = 0
-        self._batches: deque[tuple[bytes, int]] = deque()  # of each flush: what waits, and its lines
+        self._texts: list[bytes] = []  # what waits
         self._bytes = 0
         self._lost_before = 0
         self._failed_at = self._retry_at = 0.0
@@ -388,7 +385,7 @@ class AppendFile:
     @property
     def idle(self) -> bool:
         """True where nothing waits."""
-        return not self._batches and not self._texts
+        return not self._texts
 
     def open(self, *, new: bool) -> None:
         """Open the file, as a new one, or to append to it.
@@ -424,9 +421,8 @@ class AppendFile:
         data = (self._head + text).encode("utf-8", "backslashreplace")
         self._head = ""
         self._texts.append(data)
-        self._lines_in_texts += lines
         self.waiting += lines
-        self._bytes += len(data)
+        self._bytes += len(data) + _OVERHEAD
 
     def flush(self, now: float, *, at_once: bool = False) -> None:
         """Write what waits; never raises disk errors.
@@ -435,14 +431,12 @@ class AppendFile:
             now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
         """
-        self._close_batch()
-        if not self._batches or (self.error and now < self._retry_at and not at_once):
+        if not self._texts or (self.error and now < self._retry_at and not at_once):
             return
         error = self._write()
         if error is None and self.error:
             lost = self.lost - self._lost_before
             self.note(f"# gap {self._kind} {now - self._failed_at:.3f} s ({lost} lines dropped)\n")
-            self._close_batch()
             error = self._write()
         if error is None:
             self.error, self._losing, self._lost_before = "", False, self.lost
@@ -455,40 +449,29 @@ class AppendFile:
         self.error = f"{reason}: lines for {self.path.name} wait in memory"
         self._retry_at = now + RETRY_S
 
-    def _close_batch(self) -> None:
-        if self._texts:
-            self._batches.append((b"".join(self._texts), self._lines_in_texts))
-            self._texts, self._lines_in_texts = [], 0
-            self._bytes += _OVERHEAD
-
     def _write(self) -> OSError | None:
-        """One pass over what waits; why it was not all."""
+        """Write all that waits, or nothing; why it was nothing."""
+        data = memoryview(b"".join(self._texts))
+        size = len(data)
         try:
             if self._fd is None:
                 self.open(new=False)
             if self.error:
                 self._cut_back()
-            while self._batches:
-                data, lines = self._batches[0]
-                self._write_all(memoryview(data))
-                self._batches.popleft()
-                self._bytes -= len(data) + _OVERHEAD
-                self._size += len(data)
-                self.waiting -= lines
-                self.lines += lines
+            self._dirty = True
+            while data and self._fd is not None:
+                done = os.write(self._fd, data)
+                if not done:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                data = data[done:]
         except OSError as error:
             with suppress(OSError):  # tried again before the next write
                 self._cut_back()
             return error
+        self.lines, self.waiting = self.lines + self.waiting, 0
+        self._texts, self._bytes = [], 0
+        self._size += size
         return None
-
-    def _write_all(self, data: memoryview) -> None:
-        self._dirty = True
-        while data and self._fd is not None:
-            done = os.write(self._fd, data)
-            if not done:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            data = data[done:]
 
     def _cut_back(self) -> None:
         """Cut off what a refused write left after the last whole line."""
@@ -578,15 +561,6 @@ class RecorderCounts:
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
-    path: Path
-    """NAME.csv, the first part."""
-    error: str
-    """What keeps lines from reaching the disk, in words; "" if nothing."""
-    counts: RecorderCounts
-    """The account up to the last call."""
-    rejects_path: Path
-    """NAME.rejects; it exists once there is something in it."""
-
     def __init__(
         self,
         path: Path,
@@ -618,21 +592,25 @@ class Recorder:
                 no such recording, it is being recorded, or it cannot be written to.
         """
         self.path = path = Path(path)
+        """NAME.csv, the first part."""
         if not resume:
             check_free(path)
         self.error = ""
+        """What keeps lines from reaching the disk, in words; "" if nothing."""
+        self.counts = RecorderCounts()
+        """The account up to the last call."""
         self.rejects_path = rejects_path(path)
+        """NAME.rejects; it exists once there is something in it."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
         self._header = ""
         self._layout: Layout | None = None
-        self._encode: RowEncoder | None = None
-        self._width = self._dropped = self._other = 0
+        self._encode: RowEncoder
+        self._dropped = self._other = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._closed = False
         self._open(resume=resume)
-        self._older: list[AppendFile] = []  # parts that wait for disk space
         self._publish()
         self._sync = threading.Thread(
             target=self._keep_synced, args=(sync_every,), name="kalscope-sync", daemon=True
@@ -747,7 +725,7 @@ class Recorder:
             self._stop.set()
             self._sync.join()
             error = self.error
-            for file in (*self._older, self._rejects):
+            for file in (*self._parts[:-1], self._rejects):
                 file.close()
             if not self._csv.error:
                 self._publish()
@@ -759,7 +737,7 @@ class Recorder:
             return self.counts
 
     def _files(self) -> tuple[AppendFile, ...]:
-        return (*self._older, self._csv, self._rejects)
+        return (*self._parts, self._rejects)
 
     def _use(self, layout: Layout) -> None:
         """Write rows of this layout from now on, in a new part if the columns differ."""
@@ -769,14 +747,13 @@ class Recorder:
         elif header != self._header:
             self._next_part(header)
         self._layout, self._header = layout, header
-        self._encode, self._width = row_encoder(layout), len(layout.columns)
+        self._encode = row_encoder(layout)
 
     def _next_part(self, header: str) -> None:
         before = self._csv
         names = ((n, part_path(self.path, n)) for n in numbers(self._part + 1))
         self._part, path = next((n, name) for n, name in names if not os.path.lexists(name))
         before.note(f"# continued in {escaped(path.name)}: the columns changed\n")
-        self._older.append(before)
         start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
         self._csv = AppendFile(path, start + header)
         self._parts.append(self._csv)
@@ -784,10 +761,6 @@ class Recorder:
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
         if event.kind == "row":
-            if self._encode is None or any(len(row) != self._width for row in event.rows):
-                why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
-                self._reject(host, event, (why,), 1)
-                return
             self._csv.put("".join(self._encode(host, row) for row in event.rows), 1)
             if event.issues:  # of single cells: the row has empty cells there
                 self._reject(host, event, event.issues, 0)
@@ -806,13 +779,13 @@ class Recorder:
         now = self._clock()
         for file in self._files():
             file.flush(now, at_once=at_once)
-        for file in [file for file in self._older if file.idle]:
-            self._older.remove(file)
-            file.close()
+        for part in self._parts[:-1]:
+            if part.idle:
+                part.close()
         self._publish()
 
     def _publish(self) -> None:
-        files, rejects = (*self._parts, self._rejects), self._rejects
+        files, rejects = self._files(), self._rejects
         written, unwritable = sum(part.lines for part in self._parts), sum(file.lost for file in files)
         dropped = self._dropped + unwritable
         self.counts = RecorderCounts(

@@ -3,7 +3,6 @@
 import math
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,8 @@ from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.reader import Clock, PortReader
+from kalscope.sources.port.reader import PortReader
 from kalscope.sources.port.registry import PortSpec
-from kalscope.sources.recorder import RecorderCounts
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -30,12 +28,6 @@ def received(live, count):
 def kept(live):
     snapshot = live.snapshot()
     return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
-
-
-def test_nothing_is_there_before_the_first_sample(live):
-    assert live.snapshot() is None
-    status = live.status()
-    assert (status.word, status.hint, status.received, status.period) == ("connected", "", 0, None)
 
 
 def test_every_sample_arrives_exactly_with_the_names_of_the_board(board, live, wait_for):
@@ -137,20 +129,6 @@ def test_close_frees_the_port_and_start_goes_on_with_the_same_samples(board, liv
     wait_for(lambda: kept(live) == 21)
 
 
-def test_a_wall_clock_that_is_set_changes_nothing(board, wait_for):
-    wall = iter([0.0, -3600.0, 86400.0] * 100_000)
-    with LiveSource(board.link, clock=Clock(wall=lambda: next(wall))) as live:
-        wait_for(lambda: live.status().word == "connected")
-        for i in range(0, 100, 10):
-            board.say((b"x\n" if i == 0 else b"") + lines(i, i + 10))
-            time.sleep(0.01)
-        wait_for(received(live, 100))
-        steps = np.diff(live.snapshot().recording.time)
-        assert (steps > 0).all()
-        assert steps.max() < 30
-        assert not np.isnan(live.snapshot().recording.values).any()
-
-
 @pytest.mark.slow
 def test_a_board_that_is_not_there_is_waited_for_or_refused(tmp_path, wait_for):
     path = str(tmp_path / "ttyNONE")
@@ -189,11 +167,6 @@ def test_a_board_that_goes_before_it_answers_is_not_waited_for(board, live):
     threading.Thread(target=lambda: (board.heard(), board.unplug())).start()
     with pytest.raises(BadDevice, match="was disconnected before it answered"):
         live.send("q0.01", timeout=PATIENCE)
-
-
-def test_no_answer_is_the_fault_of_the_device(live):
-    with pytest.raises(BadDevice, match="did not answer 'hello' within"):
-        live.send("hello", timeout=0.1)
 
 
 @pytest.mark.parametrize("line", ["x" * 63, "two\nlines", "\x00"])
@@ -244,48 +217,3 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
         assert live.status().overrun == 0
-
-
-class ListRecorder:
-    """What a live source says to a recorder, in order."""
-
-    error = ""
-    counts, paths = RecorderCounts(), (Path("run.csv"),)
-
-    def __init__(self):
-        self.calls, self.closed = [], False
-
-    def write(self, stamped, layout):
-        self.calls.append(("write", [(at, event.kind) for at, event in stamped], layout))
-
-    def gap(self, kind, seconds):
-        self.calls.append(("gap", kind, seconds))
-
-    def drop(self, count):
-        self.calls.append(("drop", count))
-
-    def close(self):
-        self.closed = True
-
-
-def test_the_recorder_is_told_every_line_before_it_is_shown(board, live, wait_for):
-    recorder = live._recorder = ListRecorder()
-    board.say(b"x\na,b\n" + lines(0, 1000))
-    wait_for(received(live, 1000))
-    board.unplug()
-    wait_for(lambda: live.status().word == "disconnected, waiting")
-    board.plug()
-    wait_for(lambda: live.status().reconnects == 1)
-    board.say(b"x\n" + lines(0, 10))
-    wait_for(received(live, 1010))
-    wait_for(lambda: len([c for c in recorder.calls if c[0] == "write" and not c[1]]) > 3)
-    live.close()
-    told = [entry for call in recorder.calls if call[0] == "write" for entry in call[1]]
-    dropped = sum(call[1] for call in recorder.calls if call[0] == "drop")
-    status = live.status()
-    assert [kind for _, kind in told].count("row") == status.accepted == 1010
-    assert len(told) + dropped == status.received
-    assert [at for at, _ in told] == sorted(at for at, _ in told)
-    gaps = [call for call in recorder.calls if call[0] == "gap"]
-    assert [(kind, 0 < seconds < 30) for _, kind, seconds in gaps] == [("unplug", True)]
-    assert recorder.closed

@@ -10,7 +10,7 @@ from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.far_side import MAX_PIECE, PIECE, GrowingFile, Replaced
+from kalscope.sources.port.far_side import MAX_PIECE, GrowingFile, Replaced
 from kalscope.sources.port.registry import is_live, port_of
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -41,14 +41,6 @@ def test_only_whole_lines_are_read_and_each_once(log):
     file.close()
     again.close()
     again.close()
-
-
-def test_a_read_is_no_larger_than_promised_but_for_one_long_line(log):
-    add(log, b"1,2\n" * PIECE + b"y" * PIECE + b"\n" + b"3\n" * PIECE)
-    file = GrowingFile(str(log))
-    sizes = [len(piece) for piece in iter(file.read, b"")]
-    assert sizes == [PIECE] * 4 + [PIECE + 1] + [PIECE] * 2
-    file.close()
 
 
 def truncate(path):

@@ -57,19 +57,6 @@ def test_what_the_board_sends_arrives_whole_and_in_order(board, reader, wait_for
     assert reader.state.word == "connected"
 
 
-def test_a_board_pulled_out_with_bytes_pending_loses_none_that_were_read(board, reader, wait_for):
-    reader.start(require=True)
-    board.say(b"0123456789")
-    items = []
-    wait_for(lambda: items.extend(taken(reader)) or bytes_of(items) == b"0123456789")
-    board.say(b"abc")
-    board.unplug()
-    wait_for(lambda: reader.state.word == "disconnected, waiting")
-    items += taken(reader)
-    assert bytes_of(items).startswith(b"0123456789")
-    assert b"0123456789abc".startswith(bytes_of(items))
-
-
 def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
     port = ScriptedPort([b"1\n", BadDevice("the cable was pulled")], starts="at a line")
     reader = PortReader(PortSpec("x"), opener=scripted(port))
@@ -147,12 +134,6 @@ def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_f
     *items, gap, end = taken(reader)
     assert bytes_of(items) == b"1234,6789\n" * 100
     assert (gap.count, type(end)) == (400, Disconnected)
-
-
-def test_what_is_written_reaches_the_board(board, reader):
-    reader.start(require=True)
-    reader.write(b"q0.01\n")
-    assert board.heard() == b"q0.01\n"
 
 
 def test_stamps_are_of_the_monotonic_clock_alone(wait_for):

@@ -79,26 +79,6 @@ def test_a_live_source_is_no_finished_recording(spec):
         open_source(spec)
 
 
-PASSWORDS = [
-    "ssh://ada:sec@ret@host/dev/ttyACM0",
-    "ssh://ada:sec/ret@host:2222/dev/x@9600",
-    "tcp://ada:sec@ret@host:1",
-]
-PASSWORDS += [
-    "udp://ada:sec@ret@host:1",
-    "rfc2217://ada:ret@host:1@9600",
-    "foo://ada:ret@host",
-    "mqtt://ada:a/ret@host/t",
-]
-
-
-@each("address", PASSWORDS)
-def test_a_password_in_an_address_is_not_repeated(address):
-    with pytest.raises(BadSetting, match="://ada:…@") as error:
-        port_of(address)
-    assert "ret" not in str(error.value)
-
-
 @each(
     ("address", "shown"),
     [

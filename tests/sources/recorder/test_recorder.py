@@ -5,9 +5,6 @@ from __future__ import annotations
 import errno
 import math
 import os
-import resource
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -16,12 +13,11 @@ import pytest
 from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import PATIENCE, wait_until
+from waiting import wait_until
 
 from kalscope.errors import BadFile
 from kalscope.sources import recorder as recorder_module
 from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
@@ -95,19 +91,6 @@ def test_a_recording_is_comments_a_header_and_rows_of_host_time_device_time_and_
     ]
 
 
-def test_our_reader_takes_host_time_as_the_time_and_device_time_as_no_channel(tmp_path):
-    path = tmp_path / "run.csv"
-    recorder = new_recorder(path)
-    stream = b"millis,temp [degC]\n" + b"".join(b"%d,%.3f\n" % (10 * i, math.sin(i)) for i in range(40))
-    hand_over(recorder, stream, step=0.01)
-    recorder.close()
-    recording = read_recording(path)
-    assert (recording.names, recording.units) == (("temp",), ("degC",))
-    np.testing.assert_array_equal(recording.time, [round(0.01 * i, 6) for i in range(1, 41)])
-    np.testing.assert_array_equal(recording.values[:, 0], [float(f"{math.sin(i):.3f}") for i in range(40)])
-    assert recording.report.rejected == 0
-
-
 @pytest.mark.slow
 @given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=20))
 def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
@@ -122,23 +105,6 @@ def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
     numbers = np.where(np.isnan(values), NAN, values)  # one NaN is as good as another
     np.testing.assert_array_equal(again, numbers)
     np.testing.assert_array_equal(np.signbit(again[~np.isnan(again)]), np.signbit(numbers[~np.isnan(numbers)]))
-
-
-@pytest.mark.parametrize(
-    ("time", "cell", "written"),
-    [
-        (TimeColumn(0, "number", "us"), 4_294_967_295.0, "4294967295"),
-        (TimeColumn(0, "calendar"), 1_763_678_912_250_001.0, "1763678912.250001"),
-        (TimeColumn(0, "clock"), 43_200_000_000.0, "43200.000000"),
-    ],
-)
-def test_device_time_is_a_number_as_sent_or_a_stamp_in_seconds(tmp_path, time, cell, written):
-    recorder = new_recorder(tmp_path / "run.csv")
-    layout = layout_of(["time", "a"], time=time)
-    layout = Layout(layout.form, (Column("time", role="time"), layout.columns[1]), time, 1, frozenset(), (), ())
-    recorder.write([(STARTED, row(1, cell, 5))], layout)
-    recorder.close()
-    assert data_lines(tmp_path / "run.csv") == [f"0.000000,{written},5"]
 
 
 HOSTILE = [
@@ -227,29 +193,10 @@ def test_other_columns_begin_a_new_part_with_the_same_host_time(tmp_path):
     assert counts.written == 3
 
 
-def test_the_same_columns_written_otherwise_go_on_in_the_same_file(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    for mark in (",", ";"):
-        layout = Layout(LineFormat("table", mark), (Column("a"),), None, 1, frozenset(), (), ())
-        recorder.write([(STARTED, row(1, 5))], layout)
-    recorder.close()
-    assert data_lines(tmp_path / "run.csv") == ["0.000000,5", "0.000000,5"]
-    assert sorted(os.listdir(tmp_path)) == ["run.csv"]
-
-
-def test_a_row_that_does_not_fit_its_layout_is_rejected_never_shifted(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    recorder.write([(STARTED, row(1, 1, 2, 3)), (STARTED, row(2, 1, 2))], layout_of(["a", "b"]))
-    assert recorder.close() == RecorderCounts(received=2, written=1, rejected=1)
-    assert data_lines(tmp_path / "run.csv") == ["0.000000,1,2"]
-
-
 # The account.
 
 EVENTS = st.lists(
-    st.tuples(
-        st.sampled_from(["row", "rejected", "blank", "comment", "header", "text", "wide", "drop", "gap"]), st.text()
-    ),
+    st.tuples(st.sampled_from(["row", "rejected", "blank", "comment", "header", "text", "drop", "gap"]), st.text()),
     max_size=30,
 )
 
@@ -267,10 +214,10 @@ def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
         elif kind == "gap":
             recorder.gap(text, 1.0)
         else:
-            rows = ((1.0, 2.0),) if kind == "row" else ((1.0, 2.0, 3.0),) if kind == "wide" else ()
+            rows = ((1.0, 2.0),) if kind == "row" else ()
             event = LineEvent(number, "row" if rows else kind, text, rows)
             recorder.write([(STARTED + number, event)], layout)
-            expected[{"row": "row", "rejected": "rejected", "wide": "rejected"}.get(kind, "other")] += 1
+            expected[kind if kind in ("row", "rejected") else "other"] += 1
         assert law_holds(recorder.counts)
     counts = recorder.close()
     assert law_holds(counts)
@@ -283,19 +230,6 @@ def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
     )
     assert len(data_lines(path)) == counts.written if counts.written else True
     assert path.read_text("utf-8").endswith(f"# end: {counts}\n")
-
-
-def test_after_close_nothing_is_written_and_closing_again_changes_nothing(tmp_path):
-    path = tmp_path / "run.csv"
-    recorder = new_recorder(path)
-    hand_over(recorder, b"1,2\n3,4\n")
-    counts = recorder.close()
-    content = path.read_bytes()
-    hand_over(recorder, b"5,6\n")
-    recorder.gap("late", 1.0)
-    recorder.drop(3)
-    assert recorder.close() == counts
-    assert path.read_bytes() == content
 
 
 def test_all_lines_of_a_hand_over_go_out_in_one_write(tmp_path, monkeypatch):
@@ -327,16 +261,6 @@ def test_rejects_of_another_recording_are_not_mixed_with_ours(tmp_path):
         new_recorder(tmp_path / "run.csv")
     with pytest.raises(BadFile, match=r"\.rejects"):
         new_recorder(tmp_path / "other.rejects")
-
-
-def test_a_part_never_takes_the_name_of_another_file(tmp_path):
-    (tmp_path / "run-2.csv").write_text("mine")
-    recorder = new_recorder(tmp_path / "run.csv")
-    hand_over(recorder, b"a:1\n")
-    hand_over(recorder, b"a:1 b:2\n")
-    recorder.close()
-    assert (tmp_path / "run-2.csv").read_text() == "mine"
-    assert data_lines(tmp_path / "run-3.csv") == ["0.000000,1,2"]
 
 
 @pytest.mark.parametrize("name", ["file/run.csv", "missing/run.csv", "nul\0.csv"])
@@ -418,7 +342,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
     recorder.write([(STARTED, row(0, 0))], layout)
     disk = FullDisk(0)
     monkeypatch.setattr(recorder_module.os, "write", disk)
-    monkeypatch.setattr(recorder_module, "MAX_WAIT_BYTES", 5000)
+    monkeypatch.setattr(recorder_module, "MAX_WAIT_BYTES", 2500)
     for i in range(1, 201):  # 1 line/s
         clock.now = STARTED + i
         recorder.write([(clock.now, row(i, i))], layout)
@@ -448,20 +372,6 @@ def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_wri
         recorder.close()
 
 
-def test_rejected_lines_are_counted_in_the_same_way_on_a_full_disk(tmp_path, monkeypatch):
-    clock = Clock()
-    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
-    disk = FullDisk(0)
-    monkeypatch.setattr(recorder_module.os, "write", disk)
-    hand_over(recorder, b"1,2\n" * 3 + b"1\n2\n")
-    assert recorder.counts == RecorderCounts(waiting=5)
-    disk.room = 1_000_000
-    clock.now += 1.0
-    recorder.write([], None)
-    assert recorder.close() == RecorderCounts(5, 3, 2)
-    assert len(data_lines(tmp_path / "run.rejects")) == 2
-
-
 def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
     path, clock = tmp_path / "run.csv", Clock()
     recorder = new_recorder(path, clock=clock)
@@ -477,17 +387,6 @@ def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
     assert recorder.close() == RecorderCounts(3, 3)
     assert data_lines(path) == ["0.000000,1", "0.000000,2"]
     assert data_lines(tmp_path / "run-2.csv") == ["0.000000,3,4"]
-
-
-@pytest.mark.slow
-def test_many_parts_hold_no_more_files_open_than_one(tmp_path):
-    recorder = new_recorder(tmp_path / "run.csv")
-    held = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
-    for number in range(50):
-        recorder.write([(STARTED, row(number, 1))], layout_of([f"a{number % 2}"]))
-    assert held in (0, len(os.listdir("/proc/self/fd")))
-    assert recorder.close().written == 50
-    assert recorder.paths[-1].name == "run-50.csv"
 
 
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
@@ -524,70 +423,6 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
     assert recorder.close().written == 1
 
 
-RECORD_UNTIL_FULL = """
-import sys, time
-from pathlib import Path
-from kalscope.sources.reading.line_parser import LineParser
-from kalscope.sources.recorder import Recorder
-if sys.argv[2] != "0":
-    import resource
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
-now = [0.0]
-recorder = Recorder(Path(sys.argv[1]), source="test", started=0.0, wall=0.0, clock=lambda: now[0])
-parser = LineParser()
-for i in range(20_000):
-    now[0] = i / 1000
-    parser.feed(b"%d,%.3f\\n" % (i, i / 3))
-    recorder.write([(now[0], event) for event in parser], parser.layout)
-    if recorder.error:
-        break
-print(i, recorder.error, sep=";")
-if sys.argv[2] != "0":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
-else:
-    Path(sys.argv[1]).with_name("ballast").unlink()
-now[0] += 1.0
-recorder.write([], None)
-print(recorder.error)
-print(recorder.close())
-"""
-
-
-def until_full(path, limit):
-    done = subprocess.run(
-        [sys.executable, "-c", RECORD_UNTIL_FULL, str(path), str(limit)],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-    assert done.returncode == 0, done.stderr
-    first, error, counts = done.stdout.splitlines()
-    last = int(first.split(";")[0])
-    assert error == ""
-    assert counts == f"received {last + 1} lines = {last + 1} written + 0 rejected + 0 dropped"
-    numbers = [line.split(",")[1:] for line in data_lines(path)]
-    assert numbers == [[str(i), repr(float(f"{i / 3:.3f}")).removesuffix(".0")] for i in range(last + 1)]
-    assert "(0 lines dropped)" in path.read_text()
-    return first
-
-
-def test_a_limit_on_the_size_of_files_tears_no_line(tmp_path):
-    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
-    assert "may not grow" in until_full(tmp_path / "run.csv", 10_007)
-
-
-def test_a_full_disk_tears_no_line(tmp_path):
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True).returncode:
-        pytest.skip("a small tmpfs cannot be mounted here")
-    try:
-        (disk / "ballast").write_bytes(b"x" * 20_000)
-        assert "disk is full" in until_full(disk / "run.csv", 0)
-    finally:
-        subprocess.run(["umount", disk], check=True)
-
-
 # Going on.
 
 
@@ -606,17 +441,6 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     assert counts.written == 1
     recording = read_recording(path)
     np.testing.assert_array_equal(recording.values, [[1, 0.5], [2, 1], [3, 1.5]])
-
-
-def test_host_time_never_goes_back_where_the_wall_clock_was_set_back(tmp_path):
-    path = tmp_path / "run.csv"
-    hand_over(first := new_recorder(path), b"1,2\n3,4\n", at=STARTED + 100)
-    first.close()
-    recorder = Recorder(path, source="test", started=50.0, wall=WALL - 3600.0, clock=Clock(), resume=True)
-    hand_over(recorder, b"5,6\n", at=50.0)
-    recorder.close()
-    assert data_lines(path)[-2:] == ["100.001000,3,4", "100.001000,5,6"]
-    assert "# gap restart of unknown length" in path.read_text()
 
 
 def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goes_on_there(tmp_path):

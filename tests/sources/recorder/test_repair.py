@@ -90,23 +90,6 @@ def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
         assert values_in(path.read_bytes()) == [*before, (77.5, 78.0, 79.25)]
 
 
-def test_repair_changes_nothing_twice(tmp_path, recorded):
-    path = tmp_path / "run.csv"
-    path.write_bytes(recorded[:-5])
-    assert repair(path) > 0
-    content = path.read_bytes()
-    assert (repair(path), path.read_bytes()) == (0, content)
-
-
-def test_a_tail_of_megabytes_is_moved_whole(tmp_path, recorded):
-    path = tmp_path / "run.csv"
-    tail = b"\0" + os.urandom(2_500_000)
-    path.write_bytes(recorded + tail)
-    repair(path)
-    assert path.read_bytes() == recorded
-    assert (tmp_path / "run.torn").read_bytes() == tail + b"\n"
-
-
 @given(st.binary(max_size=300))
 def test_whatever_follows_a_recording_stays_in_one_of_the_two_files(tmp_path_factory, recorded, tail):
     path = tmp_path_factory.mktemp("r") / "run.csv"

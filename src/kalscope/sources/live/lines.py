@@ -59,12 +59,6 @@ class LineCounts:
     overrun: int = 0
     """Of the dropped lines, those that came faster than they could be processed."""
 
-    def with_overrun(self, lines: int) -> LineCounts:
-        """The counts with so many more lines that were left out."""
-        return replace(
-            self, received=self.received + lines, dropped=self.dropped + lines, overrun=self.overrun + lines
-        )
-
 
 class LiveLines:
     """Lines of one port, over all its openings."""
@@ -119,7 +113,9 @@ class LiveLines:
         self._parser.restart()
         self._held.clear()
         self._skip = self._whole = False
-        self.counts = self.counts.with_overrun(count)
+        self.counts.received += count
+        self.counts.dropped += count
+        self.counts.overrun += count
         self.unreported_drops += count
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:

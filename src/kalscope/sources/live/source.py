@@ -311,7 +311,7 @@ class LiveSource:
         Args:
             spec: The port, or what `port_of` reads.
             options: How the lines are read; everything left open is detected.
-            reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
+            reconnect: Open the port again when the board comes back.
             keep: Samples per channel that are kept at least, fewer if there are very many channels.
             clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
@@ -324,6 +324,8 @@ class LiveSource:
         self.spec = port_of(spec) if isinstance(spec, str) else spec
         self._clock = clock
         self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
+        self.reconnect = reconnect
+        """Whether the port is opened again when the board comes back."""
         self._lines = LiveLines(options)
         self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, clock, options.rate, options.time_unit)
@@ -357,12 +359,12 @@ class LiveSource:
         self._thread.start()
 
     def open(self) -> None:
-        """Open the port of a board that must be there; a later start reads it from its first byte.
+        """Open the port of a board that must be there; what it sends waits until `start`.
 
         Raises:
             BadDevice: the port cannot be opened.
         """
-        self._reader.open()
+        self._reader.start(require=True)
 
     def close(self, timeout: float = 3.0) -> None:
         """Release the port, process the bytes that had arrived, end the recording. May be called twice.
@@ -385,15 +387,6 @@ class LiveSource:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def reconnect(self) -> bool:
-        """Whether the port is opened again when the board comes back."""
-        return self._reader.reconnect
-
-    @reconnect.setter
-    def reconnect(self, wanted: bool) -> None:
-        self._reader.reconnect = wanted
 
     def snapshot(self) -> Snapshot | None:
         """All samples that are kept; None before the first. The same object while nothing was added."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import select
@@ -21,6 +20,7 @@ from kalscope.sources.grammar.line_format import find_labels, split_teleplot
 from kalscope.sources.port.reader import (
     CONNECT_TIMEOUT,
     MAX_READ_BYTES,
+    MQTT_PASSWORD,
     READ_TIMEOUT,
     OpenPort,
     quoted,
@@ -185,8 +185,6 @@ def _measure(text: str) -> tuple[str, str] | None:
 # where it was lost. A session ends with its connection: what is published while there is none is never delivered.
 
 
-PASSWORD_VARIABLE = "KALSCOPE_MQTT_PASSWORD"
-"""The environment variable that holds a password: never the address, which is shown, recorded and shared."""
 PORT, TLS_PORT = 1883, 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
 KEEP_ALIVE = 15
@@ -198,7 +196,6 @@ _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
     re.IGNORECASE | re.DOTALL,
 )
-_WRONG_LOGIN = {134, 135}  # bad user name or password; not authorised
 
 
 def mqtt_parts(address: str) -> re.Match[str]:
@@ -272,7 +269,7 @@ class MqttPort(MessagePort):
         client, end = self._client, time.monotonic() + CONNECT_TIMEOUT
         client.connect_timeout = CONNECT_TIMEOUT
         if self._user:
-            client.username_pw_set(self._user, os.environ.get(PASSWORD_VARIABLE))
+            client.username_pw_set(self._user, os.environ.get(MQTT_PASSWORD))
         if self._tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
             context = ssl.create_default_context()
             context.sslsocket_class = _TlsSocket
@@ -283,25 +280,13 @@ class MqttPort(MessagePort):
                 if is_ended() or time.monotonic() > end:
                     raise TimeoutError
                 self.work(READ_TIMEOUT, step)
-            self._check(step, self.answers[step])
+            if self.answers[step] >= 128:
+                raise BadDevice(
+                    f"the broker {self._host} refuses this user or this topic (reason code {self.answers[step]}):"
+                    f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
+                )
             if step == "connected":
                 client.subscribe(self._topic, 1)
-
-    def _check(self, step: str, code: int) -> None:
-        """Raise BadDevice where the broker refuses a step by its reason code."""
-        if code < 128:
-            return
-        broker, password = (
-            f"the broker {self._host}",
-            f"the environment variable {PASSWORD_VARIABLE} holds the password",
-        )
-        if step == "subscribed":
-            raise BadDevice(f"{broker} does not let this user read {self._topic}")
-        if code in _WRONG_LOGIN and self._user:
-            raise BadDevice(f"{broker} refuses the user {self._user}, or the password: {password}")
-        if code in _WRONG_LOGIN:
-            raise BadDevice(f"{broker} requires a user: mqtt://user@{self._host}/…, and {password}")
-        raise BadDevice(f"{broker} refuses the connection (code {code})")
 
     def _failure(self, error: Exception) -> str:
         """Why there is no connection."""
@@ -312,8 +297,6 @@ class MqttPort(MessagePort):
                 f"the certificate of {self._host} is not trusted ({short(error.verify_message)}):"
                 " set SSL_CERT_FILE=ca.pem to name your own authority"
             )
-        if isinstance(error, ssl.SSLError) or (self._tls and isinstance(error, ConnectionResetError)):
-            return f"{self._host}:{self._port} does not speak TLS ({short(error)}): is it mqtt://?"
         return connect_failure(self._host, self._port, error, "a broker over TLS" if self._tls else "a broker")
 
     def _on_connect(self, _client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
@@ -390,16 +373,6 @@ def interface_and_port(address: str) -> tuple[str, int]:
     return match[1] or match[2] or LOOPBACK, int(match[3])
 
 
-def bind_failure(host: str, port: int, error: Exception) -> str:
-    """Why a port could not be bound, and what to do."""
-    number = getattr(error, "errno", None)
-    if number == errno.EADDRINUSE:
-        return f"port {port} is in use by another program: close it, or send to another port"
-    if number == errno.EACCES:
-        return f"port {port} needs more privileges: choose one above 1023"
-    return f"{host} is not an address of this computer ({short(error)}): 0.0.0.0 means all of its addresses"
-
-
 class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
@@ -408,11 +381,10 @@ class UdpPort(MessagePort):
         super().__init__()
         del is_ended, last
         self._name, (host, port) = spec.url, interface_and_port(spec.url)
-        self.when_silent = "does the board send to this computer and this port, and does a firewall let it in?"
-        if host in (LOOPBACK, "localhost", "::1"):
-            self.when_silent = (
-                f"only this computer can send to {host}; udp://0.0.0.0:{port} is open to all networks"
-            )
+        self.when_silent = (
+            f"does the board send to port {port} of this computer, and may it? 127.0.0.1 is for this computer only,"
+            f" udp://0.0.0.0:{port} is open to all networks, a firewall may close it"
+        )
         self._socket: Any = None
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
@@ -422,7 +394,10 @@ class UdpPort(MessagePort):
             self._socket.bind(place)
         except (OSError, UnicodeError) as error:
             self.close()
-            raise BadDevice(bind_failure(host, port, error)) from error
+            raise BadDevice(
+                f"port {port} of {host} cannot be bound ({short(error)}): does another program use it, and is"
+                f" {host} an address of this computer? 0.0.0.0 means all of them"
+            ) from error
         self._socket.setblocking(False)
 
     def gather(self) -> None:

@@ -78,26 +78,23 @@ Opener = Callable[["PortSpec", Callable[[], bool], OpenPort | None], OpenPort]
 # Addresses and reasons as messages repeat them: on one line, not too long, and without a password.
 
 
+MQTT_PASSWORD = "KALSCOPE_MQTT_PASSWORD"
+"""The environment variable that holds the password of a broker."""
 _PASSWORD = re.compile(r"([^:/]*://[^:]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
 
 
-def refuse_password(address: str, where: str = "") -> None:
+def refuse_password(address: str) -> None:
     """Refuse what may hold a password: an address is shown, recorded and shared.
 
     `scheme://user:123/456@host/name` reads as host, port and name, too. So an @ after a colon is always refused.
 
-    Args:
-        address: The address, without a baud rate.
-        where: Where a password is put instead.
-
     Raises:
-        BadSetting: there is an @ after a colon.
+        BadSetting: there is an @ after a colon, and more than a baud rate after it.
     """
     if _PASSWORD.match(address):
-        instead = f": {where}" if where else ""
         raise BadSetting(
-            f"an address must hold no password{instead}; an @ of a path or a topic is written %40"
-            f" (got {quoted(address)})"
+            "an address must hold no password: ssh:// uses your keys, mqtt:// the environment variable"
+            f" {MQTT_PASSWORD}; an @ of a path or a topic is written %40 (got {quoted(address)})"
         )
 
 
@@ -157,8 +154,6 @@ class PortState:
     """What ended or prevents the connection, a sentence without its full stop; "" if nothing does."""
     device: str = ""
     """The device that is, or was last, open: the path may change when a board is plugged in again."""
-    since: float = 0.0
-    """Monotonic time of the change to this word, s."""
     opened: int = 0
     """How many times the port was opened; all but the first are reconnects."""
 
@@ -276,8 +271,6 @@ class Overload:
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
-_MIN_CONNECTED_S = 5.0
-"""A connection that lasted longer, in s, resets the retry delay."""
 _KEPT_BYTES, _KEPT_PAUSE = 1 << 17, 0.01
 """Bytes that wait for the consumer where the other side can keep the rest, and seconds until it is asked again."""
 
@@ -297,7 +290,7 @@ class PortReader:
 
         Args:
             spec: The port.
-            reconnect: Reopen it when the board comes back; may be switched at any time.
+            reconnect: Reopen it when the board comes back.
             clock: The source of the stamps.
             opener: What opens the port; None = what `spec` names.
         """
@@ -306,14 +299,12 @@ class PortReader:
         """The events in order."""
         self.taken = 0
         """Bytes that the consumer has taken out of the queue and processed; the consumer counts them."""
-        self.reconnect = reconnect
-        """Whether the port is reopened when the board comes back."""
+        self._reconnect = reconnect
         self._clock = clock
         self._opener = opener or spec.transport.opener
         self._last: OpenPort | None = None
         self._state = PortState("closed", device=spec.url)
         self._port: OpenPort | None = None
-        self._ready: OpenPort | None = None  # open, but not read yet
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
@@ -332,28 +323,12 @@ class PortReader:
         """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
         if self._state.word != "connected" or self._last is None:
             return 0.0, ""
-        return self._clock.monotonic() - max(self._received_at, self._state.since), self._last.when_silent
+        return self._clock.monotonic() - self._received_at, self._last.when_silent
 
     @property
     def running(self) -> bool:
         """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
-
-    def open(self) -> None:
-        """Open the port; `start` then reads it from its first byte. Does nothing while it is open and not read yet.
-
-        Raises:
-            BadDevice: the port cannot be opened.
-        """
-        if self._ready is not None:
-            return
-        self._stop = threading.Event()
-        self._set_state("connecting")
-        try:
-            self._ready = self._opened(self._stop)
-        except BadDevice as error:
-            self._set_state("closed", str(error))
-            raise
 
     def start(self, *, require: bool = False) -> None:
         """Begin to read; does nothing while it runs.
@@ -366,12 +341,14 @@ class PortReader:
         """
         if self.running:
             return
+        self._stop, port = threading.Event(), None
+        self._set_state("connecting")
         if require:
-            self.open()
-        port, self._ready = self._ready, None
-        if port is None:
-            self._stop = threading.Event()
-            self._set_state("connecting")
+            try:
+                port = self._opened(self._stop)
+            except BadDevice as error:
+                self._set_state("closed", str(error))
+                raise
         self._thread = threading.Thread(
             target=self._run, args=(port, self._stop), name="kalscope port", daemon=True
         )
@@ -385,9 +362,6 @@ class PortReader:
         """
         self._stop.set()
         thread, self._thread = self._thread, None
-        ready, self._ready = self._ready, None
-        if ready is not None:
-            ready.close()
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout)
         self._set_state("closed", self._state.reason if self._state.word == "closed" else "")
@@ -409,13 +383,12 @@ class PortReader:
         while port is not None or not stop.is_set():
             try:
                 port = port or self._opened(stop)
+                delay = MIN_RETRY_DELAY
                 reason = self._read(port, stop)
-                if self._clock.monotonic() - self._state.since > _MIN_CONNECTED_S:
-                    delay = MIN_RETRY_DELAY
             except BadDevice as error:
                 reason = str(error)
             is_closed = stop.is_set()
-            waits = self.reconnect and not is_closed
+            waits = self._reconnect and not is_closed
             if stop is self._stop:  # not started again in the meantime
                 self._set_state("disconnected, waiting" if waits else "closed", "" if is_closed else reason)
             if port is not None:
@@ -434,12 +407,12 @@ class PortReader:
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} was closed before it had opened")
-        at = self._clock.monotonic()
+        at = self._received_at = self._clock.monotonic()
         with self._write_lock:
             self._port = self._last = port
         # Before the state changes, so that a caller who sees "connected" finds the event.
         self.items.put(Opened(at, port.starts, port.keeps))
-        self._state = PortState("connected", "", device, at, self._state.opened + 1)
+        self._state = PortState("connected", "", device, self._state.opened + 1)
         return port
 
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
@@ -477,6 +450,4 @@ class PortReader:
         return why
 
     def _set_state(self, word: Word, reason: str = "") -> None:
-        state = self._state
-        since = state.since if word == state.word else self._clock.monotonic()
-        self._state = PortState(word, reason, state.device, since, state.opened)
+        self._state = replace(self._state, word=word, reason=reason)

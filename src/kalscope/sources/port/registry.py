@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from kalscope.errors import BadSetting
 from kalscope.sources.port.messages import (
-    PASSWORD_VARIABLE,
     MqttPort,
     UdpPort,
     interface_and_port,
@@ -35,8 +34,6 @@ class Transport:
     """Opens it; imports what it needs."""
     has_baud: bool = False
     """Whether an address may end with @ and a baud rate."""
-    password: str = ""
-    """Where its users put a password, for messages; "" where there is none."""
 
     def begins(self, address: str) -> bool:
         """Whether the address is of this kind."""
@@ -45,7 +42,7 @@ class Transport:
     def refuse(self, address: str) -> None:
         """Raise BadSetting where an address is malformed, or holds a password."""
         if self.prefixes[0].endswith("://"):
-            refuse_password(address, self.password)
+            refuse_password(address)
         self.check(address)
 
 
@@ -56,13 +53,7 @@ TRANSPORTS = (
     Transport(("ssh://",), "ssh://host/dev/ttyACM0@115200", ssh_parts, SshPort, has_baud=True),
     Transport(("tcp://", "socket://"), "tcp://host:port", host_and_port, SocketPort),
     Transport(("udp://",), "udp://:47269", interface_and_port, UdpPort),
-    Transport(
-        ("mqtt://", "mqtts://"),
-        "mqtt://broker/topic",
-        mqtt_parts,
-        MqttPort,
-        password=f"set {PASSWORD_VARIABLE}",
-    ),
+    Transport(("mqtt://", "mqtts://"), "mqtt://broker/topic", mqtt_parts, MqttPort),
     Transport((FILE_PREFIX,), "file:log.csv", check_file, FilePort),
     Transport(("rfc2217://",), "rfc2217://host:port", host_and_port, SerialPort, has_baud=True),
 )

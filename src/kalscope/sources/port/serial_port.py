@@ -8,7 +8,6 @@ import re
 import select
 import socket
 import sys
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -148,8 +147,6 @@ class SocketPort(OpenPort):
 
 
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
-_SOON = 10.0
-"""Seconds between two losses that show another cause than a cable."""
 
 _DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
 
@@ -199,9 +196,7 @@ class SerialPort(OpenPort):
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
         del is_ended  # a driver opens at once
-        known = last if isinstance(last, SerialPort) else None
-        self.serial_number = "" if known is None else known.serial_number
-        self.lost_at = -_SOON if known is None else known.lost_at
+        self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
         self._is_url = "://" in spec.url
         listed = () if self._is_url else list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
@@ -223,15 +218,12 @@ class SerialPort(OpenPort):
         found = [info.serial_number for info in listed if info.device in paths]
         self.serial_number = found[0] if found else self.serial_number
 
-    def loss(self, error: BaseException) -> str:
+    def loss(self) -> str:
         """Why an open port was probably lost; pyserial raises the same for a pulled cable and a second reader."""
         if self._is_url:
             return f"the other side of {self.device} closed the connection"
-        now = time.monotonic()
-        again, self.lost_at = now - self.lost_at < _SOON, now
-        if again or ("multiple access" in str(error) and os.path.exists(self.device)):
-            return "the board was unplugged, or another program reads this port"
-        return "the board was unplugged"
+        is_there = ", or another program reads this port" if os.path.exists(self.device) else ""
+        return f"the board was unplugged{is_there}"
 
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
@@ -239,7 +231,7 @@ class SerialPort(OpenPort):
             # Never more than is there: a read that waits for the rest loses it all if the board is lost.
             return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
         except LOST as error:
-            raise BadDevice(self.loss(error)) from error
+            raise BadDevice(self.loss()) from error
 
     def write(self, data: bytes) -> None:
         """Send all of it."""

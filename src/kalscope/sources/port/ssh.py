@@ -89,21 +89,11 @@ CONNECT_TIMEOUT = 20.0
 """Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one."""
 COMMAND = """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
 """What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
-OPTIONS = (
-    "-T",
-    *("-e", "none"),
-    *("-o", "BatchMode=yes"),
-    *("-o", "StrictHostKeyChecking=yes"),
-    *("-o", "ConnectTimeout=10"),
-    *("-o", "ServerAliveInterval=5"),
-    *("-o", "ServerAliveCountMax=3"),
-    *("-o", "ControlMaster=no"),  # it would outlive this program; one that runs already is used
-    *("-o", "ClearAllForwardings=yes"),
-    *("-o", "ForwardAgent=no"),
-    *("-o", "ForwardX11=no"),
-    *("-o", "PermitLocalCommand=no"),
-    *("-o", "RemoteCommand=none"),
-)
+_SETTINGS = """
+BatchMode=yes StrictHostKeyChecking=yes ConnectTimeout=10 ServerAliveInterval=5 ServerAliveCountMax=3
+ControlMaster=no ClearAllForwardings=yes ForwardAgent=no ForwardX11=no PermitLocalCommand=no RemoteCommand=none
+"""  # ControlMaster would outlive this program; one that runs already is used
+OPTIONS = ("-T", "-enone", *(f"-o{setting}" for setting in _SETTINGS.split()))
 _ALIVE_EVERY = 3.0
 """Seconds between two keep-alive lines; far_side.MAX_SILENCE is five times as long."""
 _MAX_GREETING = 1 << 16
