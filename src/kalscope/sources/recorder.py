@@ -299,20 +299,12 @@ def _end_of_whole_lines(descriptor: int) -> int:
         return data.rfind(b"\n", 0, zero if zero >= 0 else len(data)) + 1
 
 
-@dataclass(frozen=True)
-class RecordingEnds:
-    """The times and the header in the first and last lines of a recording."""
+def read_ends(path: Path) -> tuple[float | None, str, float]:
+    """What a repaired recording begins and ends with.
 
-    wall: float | None
-    """Unix time at host time 0, s; None where the file ends before that line."""
-    header: str
-    """The CSV header with its newline; "" where the file ends before it."""
-    host: float
-    """Host time of the last row, s; 0 where there is none."""
-
-
-def read_ends(path: Path) -> RecordingEnds:
-    """The times and the header of a repaired recording.
+    Returns:
+        Unix time at host time 0, s, and the CSV header with its newline, or None and "" where the file ends before
+        them; the host time of the last row, s, 0 where there is none.
 
     Raises:
         BadFile: Its comments or its last row cannot be understood.
@@ -331,7 +323,7 @@ def read_ends(path: Path) -> RecordingEnds:
         host = float(rows[-1].partition(",")[0]) if rows else 0.0
     except (ValueError, IndexError):
         raise BadFile(f"{path.name} must be a recording as it was written (got one that was edited)") from None
-    return RecordingEnds(wall, header, host)
+    return wall, header, host
 
 
 # A file that only grows, by whole lines, whatever the disk does.
@@ -637,7 +629,7 @@ class Recorder:
                 if has_rejects:
                     repair(self.rejects_path)
                 self._csv.measure()
-                self._resume(read_ends(path))
+                self._resume(*read_ends(path))
             else:
                 self._csv.note(preamble(self._source, self._wall))
         except BadFile:
@@ -648,14 +640,13 @@ class Recorder:
             reason = getattr(error, "strerror", None) or str(error)
             raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
 
-    def _resume(self, ends: RecordingEnds) -> None:
-        """Continue the host time and the columns of a part with these ends."""
-        if ends.wall is None:  # a crash right after the start left no header
+    def _resume(self, wall: float | None, header: str, host: float) -> None:
+        """Continue the host time and the columns of a part that begins and ends with these."""
+        if wall is None:  # a crash right after the start left no header
             self._csv.note(preamble(self._source, self._wall))
             return
-        since = self._wall - ends.wall - ends.host
-        self._offset = ends.host + max(since, 0.0)
-        self._header = ends.header
+        since = self._wall - wall - host
+        self._offset, self._header = host + max(since, 0.0), header
         length = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
         self._csv.note(
             f"# gap restart {length}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"

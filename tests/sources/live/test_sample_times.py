@@ -30,7 +30,6 @@ def test_stamps_of_the_board_are_the_time_to_the_last_digit(unit, scale):
     clock = LiveTime(TimeColumn(0, "number", unit))
     time = times_of(clock, [9.0, 9.3, 9.1, 9.9], [5000.0, 5010.0, 5020.0, 5030.0])
     np.testing.assert_allclose(time, np.arange(4) * 10 * scale, rtol=1e-12, atol=1e-12)
-    assert clock.by_device
     assert clock.period == pytest.approx(10 * scale, rel=1e-9)
 
 
@@ -46,7 +45,6 @@ def test_a_unit_that_is_not_said_is_found_by_the_clock_of_the_host(unit, scale, 
 def test_stamps_that_stand_still_are_no_time():
     clock = LiveTime(TimeColumn(0, "number", ""))
     time = times_of(clock, (np.arange(100) * 0.01).tolist(), [3.0] * 100)
-    assert not clock.by_device
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
 
 

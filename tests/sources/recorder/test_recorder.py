@@ -453,7 +453,7 @@ def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goe
         recorder.close()
     assert data_lines(path) == ["0.000000,1", "0.001000,2"]
     assert data_lines(tmp_path / "run-2.csv") == ["10.000000,1,2", "20.000000,1,2"]
-    assert read_ends(tmp_path / "run-2.csv").wall == WALL
+    assert read_ends(tmp_path / "run-2.csv")[0] == WALL
     assert not (tmp_path / "run-3.csv").exists()
 
 

@@ -154,11 +154,6 @@ class LiveTime:
         self._steps = np.empty(_STEPS)
         self._count = 0
 
-    @property
-    def by_device(self) -> bool:
-        """True where the board's own stamps are the time."""
-        return self._scale is not None
-
     def interrupt(self) -> None:
         """Note an interruption before the next row."""
         self._broken = True

@@ -25,7 +25,7 @@ from typing import Self
 
 import numpy as np
 
-from kalscope.common.text import count
+from kalscope.common.text import count, duration
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
@@ -181,8 +181,6 @@ class CommandChannel:
 
 _RATE_OVER = 2.0
 """Seconds over which the lines per second are averaged."""
-_RATE_EVERY = 0.1
-"""Seconds between two counts that are kept for this."""
 _SILENT_AFTER = 5.0
 """Seconds after which a source that should send is reported as silent, and the step of that time."""
 _MIN_LINES_JUDGED = 20
@@ -219,8 +217,6 @@ class LiveStatus:
     """Measured sample period in s, the median step; None before two samples."""
     jitter: float | None
     """Half the width that holds nine of ten steps, in s; None before ten steps."""
-    device_time: bool
-    """True where the time is the board's own, false where it is that of arrival."""
     accepted: int
     """Lines that became samples."""
     rejected: int
@@ -251,8 +247,8 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
     if state.reason:
         return state.reason
     if check and seconds >= _SILENT_AFTER:
-        minutes, steps = int(seconds // 60), int(seconds // _SILENT_AFTER)  # in steps: a running number distracts
-        return f"nothing has arrived for {f'{minutes} min' if minutes else f'{steps * _SILENT_AFTER:g} s'}: {check}"
+        steps = int(seconds // _SILENT_AFTER)  # a running number distracts
+        return f"nothing has arrived for {duration(steps * _SILENT_AFTER)}: {check}"
     if noise:
         cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
         return f"the data is not text{cause}"
@@ -274,8 +270,7 @@ class LineRate:
     def note(self, at: float, received: int) -> None:
         """Note how many lines had arrived at the monotonic time `at`, s."""
         noted = self._noted
-        if not noted or at - noted[-1][0] >= _RATE_EVERY:
-            noted.append((at, received))
+        noted.append((at, received))
         while len(noted) > 2 and at - noted[1][0] > _RATE_OVER:
             noted.popleft()
         (begin, old), (end, new) = noted[0], noted[-1]
@@ -405,7 +400,6 @@ class LiveSource:
                 lines_per_s=self._rate.now if state.word == "connected" else 0.0,
                 period=time.period,
                 jitter=time.jitter,
-                device_time=time.by_device,
                 reconnects=max(state.opened - 1, 0),
                 left_memory=self._samples.left_memory,
                 max_read_latency=reader.max_read_latency,

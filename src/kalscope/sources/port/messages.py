@@ -26,7 +26,7 @@ from kalscope.sources.port.reader import (
     quoted,
     short,
 )
-from kalscope.sources.port.serial_port import connect_failure
+from kalscope.sources.port.serial_port import connect_failure, host_and_port
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -297,7 +297,7 @@ class MqttPort(MessagePort):
                 f"the certificate of {self._host} is not trusted ({short(error.verify_message)}):"
                 " set SSL_CERT_FILE=ca.pem to name your own authority"
             )
-        return connect_failure(self._host, self._port, error, "a broker over TLS" if self._tls else "a broker")
+        return connect_failure(self._host, self._port, error)
 
     def _on_connect(self, _client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
         self.answers["connected"] = code.value
@@ -356,21 +356,10 @@ MAX_DATAGRAM = 65_535
 UDP_RECEIVE_BUFFER = 4 << 20
 """Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
 
-_UDP_ADDRESS = re.compile(r"udp://(?:(?:\[([0-9A-Fa-f:.%\w]+)\]|([^/:?@\[\]\s]*)):)?([0-9]{1,5})/?", re.IGNORECASE)
-
 
 def interface_and_port(address: str) -> tuple[str, int]:
-    """The interface and the port of an address.
-
-    Raises:
-        BadSetting: it is not udp://:port or udp://interface:port.
-    """
-    match = _UDP_ADDRESS.fullmatch(address)
-    if match is None or not 1 <= int(match[3]) <= 65_535:
-        raise BadSetting(
-            f"an address must be udp://:47269, or udp://0.0.0.0:47269 for all networks (got {quoted(address)})"
-        )
-    return match[1] or match[2] or LOOPBACK, int(match[3])
+    """The interface and the port of an address; raises BadSetting as `host_and_port`."""
+    return host_and_port(address, LOOPBACK)
 
 
 class UdpPort(MessagePort):

@@ -71,35 +71,29 @@ def _natural(device: str) -> list[tuple[int, str]]:
 # tcp://host:port, which pyserial writes socket://: a board, or a program, that sends its lines over TCP.
 
 
-_HOST_PORT = re.compile(r"\w+://(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\s]+)):([0-9]{1,5})(?:[/?].*)?", re.IGNORECASE)
+_HOST_PORT = re.compile(r"\w+://(?:\[([0-9A-Fa-f:.%\w]+)\]|([^/:?@\s]*)):([0-9]{1,5})(?:[/?].*)?", re.IGNORECASE)
 
 
-def host_and_port(address: str) -> tuple[str, int]:
-    """The host and the port of an address.
+def host_and_port(address: str, default: str = "") -> tuple[str, int]:
+    """The host, or a default where none is named, and the port of an address.
 
     Raises:
         BadSetting: it is not scheme://host:port.
     """
     match = _HOST_PORT.fullmatch(address)
-    if match is None or not 1 <= int(match[3]) <= 65_535:
+    host = match and (match[1] or match[2] or default)
+    if match is None or not host or not 1 <= int(match[3]) <= 65_535:
         scheme = address.partition(":")[0].lower()
         raise BadSetting(f"an address must be {scheme}://host:port (got {quoted(address)})")
-    return match[1] or match[2], int(match[3])
+    return host, int(match[3])
 
 
-def connect_failure(host: str, port: int, error: Exception, what: str = "the board, or its program,") -> str:
-    """Why a connection could not be made, and what to do.
-
-    Args:
-        host: The other side.
-        port: Its port.
-        error: What the system raised.
-        what: Who should answer there.
-    """
+def connect_failure(host: str, port: int, error: Exception) -> str:
+    """Why a connection could not be made, and what to do."""
     if isinstance(error, socket.gaierror | UnicodeError):
         return f"no computer is known by the name {host} ({short(getattr(error, 'strerror', None) or error)})"
     if isinstance(error, ConnectionRefusedError):
-        return f"nothing listens at {host}:{port}: is {what} running there?"
+        return f"nothing listens at {host}:{port}: does the board, or the broker, run there?"
     if isinstance(error, TimeoutError):
         return f"{host}:{port} does not answer within {CONNECT_TIMEOUT:g} s"
     return f"{host}:{port} cannot be reached ({short(error)})"

@@ -51,15 +51,15 @@ def heard(sender):
         yield live
 
 
-@each("text", ["udp://:47269", "udp://47269", "udp://0.0.0.0:47269", "UDP://[::1]:47269", "udp://localhost:5000"])
+@each("text", ["udp://:47269", "udp://0.0.0.0:47269", "UDP://[::1]:47269", "udp://localhost:5000"])
 def test_addresses_of_datagrams(text):
     assert is_live(text)
     assert port_of(text).text == text
 
 
-@each("text", ["udp://", "udp://:", "udp://:0", "udp://:70000", "udp://a b:1", "udp://host:1/path", "udp://u@h:1"])
+@each("text", ["udp://", "udp://:", "udp://:0", "udp://:70000", "udp://a b:1", "udp://47269", "udp://u@h:1"])
 def test_what_is_no_address_of_datagrams(text):
-    with pytest.raises(BadSetting, match="an address must be udp://:47269"):
+    with pytest.raises(BadSetting, match="an address must be udp://host:port"):
         port_of(text)
 
 
@@ -73,7 +73,6 @@ def test_every_datagram_arrives_from_the_first_one_on(sender, heard, wait_for):
     assert (status.accepted, status.rejected, status.dropped) == (4000, 0, 2000)
     assert (recording.names, recording.units) == (("temp", "hum"), ("", "%"))
     np.testing.assert_array_equal(recording.values, np.column_stack([np.arange(2000), -np.arange(2000)]))
-    assert status.device_time
     assert recording.time[-1] == pytest.approx(19.99)
 
 
