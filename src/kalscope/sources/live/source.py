@@ -333,7 +333,7 @@ class LiveSource:
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
         self._recorder: Recorder | None = None
-        self._recorder_lock = threading.Lock()  # held while one is begun or ended
+        self._recorder_lock = threading.Lock()  # lines wait while one is begun or ended
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
@@ -536,14 +536,17 @@ class LiveSource:
             self._counts = replace(self._lines.counts)
 
     def _write(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        if (recorder := self._recorder) is not None:
-            recorder.write(stamped, layout)
+        with self._recorder_lock:
+            if self._recorder is not None:
+                self._recorder.write(stamped, layout)
 
     def _report_drops(self) -> None:
         dropped, self._lines.unreported_drops = self._lines.unreported_drops, 0
-        if dropped and (recorder := self._recorder) is not None:
-            recorder.drop(dropped)
+        with self._recorder_lock:
+            if dropped and self._recorder is not None:
+                self._recorder.drop(dropped)
 
     def _note_gap(self, kind: str, seconds: float) -> None:
-        if (recorder := self._recorder) is not None:
-            recorder.gap(kind, seconds)
+        with self._recorder_lock:
+            if self._recorder is not None:
+                self._recorder.gap(kind, seconds)
