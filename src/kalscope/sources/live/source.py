@@ -455,15 +455,17 @@ class LiveSource:
 
     def _run(self, stop: threading.Event) -> None:
         while True:
+            is_late = self._clock.monotonic() > self._end_by
+            is_over = stop.is_set() and (is_late or not self._reader.is_open)
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
                 self._write([], self._layout)
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
-                if stop.is_set():
+                if is_over:
                     return
                 continue
-            if isinstance(item, BytesReceived) and self._clock.monotonic() > self._end_by:
+            if isinstance(item, BytesReceived) and is_late:
                 item = self._rest(item)
             self._handle(item)
             with self._lock:

@@ -330,6 +330,11 @@ class PortReader:
         """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the port may still be read."""
+        return self._port is not None
+
     def start(self, *, require: bool = False) -> None:
         """Begin to read; does nothing while it runs.
 
@@ -442,11 +447,11 @@ class PortReader:
         except BadDevice as error:
             why = str(error)
         finally:
+            for gap in overload.end():
+                self.items.put(gap)
             with self._write_lock:
                 self._port = None
             port.close()
-            for gap in overload.end():
-                self.items.put(gap)
         return why
 
     def _set_state(self, word: Word, reason: str = "") -> None:
