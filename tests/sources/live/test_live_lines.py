@@ -145,13 +145,6 @@ def test_words_among_the_numbers_are_no_new_names():
     assert stream.lines.counts.rejected == 0
 
 
-@each("torn", [b"a94*2B", b"b", b"b*1F", b"a,b"])
-def test_a_torn_line_is_no_header_of_lines_that_name_their_own_values(torn):
-    stream = Stream().feed(b"x\na:1,b:2*2C\na:2,b:4*29\n" + torn + b"\na:3,b:6*2A\na:4,b:8*23\n", 0.1)
-    assert stream.names == ["a", "b"]
-    assert stream.rows == [(n, 2.0 * n) for n in (1.0, 2.0, 3.0, 4.0)]
-
-
 @pytest.mark.parametrize("mark", [b"", b"# "])  # the exported sketches write their names as a comment
 def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)

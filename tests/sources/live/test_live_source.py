@@ -51,34 +51,6 @@ def test_what_an_arduino_prints_for_no_number_is_a_missing_sample(board, live, w
     assert live.status().rejected == 0
 
 
-def test_a_snapshot_never_changes_and_is_the_same_while_nothing_comes(board, live, wait_for):
-    board.say(b"x\n" + lines(0, 100))
-    wait_for(received(live, 100))
-    held = live.snapshot()
-    assert live.snapshot() is held
-    before = held.recording.values.copy(), held.recording.time.copy()
-    board.say(lines(100, 10_000))
-    wait_for(received(live, 10_000))
-    np.testing.assert_array_equal(held.recording.values, before[0])
-    np.testing.assert_array_equal(held.recording.time, before[1])
-    later = live.snapshot()
-    assert later.version > held.version
-    assert later.generation == held.generation
-    with pytest.raises(ValueError, match="read-only"):
-        later.recording.values[0, 0] = 5.0
-
-
-def test_older_samples_leave_memory_and_that_is_said(board, wait_for):
-    with LiveSource(board.link, keep=1000) as live:
-        wait_for(lambda: live.status().word == "connected")
-        board.say(b"x\n" + lines(0, 10_000))
-        wait_for(received(live, 10_000))
-        snapshot = live.snapshot()
-        assert 1000 <= len(snapshot.recording) <= 1250
-        assert snapshot.first == live.status().left_memory == 10_000 - len(snapshot.recording)
-        np.testing.assert_array_equal(snapshot.recording.values[:, 0], np.arange(snapshot.first, 10_000))
-
-
 def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, live, wait_for):
     board.say(b"x\na,b\n" + lines(0, 100))
     wait_for(received(live, 100))

@@ -96,16 +96,6 @@ def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
     assert waits == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
 
 
-def test_without_reconnecting_a_lost_board_ends_the_thread(board, wait_for):
-    reader = PortReader(PortSpec(board.link), reconnect=False)
-    reader.start(require=True)
-    board.unplug()
-    wait_for(lambda: not reader.running)
-    assert reader.state.word == "closed"
-    assert "unplugged" in reader.state.reason
-    reader.close()
-
-
 def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):
     for _ in range(3):
         reader.start(require=True)

@@ -372,23 +372,6 @@ def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_wri
         recorder.close()
 
 
-def test_a_full_disk_keeps_the_lines_of_each_part_apart(tmp_path, monkeypatch):
-    path, clock = tmp_path / "run.csv", Clock()
-    recorder = new_recorder(path, clock=clock)
-    hand_over(recorder, b"a:1\n")
-    disk = FullDisk(0)
-    monkeypatch.setattr(recorder_module.os, "write", disk)
-    hand_over(recorder, b"a:2\n")
-    hand_over(recorder, b"a:3 b:4\n")
-    assert recorder.counts == RecorderCounts(1, 1, waiting=2)
-    disk.room = 1_000_000
-    clock.now += 1.0
-    recorder.write([], None)
-    assert recorder.close() == RecorderCounts(3, 3)
-    assert data_lines(path) == ["0.000000,1", "0.000000,2"]
-    assert data_lines(tmp_path / "run-2.csv") == ["0.000000,3,4"]
-
-
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
     recorder = new_recorder(tmp_path / "run.csv")
     hand_over(recorder, b"1,2\n3,4\n")
