@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port.reader import BytesReceived
 
 TICK = 0.001
 """Seconds between two writes of the board, as a USB chip hands over."""
@@ -162,13 +163,13 @@ def measure_by_ssh(seconds: float, rate: float, channels: int) -> Figures:
 def _watch_reads(live: LiveSource) -> list[float]:
     """The times between the reads, noted as the reader hands over."""
     gaps: list[float] = []
-    release = live._reader.items.release
+    take = live._take
 
-    def note(item):
-        gaps.append(item.end - item.begin)
-        release(item)
+    def note(received: BytesReceived) -> None:
+        gaps.append(received.end - received.begin)
+        take(received)
 
-    live._reader.items.release = note
+    live._take = note
     return gaps
 
 

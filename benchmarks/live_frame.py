@@ -27,8 +27,7 @@ import numpy as np
 
 from kalscope.recording import Recording
 from kalscope.sources.live.samples import SampleStore, Snapshot
-from kalscope.sources.live.source import LiveSource
-from kalscope.sources.live.status import LiveStatus
+from kalscope.sources.live.source import LiveSource, LiveStatus
 from kalscope.sources.port.registry import port_of
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.engine import DELAYS

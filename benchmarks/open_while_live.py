@@ -34,6 +34,7 @@ from starved import BareReader, Starved
 from kalscope import read_recording
 from kalscope.errors import KalscopeError
 from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port.reader import BytesReceived
 from kalscope_app.session.opening import opened
 from kalscope_app.worker.worker import Worker
 
@@ -106,27 +107,27 @@ def measure(files: list[Path], recording: Path, worker: Worker | None) -> list[R
 def watch_reads(live: LiveSource) -> list[Wait]:
     """From each read of the port to the next."""
     waits: list[Wait] = []
-    release = live._reader.items.release
+    take = live._take
 
-    def note(item):
-        waits.append((item.begin, item.end))
-        release(item)
+    def note(received: BytesReceived) -> None:
+        waits.append((received.begin, received.end))
+        take(received)
 
-    live._reader.items.release = note
+    live._take = note
     return waits
 
 
 def watch_writes(live: LiveSource) -> list[Wait]:
     """From the arrival of the newest line to its being written, each time that lines are."""
     waits: list[Wait] = []
-    write = live._slot.write
+    write = live._write
 
     def note(stamped, layout):
         write(stamped, layout)
         if stamped:
             waits.append((stamped[-1][0], time.monotonic()))
 
-    live._slot.write = note
+    live._write = note
     return waits
 
 

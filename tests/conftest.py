@@ -24,7 +24,7 @@ from waiting import PATIENCE
 
 from kalscope.cli.app import COMMANDS
 from kalscope.export import board
-from kalscope.sources.live import commands
+from kalscope.sources.live import source
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -124,7 +124,7 @@ def one_command_line() -> Iterator[None]:
 def patient_with_boards() -> Iterator[None]:
     """Wait for the answer of a board as long as for everything else: a busy machine is no board that is silent."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commands, "ANSWER_S", PATIENCE)
+        patch.setattr(source, "ANSWER_S", PATIENCE)
         patch.setattr(board, "_CANCEL_S", PATIENCE)
         yield
 

@@ -17,11 +17,9 @@ from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeE
 from kalscope.export.board import BoardAnswer, FixedFilter, board_filter, commands, measure, values_in_use
 from kalscope.export.float32 import float32_params, float32_tuning, runs_kalman
 from kalscope.sources.live.samples import Snapshot
-from kalscope.sources.live.source import LiveSource
-from kalscope.sources.live.status import RecordingStatus
+from kalscope.sources.live.source import LiveSource, RecordingStatus
 from kalscope.sources.port.registry import PortSpec, port_of
-from kalscope.sources.recorded_files import first_free
-from kalscope.sources.recorder import RecorderCounts
+from kalscope.sources.recorder import RecorderCounts, first_free
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.session import Failed, Session
@@ -139,7 +137,7 @@ def port_named(spec: str, rate: str, *, reset: bool) -> PortSpec:
     """
     if not spec:
         raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
-    return port_of(spec, default_baud=rate, in_dashboard=True, reset=reset)
+    return port_of(spec, default_baud=rate, reset=reset)
 
 
 # Lets the live board measure the noise of the channel on screen.
@@ -216,15 +214,14 @@ class BoardRecording:
         """Report at once what prevents lines from being written, and at the end what was recorded."""
         reported, pause = "", threading.Event()
         while source.recorder is recorder:
-            problem = recorder.error or recorder.warning
+            problem = recorder.error
             if problem and problem != reported:
                 self._tell(f"Recording: {problem}", failed=Failed.RECORD)
             reported = problem
             self.on_change(source.status().recording)
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed
-        whole = not recorder.error and not done.removed
-        self._tell(f"Recorded {recorder.files}: {account(done)}", good=whole, failed=Failed.RECORD)
+        self._tell(f"Recorded {recorder.files}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
         self.last = next(filter(Path.exists, recorder.paths), recorder.path)
         self._propose(recorder.path)
         self._wake()  # a board in the background is closed once it is no longer recorded

@@ -173,14 +173,14 @@ def first_state(
 def followed(source: str) -> str:
     """The address of a file that is read as it grows; a live source is returned as it is."""
     from kalscope.errors import BadSetting
-    from kalscope.sources.port.local_file import PREFIX
     from kalscope.sources.port.registry import is_live
+    from kalscope.sources.port.ssh import FILE_PREFIX
 
     if is_live(source):
         return source
     if not Path(source).is_file():
         raise BadSetting(f"--follow needs an existing file (got {source!r})")
-    return f"{PREFIX}{Path(source).absolute()}"
+    return f"{FILE_PREFIX}{Path(source).absolute()}"
 
 
 def recorded_state(source: str, options: ReadOptions, config: Path | None, sample_period: float | None) -> State:

@@ -24,8 +24,8 @@ from kalscope.common.progress import OnProgress
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.port.reader import quoted
 from kalscope.sources.port.registry import is_live
-from kalscope.sources.port.transport import quoted
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import DEMO, open_sample
 from kalscope.sources.synthetic import SignalSettings, synthesize

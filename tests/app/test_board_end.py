@@ -116,15 +116,15 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
 
 SWALLOWING = f"""
 import pathlib, time
-from kalscope.sources.port.serial_port import SerialEndpoint
-openings, connect = [], SerialEndpoint.open
+from kalscope.sources.port.serial_port import SerialPort
+openings, connect = [], SerialPort.__init__
 def slow(*arguments):
     openings.append(1)
     if len(openings) > 1:
         pathlib.Path("connecting").touch()
         time.sleep({FOR_EVER})
     return connect(*arguments)
-SerialEndpoint.open = slow
+SerialPort.__init__ = slow
 """
 
 

@@ -28,7 +28,7 @@ from kalscope.recording import LineIssue
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorded_files import header_line, preamble, rejects_lines
+from kalscope.sources.recorder import header_line, preamble, rejects_lines
 from kalscope_app.program.log import Lines
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line

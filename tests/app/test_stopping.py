@@ -107,8 +107,8 @@ def test_a_recording_whose_board_does_not_answer_ends_before_it_began(by, tmp_pa
             one = waiting.enter_context(socket.socket())
             one.setblocking(False)
             one.connect_ex(full.getsockname())
-        change = "from kalscope.sources.port.reader import PortReader\nopened = PortReader.open\n"
-        change += "PortReader.open = lambda self: (print('opening', flush=True), opened(self))[1]"
+        change = "from kalscope.sources.port.reader import PortReader\nopened = PortReader.start\n"
+        change += "PortReader.start = lambda *a, **k: (print('opening', flush=True), opened(*a, **k))[1]"
         port = f"socket://127.0.0.1:{full.getsockname()[1]}"
         with start(tmp_path, "record", port, "-o", "run.csv", source=None, change=change) as program:
             assert next_line(program) == "opening\n"

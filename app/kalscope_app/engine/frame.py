@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kalscope.common.numbers import Array
 from kalscope.filtering.filter import FilterResult, smooth, was_rejected
 from kalscope.filtering.steady import SteadyState
-from kalscope.sources.live.status import LiveStatus
+from kalscope.sources.live.source import LiveStatus
 from kalscope_app.engine.filter_runs import DrawnSamples, FilterRuns
 from kalscope_app.session.state import NO_CONNECTION, ConnectionState, Fusion, State
 

@@ -26,7 +26,7 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.samples import Snapshot
-from kalscope.sources.live.status import LiveStatus
+from kalscope.sources.live.source import LiveStatus
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from functools import partial
 import viser
 
 from kalscope.common.text import count, duration, number
-from kalscope.sources.live.status import LiveStatus, RecordingStatus
+from kalscope.sources.live.source import LiveStatus, RecordingStatus
 from kalscope.sources.port.registry import PortSpec, named_transport
 from kalscope.sources.port.serial_port import list_ports
 from kalscope_app.engine.frame import Frame
@@ -70,7 +70,8 @@ def recording_text(recording: RecordingStatus | None) -> str:
     lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
     if recording.counts.waiting:
         lines.append(f"{count(recording.counts.waiting)} lines wait in memory")
-    lines += [f"**{escape_markdown(text, 200)}**" for text in (recording.error, recording.warning) if text]
+    if recording.error:
+        lines.append(f"**{escape_markdown(recording.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)
 
 

@@ -344,7 +344,7 @@ def heading_of(frame: Frame) -> str:
             parts.append(
                 f"recording to **{escape_markdown(recording.name)}**: {count(recording.counts.written)} lines"
             )
-            parts += [f"**{escape_markdown(text, 160)}**" for text in (recording.error, recording.warning) if text]
+            parts += [f"**{escape_markdown(recording.error, 160)}**"] if recording.error else []
     if starts_wild(frame):
         parts.append("innovation axis clipped at start-up")
     return " · ".join(parts)

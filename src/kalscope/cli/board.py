@@ -31,8 +31,7 @@ from kalscope.sources.port.serial_port import PortInfo, list_ports
 if TYPE_CHECKING:
     import threading
 
-    from kalscope.sources.live.source import LiveSource
-    from kalscope.sources.live.status import LiveStatus
+    from kalscope.sources.live.source import LiveSource, LiveStatus
     from kalscope.sources.recorder import Recorder
 
 Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud.")]
@@ -112,7 +111,7 @@ def record_command(
     """
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import port_of
-    from kalscope.sources.recorded_files import check_free, existing_parts
+    from kalscope.sources.recorder import check_free, existing_parts
 
     spec = port_of(port, reset=not no_reset)
     _ = existing_parts(output) if resume else check_free(output)  # before the board is reset for nothing
@@ -130,7 +129,7 @@ def record_command(
         print(plain(summary(recorder)), flush=True)
     if disconnected:
         raise BadDevice(f"recording ended, because {spec.text} disconnected ({disconnected})")
-    if recorder.counts.unwritable or recorder.counts.removed:
+    if recorder.counts.unwritable or recorder.error:
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -143,7 +142,7 @@ class StatusLine(TerminalLine):
 
     def update(self, status: LiveStatus, recorder: Recorder) -> None:
         """Show the state as it is now."""
-        problems = [recorder.error, recorder.warning, status.hint]
+        problems = [recorder.error, status.hint]
         problems += [status.word] if status.word not in ("connected", status.hint) else []
         problem = "; ".join(" ".join(text.split()) for text in problems if text)
         if self.visible:

@@ -17,13 +17,12 @@ from kalscope.common.text import count, number, percent, plural, squared
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.estimation.noise import StillNoise, noise_from_still
 from kalscope.export.float32 import Float32Momentum, Float32Params, filter_float32
-from kalscope.sources.live.commands import ANSWER_S
+from kalscope.sources.live.source import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kalscope.sources.live.commands import Remark
-    from kalscope.sources.live.source import LiveSource
+    from kalscope.sources.live.source import LiveSource, Remark
 
 
 # The commands to a board that runs the exported sketch, and its answers: texts only, no port.

@@ -1,45 +1,525 @@
-"""The recorder of a live source: every line that the board sends, as received."""
+"""The recorder of a live source: every line that the board sends, as received, never filtered.
+
+    NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
+    NAME-2.csv    the same again, where the board began to send other columns
+    NAME.rejects  the lines that are not data, with their numbers and reasons
+    NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
+
+All lines of a call go out in one `os.write`: a program that is killed loses only lines not passed yet.
+All clocks are passed in: host time is the difference of two monotonic times, so that no step of the wall clock
+changes a row.
+"""
 
 from __future__ import annotations
 
+import errno
+import math
+import mmap
+import os
 import shutil
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import count as numbers
 from pathlib import Path
 
 from kalscope.common.files import sync_folder
-from kalscope.common.text import count
+from kalscope.common.text import count, one_line, program, unused_name
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
+from kalscope.sources.grammar.cells import is_comment
+from kalscope.sources.reading.columns import Column, named_column, only_text
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorded_files import (
-    REJECTS_HEADER,
-    AppendFile,
-    RecordingEnds,
-    RowEncoder,
-    SyncThread,
-    check_free,
-    continues_line,
-    escaped,
-    existing_parts,
-    free_part,
-    header_line,
-    preamble,
-    read_ends,
-    rejects_lines,
-    rejects_path,
-    repair,
-    restart_note,
-    row_encoder,
-    taken,
-    unwritable,
-)
 
-# The account of a recording.
+# The files of one recording, by name: NAME.csv, NAME-2.csv, …, NAME.rejects, NAME.torn.
+
+
+_HEAD_BYTES = 65_536
+
+
+def rejects_path(path: Path) -> Path:
+    """Where the rejected lines of a recording go."""
+    return path.with_name(f"{path.stem}.rejects")
+
+
+def part_path(path: Path, number: int) -> Path:
+    """Part `number`, from 1, of a recording."""
+    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def first_free(path: Path) -> Path:
+    """`path`, or a similar name if a recording has it."""
+    if not _is_taken(path):
+        return path
+    names = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in numbers(2))
+    return next(name for name in names if not _is_taken(name))
+
+
+def _is_taken(path: Path) -> bool:
+    return os.path.lexists(path) or os.path.lexists(rejects_path(path))
+
+
+def check_free(path: Path) -> None:
+    """Refuse a name that is taken.
+
+    Raises:
+        BadFile: The name cannot be used; a free one is proposed.
+    """
+    if not path.name or path.is_dir():
+        raise BadFile(f"a recording must be a file (got {str(path)!r})")
+    if path.suffix.lower() in (".rejects", ".torn"):
+        raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
+    if _is_taken(path):
+        raise BadFile(f"{path.name!r} exists already: choose another name, such as {first_free(path).name!r}")
+
+
+def continues_line(before: Path) -> str:
+    """The comment by which a part names the one before it."""
+    return f"# continues {escaped(before.name)}, with the same host time\n"
+
+
+def existing_parts(path: Path) -> list[Path]:
+    """The parts of a recording that exist; files of other recordings that have such names are left out.
+
+    Raises:
+        BadFile: not even the first does.
+        OSError: One cannot be read.
+    """
+    if not path.is_file():
+        raise BadFile(f"there is no recording {str(path)!r} to resume")
+    parts, n = [path], 2
+    while (part := part_path(path, n)).is_file():
+        with part.open("rb") as file:
+            if continues_line(parts[-1]).encode() in file.read(_HEAD_BYTES):
+                parts.append(part)
+        n += 1
+    return parts
+
+
+# How a recording of a live source is written: its header, its rows, its rejected lines. Pure functions on text.
+#
+# One comment line says one thing; then come a CSV header and one row per line. Every name survives a round trip
+# through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
+
+
+MAGIC = "# kalscope recording "
+"""What a recording begins with; the version follows."""
+REJECTS_MAGIC = "# kalscope rejects "
+"""What the file of rejected lines begins with."""
+STARTED = "# started: "
+"""Before the wall clock's time at host time 0."""
+HOST_TIME = "host time [s]"
+"""Header of the first column."""
+DEVICE_TIME = "device time"
+"""Name of the second column, where the board sends its time; its unit follows."""
+
+_FORMULA = ("=", "+", "-", "@")
+_MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
+_MAX_UNIT_LENGTH = 30
+
+RowEncoder = Callable[[float, Sequence[float]], str]
+"""Turns host time in s and the values of a row, one per column of the layout, into its line."""
+
+
+def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
+    """The comment lines above the header; of the rejected lines the header, too.
+
+    Args:
+        source: What is recorded, in the words of the command line.
+        wall: Unix time at host time 0, s.
+        rejects: True for the file of rejected lines.
+    """
+    lines = [
+        f"{REJECTS_MAGIC if rejects else MAGIC}{program().rpartition(' ')[2]}",
+        f"# source: {escaped(source)}",
+        f"{STARTED}{iso_utc(wall)}",
+        "# host time: s since the start, by this computer's monotonic clock; the rest as the board sent it",
+    ]
+    if rejects:
+        lines.append("# text: a line as received, cut at 200 characters, with \\ before what cannot be printed")
+        lines.append(f"{HOST_TIME},line,column,reason,text")
+    return "\n".join(lines) + "\n"
+
+
+def restart_note(source: str, wall: float, since: float, host: float) -> str:
+    """The comment lines where a recording is resumed.
+
+    Args:
+        source: What is recorded from here on.
+        wall: Unix time, s.
+        since: How long nothing was recorded, s; negative where the wall clock was set back.
+        host: Host time, s.
+    """
+    said = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
+    return f"# gap restart {said}\n# restarted: {iso_utc(wall)} (host time {host:.6f}), source: {escaped(source)}\n"
+
+
+def iso_utc(unix: float) -> str:
+    """Unix time as ISO 8601 in UTC, with microseconds."""
+    stamp = datetime.fromtimestamp(unix, UTC).replace(tzinfo=None)
+    return f"{stamp.isoformat(timespec='microseconds')}Z"
+
+
+def header_line(layout: Layout) -> str:
+    """The CSV header of a layout: host time, device time where the board sends it, the channels with units."""
+    cells = [HOST_TIME]
+    if layout.time is not None:
+        unit = layout.columns[layout.time.index].unit or layout.time.unit
+        cells.append(_cell(DEVICE_TIME, unit if layout.time.kind == "number" else "s"))
+    taken = {"host time", DEVICE_TIME}
+    for i in layout.channels:
+        column = layout.columns[i]
+        name = unused_name(_harmless(column.name), taken, " ")
+        cells.append(_cell(name, column.unit))
+    return ",".join(map(quoted, cells)) + "\n"
+
+
+def row_encoder(layout: Layout) -> RowEncoder:
+    """The function that writes the rows of a layout.
+
+    A number is written with the fewest digits that give the same double, a missing value as an empty
+    cell. A device time that is a calendar stamp or a clock is written in s since 1970 (UTC) or midnight.
+    """
+    time, channels = layout.time, layout.channels
+
+    def encode(host: float, row: Sequence[float]) -> str:
+        cells = [f"{host:.6f}"]
+        if time is not None:
+            stamp = row[time.index]
+            cells.append(_number(stamp) if time.kind == "number" else _microseconds(stamp))
+        cells += [_number(row[i]) for i in channels]
+        return ",".join(cells) + "\n"
+
+    return encode
+
+
+def rejects_lines(host: float, number: int, text: str, issues: Iterable[LineIssue]) -> str:
+    """The lines that give the reasons why a line, or cells of it, were rejected."""
+    shown = quoted(escaped(text))
+    return "".join(
+        f"{host:.6f},{number},{quoted(escaped(issue.column or ''))},{quoted(escaped(issue.reason))},{shown}\n"
+        for issue in issues
+    )
+
+
+def escaped(text: str) -> str:
+    r"""Printable text on one line: `\n`, `\x00`, `\\`."""
+    if text.isprintable() and "\\" not in text:
+        return text
+    return "".join(c if c.isprintable() and c != "\\" else c.encode("unicode_escape").decode() for c in text)
+
+
+def quoted(cell: str) -> str:
+    """A CSV cell; pandas takes a bare # for the start of a comment."""
+    if any(mark in cell for mark in ',"#') or cell != cell.strip():
+        return '"' + cell.replace('"', '""') + '"'
+    return cell
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else repr(value).removesuffix(".0")
+
+
+def _microseconds(stamp: float) -> str:
+    if math.isnan(stamp):
+        return ""
+    whole = round(abs(stamp))
+    return f"{'-' if stamp < 0 else ''}{whole // 1_000_000}.{whole % 1_000_000:06d}"
+
+
+def _cell(name: str, unit: str) -> str:
+    """`name [unit]`; `name []` where our reader would take a bare name for something else."""
+    unit = " ".join("".join(c if c.isprintable() and c not in "[]" else " " for c in unit).split())[
+        :_MAX_UNIT_LENGTH
+    ]
+    name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
+    if unit:
+        return f"{name} [{unit}]"
+    plain = named_column(name) == Column(name) and only_text((name,), ".")
+    return name if plain else f"{name} []"
+
+
+def _harmless(name: str) -> str:
+    """A name on one line that no spreadsheet takes for a formula."""
+    name = one_line(name)[: _MAX_CELL_LENGTH - 40].rstrip()
+    return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
+
+
+# A recording whose last line was cut short: whole lines stay, the rest is moved aside.
+#
+# A program that is killed may leave half a line; a power cut may leave zeros after it, or zeros with old bytes of
+# the disk after them. So the file ends with the last newline before the first zero byte.
+
+
+def repair(path: Path) -> int:
+    """Cut a recording, or its file of rejected lines, at its last whole line. No program may be writing to it.
+
+    What follows is appended to NAME.torn (NAME.rejects.torn for the rejected lines), and is on the disk before the
+    file is cut.
+
+    Returns:
+        How many bytes were moved.
+
+    Raises:
+        BadFile: The file is not a Kalscope recording, or there is no space to move the torn tail to; the recording
+            is then unchanged.
+    """
+    torn = path.with_name(f"{path.name}.torn" if path.suffix == ".rejects" else f"{path.stem}.torn")
+    try:
+        with path.open("rb+") as file:
+            head = file.read(40).partition(b"\0")[0].decode("utf-8", "replace")
+            if not any(head.startswith(magic) or magic.startswith(head) for magic in (MAGIC, REJECTS_MAGIC)):
+                raise BadFile(f"{path.name} must begin with {MAGIC!r}, as a recording does (got {head!r})")
+            size = file.seek(0, os.SEEK_END)
+            kept = _end_of_whole_lines(file.fileno()) if size else 0
+            if kept == size:
+                return 0
+            with torn.open("ab") as out:
+                file.seek(kept)
+                shutil.copyfileobj(file, out)
+                out.write(b"\n")  # tails of several crashes stay apart
+                out.flush()
+                os.fsync(out.fileno())
+            file.truncate(kept)
+            file.flush()
+            os.fsync(file.fileno())
+            return size - kept
+    except OSError as error:
+        raise BadFile(f"cannot repair the recording {path.name}: {error.strerror}") from None
+
+
+def _end_of_whole_lines(descriptor: int) -> int:
+    """Offset after the last newline before the first zero byte of a file that is not empty."""
+    with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as data:
+        zero = data.find(b"\0")
+        return data.rfind(b"\n", 0, zero if zero >= 0 else len(data)) + 1
+
+
+def read_ends(path: Path) -> tuple[float | None, str, float]:
+    """What a repaired recording begins and ends with.
+
+    Returns:
+        Unix time at host time 0, s, and the CSV header with its newline, or None and "" where the file ends before
+        them; the host time of the last row, s, 0 where there is none.
+
+    Raises:
+        BadFile: Its comments or its last row cannot be understood.
+        OSError: It cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines(keepends=True)
+        start = max(0, file.seek(0, os.SEEK_END) - _HEAD_BYTES)
+        file.seek(start)
+        tail = file.read().decode("utf-8", "replace").splitlines()[1 if start else 0 :]
+    started = next((line for line in head if line.startswith(STARTED)), None)
+    header = next((line for line in head if not is_comment(line)), "")
+    rows = [line for line in tail if not is_comment(line) and line + "\n" != header]
+    try:
+        wall = None if started is None else datetime.fromisoformat(started[len(STARTED) :].split()[0]).timestamp()
+        host = float(rows[-1].partition(",")[0]) if rows else 0.0
+    except (ValueError, IndexError):
+        raise BadFile(f"{path.name} must be a recording as it was written (got one that was edited)") from None
+    return wall, header, host
+
+
+# A file that only grows, by whole lines, whatever the disk does.
+#
+# A full disk cuts a write short, inside a number; the file is then cut back to where it was, and what was to be
+# written waits in memory until there is space.
+
+
+RETRY_S = 1.0
+"""Pause between two attempts to write to a disk that refuses, s."""
+MAX_WAIT_BYTES = 32_000_000
+"""Memory that lines may take while they wait for such a disk; later ones are lost, and counted: 1,000 lines/s of 20
+bytes wait for 6 minutes."""
+_OVERHEAD = 60  # bytes of memory that each text takes besides
+
+_FULL = {
+    errno.ENOSPC: "the disk is full",
+    errno.EFBIG: "the file may not grow any further",
+    getattr(errno, "EDQUOT", errno.ENOSPC): "the disk is full (quota)",
+}
+_fdatasync = getattr(os, "fdatasync", os.fsync)
+
+
+class AppendFile:
+    """One growing file. Not for several threads, except `sync`, which may be called from another."""
+
+    def __init__(self, path: Path, head: str = "") -> None:
+        """Name the file; it is opened by `open`, or by the first `flush`. `head` comes before all else."""
+        self.path = path
+        self.error = ""
+        """What keeps lines from reaching the file; "" while they do."""
+        self.sync_error = ""
+        """The error of the last sync; "" if it succeeded."""
+        self.waiting = 0
+        """Lines of the board in memory that have not reached the file."""
+        self.lines = 0
+        """Lines of the board that are in the file."""
+        self.lost = 0
+        """Lines of the board for which there was no memory left."""
+        self._head = head
+        self._fd: int | None = None
+        self._fd_lock = threading.Lock()
+        self._size = 0
+        self._dirty = self._losing = False
+        self._texts: list[bytes] = []  # what waits
+        self._bytes = 0
+        self._lost_before = 0
+        self._failed_at = self._retry_at = 0.0
+        self._kind = ""
+
+    @property
+    def idle(self) -> bool:
+        """True where nothing waits."""
+        return not self._texts
+
+    def open(self, *, new: bool) -> None:
+        """Open the file, as a new one, or to append to it.
+
+        Raises:
+            OSError: It cannot be opened (FileExistsError: it is there already), or another program appends to it.
+        """
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | (os.O_EXCL if new else 0) | getattr(os, "O_BINARY", 0)
+        fd = os.open(self.path, flags, 0o666)
+        try:
+            _lock(fd)
+        except BaseException:  # Ctrl+C as well must not keep the file open and locked
+            os.close(fd)
+            raise
+        self._fd = fd
+        self.measure()
+
+    def measure(self) -> None:
+        """Note the size of the open file, after it was repaired."""
+        if self._fd is not None:
+            self._size = os.fstat(self._fd).st_size
+
+    def put(self, text: str, lines: int = 0) -> None:
+        """Queue the text of so many lines of the board for the next flush; it is lost if too much waits already."""
+        self._losing |= self._bytes > MAX_WAIT_BYTES  # until all that waits is written: one gap, not a hundred
+        if self._losing:
+            self.lost += lines
+        else:
+            self.note(text, lines)
+
+    def note(self, text: str, lines: int = 0) -> None:
+        """Queue a text, even while lines are being lost."""
+        data = (self._head + text).encode("utf-8", "backslashreplace")
+        self._head = ""
+        self._texts.append(data)
+        self.waiting += lines
+        self._bytes += len(data) + _OVERHEAD
+
+    def flush(self, now: float, *, at_once: bool = False) -> None:
+        """Write what waits; never raises disk errors.
+
+        Args:
+            now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
+            at_once: Do not wait for that.
+        """
+        if not self._texts or (self.error and now < self._retry_at and not at_once):
+            return
+        error = self._write()
+        if error is None and self.error:
+            lost = self.lost - self._lost_before
+            self.note(f"# gap {self._kind} {now - self._failed_at:.3f} s ({lost} lines dropped)\n")
+            error = self._write()
+        if error is None:
+            self.error, self._losing, self._lost_before = "", False, self.lost
+            return
+        if not self.error:
+            self._failed_at = now
+        is_full = error.errno in _FULL
+        self._kind = "disk full" if is_full else "write error"
+        reason = _FULL.get(error.errno or 0, error.strerror or str(error))
+        self.error = f"{reason}: lines for {self.path.name} wait in memory"
+        self._retry_at = now + RETRY_S
+
+    def _write(self) -> OSError | None:
+        """Write all that waits, or nothing; why it was nothing."""
+        data = memoryview(b"".join(self._texts))
+        size = len(data)
+        try:
+            if self._fd is None:
+                self.open(new=False)
+            if self.error:
+                self._cut_back()
+            self._dirty = True
+            while data and self._fd is not None:
+                done = os.write(self._fd, data)
+                if not done:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                data = data[done:]
+        except OSError as error:
+            with suppress(OSError):  # tried again before the next write
+                self._cut_back()
+            return error
+        self.lines, self.waiting = self.lines + self.waiting, 0
+        self._texts, self._bytes = [], 0
+        self._size += size
+        return None
+
+    def _cut_back(self) -> None:
+        """Cut off what a refused write left after the last whole line."""
+        if self._fd is not None and os.fstat(self._fd).st_size > self._size:
+            os.ftruncate(self._fd, self._size)
+
+    @property
+    def damage(self) -> str:
+        """What another program did to the file; "" for nothing. A renamed file goes on under its new name."""
+        own = None if self._fd is None else os.fstat(self._fd)
+        if own is None or (own.st_nlink and own.st_size >= self._size):
+            return ""
+        return f"{self.path.name} was deleted or cut short by another program: record to a new file"
+
+    def sync(self) -> None:
+        """Sync the file to the disk; from any thread."""
+        with self._fd_lock:
+            if self._fd is None or not self._dirty:
+                return
+            self._dirty = False
+            try:
+                _fdatasync(self._fd)
+                self.sync_error = ""
+            except OSError as error:
+                self._dirty = True  # sync once more
+                self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
+
+    def close(self) -> None:
+        """Close the file once the disk has it; what still waits is lost. Safe to call twice."""
+        self.lost, self.waiting = self.lost + self.waiting, 0
+        self.sync()
+        with self._fd_lock:
+            if self._fd is not None:
+                with suppress(OSError):  # network disks report here what they did not keep
+                    os.close(self._fd)
+                self._fd = None
+
+
+def _lock(fd: int) -> None:
+    """Two programs that append to one file would mix their lines. Windows has no such lock."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OSError(errno.EBUSY, "it is being recorded") from None
+    except OSError:  # a file system without locks
+        return
+
+
+# The recorder.
+
+
+_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 
 @dataclass
@@ -53,12 +533,9 @@ class RecorderCounts:
     rejected: int = 0
     """Lines that are in NAME.rejects because they are not rows."""
     dropped: int = 0
-    """Lines that are in neither: lost before they reached the recorder, while the disk was full for too long, or
-    because another program truncated or deleted the file."""
+    """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
     unwritable: int = 0
     """Of the dropped lines, those that the disk refused for too long."""
-    removed: int = 0
-    """Of the dropped lines, those that were in a file until another program truncated or deleted it."""
     waiting: int = 0
     """Lines in memory, because the disk refuses them; they count as received once written or dropped."""
     other: int = 0
@@ -70,141 +547,11 @@ class RecorderCounts:
             f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
             f" + {self.dropped} dropped"
         )
-        text += f"; {self.other} other{'s' * (self.other != 1)}" if self.other else ""
-        return text + (f"; another program removed {self.removed} written lines" if self.removed else "")
-
-    def add_unwritable(self, lines: int) -> None:
-        """Count lines that the disk did not take."""
-        self.dropped += lines
-        self.unwritable += lines
-
-    def move_removed(self, lines: int) -> None:
-        """Count lines that another program removed from a file after they were written."""
-        self.written -= lines
-        self.dropped += lines
-        self.removed += lines
-
-
-# How long a disk will last at the rate at which a recording grows.
-
-
-MIN_SECONDS_LEFT = 300.0
-"""A disk that will be full sooner gets a warning, s."""
-_RATE_S = 30.0
-"""Seconds over which the rate is measured."""
-_CHECK_S = 1.0
-
-
-class DiskSpaceMonitor:
-    """Checks the disk of a folder once a second."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._sizes: deque[tuple[float, int]] = deque()
-        self._warning = ""
-
-    def check(self, now: float, size: int) -> str:
-        """The warning at the monotonic time `now`, s, with `size` bytes written; "" if there is enough space."""
-        if self._sizes and now - self._sizes[-1][0] < _CHECK_S:
-            return self._warning
-        self._sizes.append((now, size))
-        while now - self._sizes[0][0] > _RATE_S:
-            self._sizes.popleft()
-        self._warning = self._judge(now, size)
-        return self._warning
-
-    def _judge(self, now: float, size: int) -> str:
-        first, before = self._sizes[0]
-        if size <= before or now <= first:
-            return ""
-        try:
-            free = shutil.disk_usage(self._folder).free
-        except OSError:  # a folder that was moved away: the next write will report what is wrong
-            return ""
-        left = free * (now - first) / (size - before)
-        if left >= MIN_SECONDS_LEFT:
-            return ""
-        return f"the disk has space left for {left / 60.0:.1f} min at the current rate"
-
-
-# NAME.rejects, the file of the lines of a recording that are not data; it exists once there is one.
-
-
-class RejectsFile:
-    """Takes lines with the reasons why they are not data."""
-
-    def __init__(self, recording: Path, source: str) -> None:
-        """Args: NAME.csv; what is recorded, as the command line names it."""
-        self.file = AppendFile(rejects_path(recording))
-        """The file itself."""
-        self._source = source
-        self._begun = False
-
-    def resume(self) -> None:
-        """Continue the file where there is one, because the recording is resumed.
-
-        Raises:
-            BadFile: it cannot be repaired.
-        """
-        if self.file.path.exists():
-            self._begun = repair(self.file.path).kept > 0
-
-    def continue_in_new(self, wall: float, at: float) -> Path:
-        """Go on in NAME-2.rejects, because another program changed the file; returns the new path.
-
-        Raises:
-            OSError: It cannot be created.
-        """
-        _, path = free_part(self.file.path, 2)
-        self.file = self.file.continued(path, preamble(self._source, wall, rejects=True) + REJECTS_HEADER, at)
-        return path
-
-    def put(
-        self, host: float, at: float, wall: float, event: LineEvent, issues: Sequence[LineIssue], lines: int
-    ) -> bool:
-        """Queue a line with its reasons; False where it is lost because too much waits already.
-
-        Args:
-            host: Host time, s.
-            at: Monotonic time, s.
-            wall: Unix time at host time 0, s.
-            event: The line.
-            issues: Why it is not data, or which of its cells are not.
-            lines: 1 where it counts as rejected, else 0.
-        """
-        if not self._begun:
-            self._begun = True
-            self.file.put_note(preamble(self._source, wall, rejects=True) + REJECTS_HEADER, at)
-        text = rejects_lines(host, event.number, event.text, issues)
-        return self.file.put(text.encode("utf-8", "backslashreplace"), at, lines)
-
-
-# The recorder of a live source: every line that the board sends, as received, never filtered.
-#
-#     NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
-#     NAME-2.csv    the same again, where the board began to send other columns
-#     NAME.rejects  the lines that are not data, with their numbers and reasons
-#     NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
-#
-# Each call writes with one `os.write`: a program that is killed loses only lines that had not been passed yet.
-# All clocks are passed in: host time is the difference of two monotonic times, so that no step of the wall clock
-# changes a row.
-
-
-_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
+        return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
 
 
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
-
-    path: Path
-    """NAME.csv, the first part."""
-    error: str
-    """What keeps lines from reaching the disk, in words; "" if nothing."""
-    warning: str
-    """What another program did to a file, or a warning that the disk will soon be full; "" if neither."""
-    counts: RecorderCounts
-    """The account up to the last call."""
 
     def __init__(
         self,
@@ -236,66 +583,85 @@ class Recorder:
             BadFile: The name is taken (a free one is proposed), or the file cannot be created. To resume: there is
                 no such recording, it is being recorded, or it cannot be written to.
         """
-        path = Path(path)
+        self.path = path = Path(path)
+        """NAME.csv, the first part."""
         if not resume:
             check_free(path)
-        parts = existing_parts(path) if resume else [path]
-        self.path = path
-        self.error = self.warning = ""
+        self.error = ""
+        """What keeps lines from reaching the disk, in words; "" if nothing."""
         self.counts = RecorderCounts()
+        """The account up to the last call."""
+        self.rejects_path = rejects_path(path)
+        """NAME.rejects; it exists once there is something in it."""
         self._source, self._started, self._wall, self._clock = source, started, wall, clock
         self._offset = 0.0
-        self._csv = AppendFile(parts[-1])
-        self._rejects = RejectsFile(path, source)
-        self._parts = [self._csv]
-        self._older: list[AppendFile] = []  # parts that wait for disk space
-        self._notice = ""
-        self._part = len(parts)
         self._header = ""
         self._layout: Layout | None = None
-        self._encode: RowEncoder | None = None
-        self._width = 0
-        self._tally = RecorderCounts()  # its `received` includes the lines that wait
-        self._disk_space = DiskSpaceMonitor(path.parent)
+        self._encode: RowEncoder
+        self._dropped = self._other = 0
         self._lock = threading.Lock()
+        self._stop = threading.Event()
         self._closed = False
         self._open(resume=resume)
-        self._sync = SyncThread(sync_every)
+        self._publish()
+        self._sync = threading.Thread(
+            target=self._keep_synced, args=(sync_every,), name="kalscope-sync", daemon=True
+        )
+        self._sync.start()
         sync_folder(path.parent)
         with self._lock:
             self._flush()
 
     def _open(self, *, resume: bool) -> None:
         """Open the file and queue its first comments."""
-        path = self._csv.path
+        parts = existing_parts(self.path) if resume else [self.path]
+        self._part, path = len(parts), parts[-1]
+        self._csv = AppendFile(path)
+        self._parts = [self._csv]
+        has_rejects = resume and self.rejects_path.exists()
+        self._rejects = AppendFile(
+            self.rejects_path, "" if has_rejects else preamble(self._source, self._wall, rejects=True)
+        )
         try:
             self._csv.open(new=not resume)  # locked first: no other program appends while the tail is judged
             if resume:
                 repair(path)
-                self._rejects.resume()
-                self._csv.close()
-                self._csv.open(new=False)
-                self._resume_times(read_ends(path))
+                if has_rejects:
+                    repair(self.rejects_path)
+                self._csv.measure()
+                self._resume(*read_ends(path))
             else:
-                self._csv.put_note(preamble(self._source, self._wall), self._started)
-        except FileExistsError:
-            raise taken(path) from None
+                self._csv.note(preamble(self._source, self._wall))
         except BadFile:
             self._csv.close()
             raise
         except (OSError, ValueError) as error:
             self._csv.close()
-            raise unwritable(path, error) from None
+            reason = getattr(error, "strerror", None) or str(error)
+            raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
 
-    def _resume_times(self, ends: RecordingEnds) -> None:
-        """Continue the host time and the columns of a part with these ends."""
-        if ends.wall is None:  # a crash right after the start left no header
-            self._csv.put_note(preamble(self._source, self._wall), self._started)
+    def _resume(self, wall: float | None, header: str, host: float) -> None:
+        """Continue the host time and the columns of a part that begins and ends with these."""
+        if wall is None:  # a crash right after the start left no header
+            self._csv.note(preamble(self._source, self._wall))
             return
-        since = self._wall - ends.wall - ends.host
-        self._offset = ends.host + max(since, 0.0)
-        self._header = ends.header
-        self._csv.put_note(restart_note(self._source, self._wall, since, self._offset), self._started)
+        since = self._wall - wall - host
+        self._offset, self._header = host + max(since, 0.0), header
+        length = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
+        self._csv.note(
+            f"# gap restart {length}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
+            f" source: {escaped(self._source)}\n"
+        )
+
+    def _keep_synced(self, every: float) -> None:
+        """Sync the files to the disk once a second.
+
+        On a laptop that takes 0.1 ms, on a memory card seconds: in the thread that writes it would let lines pile
+        up in memory, where a crash loses them.
+        """
+        while not self._stop.wait(every):
+            for file in self._files():
+                file.sync()
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -303,20 +669,11 @@ class Recorder:
         return tuple(part.path for part in self._parts)
 
     @property
-    def rejects_path(self) -> Path:
-        """NAME.rejects; it exists once there is something in it."""
-        return self._rejects.file.path
-
-    @property
     def files(self) -> str:
         """The names of the parts; where there are several, with the lines that are in each."""
-        texts: list[str] = []
-        for part in self._parts:
-            change = part.change or ("" if part.path.exists() else "deleted or renamed")
-            if change or len(self._parts) > 1:
-                by = f", {change} by another program" if change else ""
-                texts.append(f"{part.path.name} ({count(part.lines)} lines{by})")
-        return " and ".join(texts) or self.path.name
+        if len(self._parts) == 1:
+            return self.path.name
+        return " and ".join(f"{part.path.name} ({count(part.lines)} lines)" for part in self._parts)
 
     def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
         """Write lines; called often, also without lines, and never raises disk errors.
@@ -339,15 +696,14 @@ class Recorder:
         """Note in the file how long nothing was received, and why: "unplug", "suspend"."""
         with self._lock:
             if not self._closed:
-                self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n".encode(), self._clock())
+                self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n")
                 self._flush()
 
     def drop(self, count: int) -> None:
         """Count lines that were lost before they could be passed on."""
         with self._lock:
             if not self._closed:
-                self._tally.received += count
-                self._tally.dropped += count
+                self._dropped += count
                 self._publish()
 
     def close(self) -> RecorderCounts:
@@ -357,119 +713,80 @@ class Recorder:
                 return self.counts
             self._closed = True
             self._flush(at_once=True)
-            for part in self._parts:
-                if change := part.find_change():
-                    self._settle(part, change)
-            for file in self._files():
-                self._tally.add_unwritable(file.give_up())
-            self._publish()
-            if not self._csv.error:
-                self._csv.put_note(f"# end: {self.counts}\n", self._clock())
-                self._csv.flush(self._clock(), at_once=True)
-            self._sync.close()
-            self._publish()
-            for file in self._files():
+            self._stop.set()
+            self._sync.join()
+            error = self.error
+            for file in (*self._parts[:-1], self._rejects):
                 file.close()
+            if not self._csv.error:
+                self._publish()
+                self._csv.note(f"# end: {self.counts}\n")
+                self._csv.flush(self._clock(), at_once=True)
+            self._csv.close()
+            self._publish()
+            self.error = self.error or error
             return self.counts
 
     def _files(self) -> tuple[AppendFile, ...]:
-        return (*self._older, self._csv, self._rejects.file)
+        return (*self._parts, self._rejects)
 
     def _use(self, layout: Layout) -> None:
         """Write rows of this layout from now on, in a new part if the columns differ."""
         header = header_line(layout)
         if not self._header:
-            self._csv.put_note(header, self._started)
+            self._csv.note(header)
         elif header != self._header:
             self._next_part(header)
         self._layout, self._header = layout, header
-        self._encode, self._width = row_encoder(layout), len(layout.columns)
+        self._encode = row_encoder(layout)
 
     def _next_part(self, header: str) -> None:
         before = self._csv
-        self._part, path = free_part(self.path, self._part + 1)
-        before.put_note(f"# continued in {escaped(path.name)}: the columns changed\n", self._clock())
-        self._older.append(before)
-        self._csv = AppendFile(path)
+        names = ((n, part_path(self.path, n)) for n in numbers(self._part + 1))
+        self._part, path = next((n, name) for n, name in names if not os.path.lexists(name))
+        before.note(f"# continued in {escaped(path.name)}: the columns changed\n")
+        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
+        self._csv = AppendFile(path, start + header)
         self._parts.append(self._csv)
-        self._csv.put_note(self._start_of_part(before, header), self._started)
-
-    def _start_of_part(self, before: AppendFile, header: str) -> str:
-        return preamble(self._source, self._wall - self._offset) + continues_line(before.path) + header
-
-    def _leave_changed(self) -> None:
-        """Go on in a new file where another program truncated, renamed, replaced or deleted one."""
-        for file in (self._csv, self._rejects.file):
-            change = file.find_change()
-            if not change:
-                continue
-            try:
-                path = self._replace(file)
-            except OSError as error:  # the old one may still take lines, as in a folder that was renamed
-                result = f", and no new file can be created ({error.strerror})"
-            else:
-                self._settle(file, change)
-                file.close()
-                result = f": the recording goes on in {path.name}"
-            self._notice = f"{file.path.name} was {change} by another program{result}"
-
-    def _replace(self, file: AppendFile) -> Path:
-        """Create the file that takes the place of this one."""
-        if file is not self._csv:
-            return self._rejects.continue_in_new(self._wall - self._offset, self._clock())
-        number, path = free_part(self.path, self._part + 1)
-        self._csv = file.continued(path, self._start_of_part(file, self._header), self._clock())
-        self._parts.append(self._csv)
-        self._part = number
-        return path
-
-    def _settle(self, file: AppendFile, change: str) -> None:
-        """Correct the counts after a change by another program."""
-        removed = file.settle(change, self._header)
-        if file in self._parts:  # rejected lines stay counted as rejected
-            self._tally.move_removed(removed)
 
     def _take(self, at: float, event: LineEvent) -> None:
         host = at - self._started + self._offset
         if event.kind == "row":
-            self._tally.received += 1
-            if self._encode is None or any(len(row) != self._width for row in event.rows):
-                why = LineIssue(event.number, f"must have {self._width} values, as the columns say", event.text)
-                self._reject(host, at, event, (why,), 1)
-                return
-            rows = "".join(self._encode(host, row) for row in event.rows)
-            self._tally.add_unwritable(not self._csv.put(rows.encode(), at, 1))
+            self._csv.put("".join(self._encode(host, row) for row in event.rows), 1)
             if event.issues:  # of single cells: the row has empty cells there
-                self._reject(host, at, event, event.issues, 0)
+                self._reject(host, event, event.issues, 0)
         elif event.kind == "rejected":
-            self._tally.received += 1
-            self._reject(host, at, event, event.issues, 1)
+            self._reject(host, event, event.issues, 1)
         else:
-            self._tally.other += 1
+            self._other += 1
             if event.kind != "blank":
                 why = LineIssue(event.number, f"is {_WHAT.get(event.kind, event.kind)}", event.text)
-                self._reject(host, at, event, (why,), 0)
+                self._reject(host, event, (why,), 0)
 
-    def _reject(self, host: float, at: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
-        if not self._rejects.put(host, at, self._wall - self._offset, event, issues, lines):
-            self._tally.add_unwritable(lines)
+    def _reject(self, host: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
+        self._rejects.put(rejects_lines(host, event.number, event.text, issues), lines)
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
-        self._leave_changed()
-        for file in (*self._older, self._csv):
-            self._tally.written += file.flush(now, at_once=at_once)
-        self._tally.rejected += self._rejects.file.flush(now, at_once=at_once)
-        for file in [file for file in self._older if file.idle]:
-            self._older.remove(file)
-            file.close()
-        self._sync.watch(self._files())
-        space = self._disk_space.check(now, sum(file.size for file in self._files()))
-        self.warning = "; ".join(filter(None, (self._notice, space)))
+        for file in self._files():
+            file.flush(now, at_once=at_once)
+        for part in self._parts[:-1]:
+            if part.idle:
+                part.close()
         self._publish()
 
     def _publish(self) -> None:
-        waiting = sum(file.waiting for file in self._files())
-        self.counts = replace(self._tally, received=self._tally.received - waiting, waiting=waiting)
-        files = self._files()
-        self.error = next(filter(None, [*(file.error for file in files), *(file.sync_error for file in files)]), "")
+        files, rejects = self._files(), self._rejects
+        written, unwritable = sum(part.lines for part in self._parts), sum(file.lost for file in files)
+        dropped = self._dropped + unwritable
+        self.counts = RecorderCounts(
+            received=written + rejects.lines + dropped,
+            written=written,
+            rejected=rejects.lines,
+            dropped=dropped,
+            unwritable=unwritable,
+            waiting=sum(file.waiting for file in files),
+            other=self._other,
+        )
+        errors = [error for file in files for error in (file.error, file.damage, file.sync_error)]
+        self.error = next(filter(None, errors), "")

@@ -15,7 +15,7 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.filtering.classic import Chain, OneEuro
-from kalscope.sources.live.status import RecordingStatus
+from kalscope.sources.live.source import RecordingStatus
 from kalscope.sources.recorder import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.dashboard import only_grown
@@ -380,7 +380,7 @@ def test_another_window_leaves_a_paused_screen_paused(board):
 
 def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_escaped(board):
     counts = RecorderCounts(received=1200, written=1199, rejected=1)
-    running = RecordingStatus("<b>run.csv", counts, "the disk is full", "")
+    running = RecordingStatus("<b>run.csv", counts, "the disk is full")
     status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
     frame = replace(frame_of(opened_board(board, "x")), connection=ConnectionState(True, True, status))
     heading = heading_of(frame)

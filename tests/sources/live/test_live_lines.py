@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.live.lines import BOOT_SECONDS, MAX_UNKNOWN_LINES, LiveLines
-from kalscope.sources.port.events import BytesReceived
-from kalscope.sources.reading import line_parser
+from kalscope.sources.live.lines import MAX_UNKNOWN_LINES, LiveLines
+from kalscope.sources.port.reader import BytesReceived
 
 ESP32 = b"""ets Jul 29 2019 12:21:46\r
 \r
@@ -87,10 +86,6 @@ def test_after_a_silence_the_first_line_may_bring_names_but_no_sample():
     assert cut.names == ["value 1", "value 2"]
 
 
-def test_the_names_that_follow_a_first_line_are_the_names():
-    assert Stream().feed(b"# sketch 1.0\nms,heat\n1,2\n3,4\n").names == ["heat"]
-
-
 def test_the_boot_text_of_a_chip_is_no_data():
     stream = Stream().feed(b"\x80\xff").feed(ESP32, 0.4).feed(b"a:1,b:2\r\na:3,b:4\r\n", 0.5)
     assert stream.names == ["a", "b"]
@@ -98,14 +93,6 @@ def test_the_boot_text_of_a_chip_is_no_data():
     counts = stream.lines.counts
     assert counts.rejected == 0
     assert counts.dropped == whole_lines(ESP32)
-
-
-def test_damage_counts_as_damage_once_the_board_has_started():
-    stream = Stream().feed(b"x\n1,2\n3,4\n1,2,3\n")
-    assert stream.lines.counts.rejected == 0
-    stream.feed(b"5,6\n", after=BOOT_SECONDS).feed(b"1,2,3\n")
-    assert stream.lines.counts.rejected == 1
-    assert stream.events[-1].kind == "rejected"
 
 
 def test_a_line_that_a_reset_cuts_is_never_joined_to_the_next():
@@ -158,19 +145,6 @@ def test_words_among_the_numbers_are_no_new_names():
     assert stream.lines.counts.rejected == 0
 
 
-@each("torn", [b"a94*2B", b"b", b"b*1F", b"a,b"])
-def test_a_torn_line_is_no_header_of_lines_that_name_their_own_values(torn):
-    stream = Stream().feed(b"x\na:1,b:2*2C\na:2,b:4*29\n" + torn + b"\na:3,b:6*2A\na:4,b:8*23\n", 0.1)
-    assert stream.names == ["a", "b"]
-    assert stream.rows == [(n, 2.0 * n) for n in (1.0, 2.0, 3.0, 4.0)]
-
-
-def test_one_word_is_no_header_that_takes_the_names_away():
-    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\nERR\n5,6\n7,8\n", 0.1)
-    assert stream.names == ["heat", "light"]
-    assert stream.rows == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0)]
-
-
 @pytest.mark.parametrize("mark", [b"", b"# "])  # the exported sketches write their names as a comment
 def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
@@ -183,13 +157,6 @@ def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream.feed(mark + b"raw,filtered\n11,12\n")
     assert stream.rows[-1] == (11.0, 12.0)
     assert not np.isnan(stream.rows).any()
-
-
-@pytest.mark.parametrize("remark", [b"Ready", b"Sensor ready", b"Starting up\nSensor ready"])
-def test_two_whole_numbers_below_a_remark_are_two_channels(remark):
-    stream = Stream().feed(b"x\n" + remark + b"\n512,300\n513,301\n", 1.6)
-    assert stream.names == ["value 1", "value 2"]
-    assert stream.rows == [(512.0, 300.0), (513.0, 301.0)]
 
 
 @pytest.mark.parametrize("times", [1, 2])
@@ -208,33 +175,6 @@ def test_noise_of_a_wrong_baud_rate_is_recognised_and_a_good_line_ends_it():
     assert stream.rows == []
     stream.reopen().feed(b"x\n1,2\n3,4\n", 0.1)
     assert not stream.lines.wrong_baud
-
-
-@pytest.mark.parametrize("text", [b"waiting for WiFi...\n", "température 21 °C, 45 µW\n".encode(), b".....\n"])
-def test_text_is_no_wrong_baud_rate(text):
-    stream = Stream()
-    for _ in range(60):
-        stream.feed(text, 0.1)
-    assert not stream.lines.wrong_baud
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [b"\x00" * 150_000, b"7" * 300_000, bytes(range(256)) * 100])
-def test_noise_of_any_kind_takes_no_memory_and_no_sample(noise):
-    stream = Stream()
-    for begin in range(0, len(noise), 4096):
-        stream.feed(noise[begin : begin + 4096], 0.01)
-        assert stream.lines._parser.buffered + len(stream.lines._held) <= 70_000
-    assert stream.rows == []
-    stream.feed(b"\n", 3.0).feed(b"1,2\n3,4\n" * 10)
-    assert stream.rows[-2:] == [(1.0, 2.0), (3.0, 4.0)]
-
-
-@pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
-@pytest.mark.parametrize("text", [b"waiting for WiFi ...\n", b"waiting for WiFi 7 ...\n"])
-def test_data_is_found_soon_after_any_amount_of_text(line, text):
-    stream = Stream().feed(text * 500, 3.0).feed(line * 60)
-    assert stream.rows[-20:] == [(1.0, 2.0)] * 20
 
 
 SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))
@@ -288,31 +228,9 @@ DAMAGED = b"".join(DRAW.randbytes(60).translate(None, b"\r\n") + b"\x01\n" for _
 PRINTABLE = b"".join(bytes(DRAW.choices(range(32, 127), k=60)) + b"\n" for _ in range(500))
 
 
-@pytest.fixture
-def looked_at(monkeypatch):
-    """How many lines each look for a layout took in."""
-    found, real = [], line_parser.sniff
-    monkeypatch.setattr(
-        line_parser, "sniff", lambda head, options: (found.append(len(head)), real(head, options))[1]
-    )
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("noise", "most"), [(DAMAGED, 0), (PRINTABLE, 10.0)], ids=["bytes", "letters"])
-def test_noise_is_looked_at_ever_more_rarely(noise, most, looked_at):
-    Stream().feed(noise, 3.0)
-    assert sum(looked_at) <= most * 500
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [DAMAGED, PRINTABLE, PRINTABLE + DAMAGED], ids=["bytes", "letters", "both"])
 @pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
 def test_a_good_board_after_noise_is_heard_within_so_many_lines(noise, line):
     stream = Stream().feed(noise, 3.0).feed(line * (MAX_UNKNOWN_LINES + 1))
     assert stream.rows[-1] == (1.0, 2.0)
-
-
-def test_noise_brings_no_sample():
-    noise = random.Random(5).randbytes(1 << 18)
-    assert Stream().feed(noise, 3.0).rows == []

@@ -7,7 +7,7 @@ from each import each
 
 from kalscope.sources.live.lines import LineCounts
 from kalscope.sources.live.samples import ArrivedRow, LiveSamples, gathered
-from kalscope.sources.port.events import SYSTEM
+from kalscope.sources.port.reader import SYSTEM
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.line_parser import LineParser
 

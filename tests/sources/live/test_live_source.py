@@ -3,19 +3,16 @@
 import math
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scripted_port import Scripted, ScriptedPort
+from scripted_port import ScriptedPort, scripted
 from waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.events import Clock
 from kalscope.sources.port.reader import PortReader
 from kalscope.sources.port.registry import PortSpec
-from kalscope.sources.recorder import RecorderCounts
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -31,12 +28,6 @@ def received(live, count):
 def kept(live):
     snapshot = live.snapshot()
     return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
-
-
-def test_nothing_is_there_before_the_first_sample(live):
-    assert live.snapshot() is None
-    status = live.status()
-    assert (status.word, status.hint, status.received, status.period) == ("connected", "", 0, None)
 
 
 def test_every_sample_arrives_exactly_with_the_names_of_the_board(board, live, wait_for):
@@ -58,34 +49,6 @@ def test_what_an_arduino_prints_for_no_number_is_a_missing_sample(board, live, w
     expected = [[1, 2], [math.nan] * 2, [math.nan] * 2, [3, 4]]
     np.testing.assert_array_equal(live.snapshot().recording.values, expected)
     assert live.status().rejected == 0
-
-
-def test_a_snapshot_never_changes_and_is_the_same_while_nothing_comes(board, live, wait_for):
-    board.say(b"x\n" + lines(0, 100))
-    wait_for(received(live, 100))
-    held = live.snapshot()
-    assert live.snapshot() is held
-    before = held.recording.values.copy(), held.recording.time.copy()
-    board.say(lines(100, 10_000))
-    wait_for(received(live, 10_000))
-    np.testing.assert_array_equal(held.recording.values, before[0])
-    np.testing.assert_array_equal(held.recording.time, before[1])
-    later = live.snapshot()
-    assert later.version > held.version
-    assert later.generation == held.generation
-    with pytest.raises(ValueError, match="read-only"):
-        later.recording.values[0, 0] = 5.0
-
-
-def test_older_samples_leave_memory_and_that_is_said(board, wait_for):
-    with LiveSource(board.link, keep=1000) as live:
-        wait_for(lambda: live.status().word == "connected")
-        board.say(b"x\n" + lines(0, 10_000))
-        wait_for(received(live, 10_000))
-        snapshot = live.snapshot()
-        assert 1000 <= len(snapshot.recording) <= 1250
-        assert snapshot.first == live.status().left_memory == 10_000 - len(snapshot.recording)
-        np.testing.assert_array_equal(snapshot.recording.values[:, 0], np.arange(snapshot.first, 10_000))
 
 
 def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, live, wait_for):
@@ -138,34 +101,6 @@ def test_close_frees_the_port_and_start_goes_on_with_the_same_samples(board, liv
     wait_for(lambda: kept(live) == 21)
 
 
-def test_a_wall_clock_that_is_set_changes_nothing(board, wait_for):
-    wall = iter([0.0, -3600.0, 86400.0] * 100_000)
-    with LiveSource(board.link, clock=Clock(wall=lambda: next(wall))) as live:
-        wait_for(lambda: live.status().word == "connected")
-        for i in range(0, 100, 10):
-            board.say((b"x\n" if i == 0 else b"") + lines(i, i + 10))
-            time.sleep(0.01)
-        wait_for(received(live, 100))
-        steps = np.diff(live.snapshot().recording.time)
-        assert (steps > 0).all()
-        assert steps.max() < 30
-        assert not np.isnan(live.snapshot().recording.values).any()
-
-
-def test_a_machine_that_slept_leaves_a_gap_of_that_length(board, wait_for):
-    asleep = [0.0]
-    with LiveSource(board.link, clock=Clock(asleep=lambda: asleep[0])) as live:
-        wait_for(lambda: live.status().word == "connected")
-        board.say(b"x\n" + lines(0, 10))
-        wait_for(received(live, 10))
-        asleep[0] = 1800.0
-        board.say(lines(10, 20))
-        wait_for(lambda: kept(live) == 21)
-        recording = live.snapshot().recording
-        assert np.isnan(recording.values[10]).all()
-        assert 1800 <= recording.time[11] - recording.time[9] < 1830
-
-
 @pytest.mark.slow
 def test_a_board_that_is_not_there_is_waited_for_or_refused(tmp_path, wait_for):
     path = str(tmp_path / "ttyNONE")
@@ -206,11 +141,6 @@ def test_a_board_that_goes_before_it_answers_is_not_waited_for(board, live):
         live.send("q0.01", timeout=PATIENCE)
 
 
-def test_no_answer_is_the_fault_of_the_device(live):
-    with pytest.raises(BadDevice, match="did not answer 'hello' within"):
-        live.send("hello", timeout=0.1)
-
-
 @pytest.mark.parametrize("line", ["x" * 63, "two\nlines", "\x00"])
 def test_what_an_avr_would_lose_is_not_sent(live, line):
     with pytest.raises(BadSetting, match="at most 62 bytes"):
@@ -232,7 +162,7 @@ LOST = BadDevice("lost")
 def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wait_for):
     first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"20,0\n21,0\n"], starts)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
     with source as live:
         wait_for(lambda: kept(live) >= len(kept_values))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], kept_values)
@@ -244,63 +174,18 @@ def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wa
 def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_opening(wait_for):
     first = ScriptedPort([b"heat,light\n2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"force,way\n4,0\n5,0\n"], "at a line")
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(first, second)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
     with source as live:
         wait_for(lambda: live.snapshot() is not None and live.snapshot().recording.names == ("force", "way"))
 
 
 @pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.events.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.reader.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), endpoint=Scripted(port)))
+    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
     with source as live:
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
         assert live.status().overrun == 0
-
-
-class ListRecorder:
-    """What a live source says to a recorder, in order."""
-
-    error = warning = ""
-    counts, paths = RecorderCounts(), (Path("run.csv"),)
-
-    def __init__(self):
-        self.calls, self.closed = [], False
-
-    def write(self, stamped, layout):
-        self.calls.append(("write", [(at, event.kind) for at, event in stamped], layout))
-
-    def gap(self, kind, seconds):
-        self.calls.append(("gap", kind, seconds))
-
-    def drop(self, count):
-        self.calls.append(("drop", count))
-
-    def close(self):
-        self.closed = True
-
-
-def test_the_recorder_is_told_every_line_before_it_is_shown(board, live, wait_for):
-    recorder = live._slot._recorder = ListRecorder()
-    board.say(b"x\na,b\n" + lines(0, 1000))
-    wait_for(received(live, 1000))
-    board.unplug()
-    wait_for(lambda: live.status().word == "disconnected, waiting")
-    board.plug()
-    wait_for(lambda: live.status().reconnects == 1)
-    board.say(b"x\n" + lines(0, 10))
-    wait_for(received(live, 1010))
-    wait_for(lambda: len([c for c in recorder.calls if c[0] == "write" and not c[1]]) > 3)
-    live.close()
-    told = [entry for call in recorder.calls if call[0] == "write" for entry in call[1]]
-    dropped = sum(call[1] for call in recorder.calls if call[0] == "drop")
-    status = live.status()
-    assert [kind for _, kind in told].count("row") == status.accepted == 1010
-    assert len(told) + dropped == status.received
-    assert [at for at, _ in told] == sorted(at for at, _ in told)
-    gaps = [call for call in recorder.calls if call[0] == "gap"]
-    assert [(kind, 0 < seconds < 30) for _, kind, seconds in gaps] == [("unplug", True)]
-    assert recorder.closed

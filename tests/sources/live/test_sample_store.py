@@ -42,22 +42,3 @@ def test_a_view_never_changes_and_cannot_be_written():
         np.testing.assert_array_equal(values, values_then)
         with pytest.raises(ValueError, match="read-only"):
             values[0, 0] = 1.0
-
-
-def test_a_view_copies_nothing_and_old_samples_leave_in_big_steps():
-    store, firsts = SampleStore(2, 40_000), set()
-    for came in range(0, 200_000, 100):
-        fill(store, came, 100)
-        time, values = store.views()
-        assert time.base is not None
-        assert values.base is not None
-        assert values[:, 0].flags.c_contiguous
-        firsts.add(store.first)
-    assert sorted(firsts) == list(range(0, 160_000, 10_000))
-
-
-def test_more_than_is_kept_may_come_at_once():
-    store = SampleStore(2, 10)
-    fill(store, 0, 1000)
-    check(store, 1000)
-    assert len(store) >= 10

@@ -30,7 +30,6 @@ def test_stamps_of_the_board_are_the_time_to_the_last_digit(unit, scale):
     clock = LiveTime(TimeColumn(0, "number", unit))
     time = times_of(clock, [9.0, 9.3, 9.1, 9.9], [5000.0, 5010.0, 5020.0, 5030.0])
     np.testing.assert_allclose(time, np.arange(4) * 10 * scale, rtol=1e-12, atol=1e-12)
-    assert clock.by_device
     assert clock.period == pytest.approx(10 * scale, rel=1e-9)
 
 
@@ -46,7 +45,6 @@ def test_a_unit_that_is_not_said_is_found_by_the_clock_of_the_host(unit, scale, 
 def test_stamps_that_stand_still_are_no_time():
     clock = LiveTime(TimeColumn(0, "number", ""))
     time = times_of(clock, (np.arange(100) * 0.01).tolist(), [3.0] * 100)
-    assert not clock.by_device
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
 
 
@@ -83,13 +81,6 @@ def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missi
     assert math.isnan(values[0][0])
     assert values[1:] == [(0.0,), (1.0,)]
     assert clock.period == pytest.approx(0.01)
-
-
-def test_the_time_of_a_sleeping_machine_is_added():
-    clock = LiveTime(None)
-    times_of(clock, [0.0, 1.0])
-    clock.interrupt(1800.0)
-    np.testing.assert_allclose(times_of(clock, [2.0, 3.0]), [2.0, 1802.0, 1803.0])
 
 
 def test_one_damaged_stamp_moves_nothing_but_itself():

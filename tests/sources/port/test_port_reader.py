@@ -1,20 +1,23 @@
 """The thread that reads a port: every way a board goes is one calm state, and close frees the port."""
 
 import threading
-import time
 from itertools import count, cycle, pairwise
 from queue import Empty
 
 import pytest
 import serial
-from each import each
-from scripted_port import Scripted, ScriptedPort
+from scripted_port import ScriptedPort, scripted
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.events import BytesReceived, Clock, Disconnected, EventQueue, Opened
-from kalscope.sources.port.reader import PortReader
+from kalscope.sources.port.reader import (
+    READ_TIMEOUT,
+    BytesReceived,
+    Clock,
+    Disconnected,
+    Opened,
+    PortReader,
+)
 from kalscope.sources.port.registry import PortSpec
-from kalscope.sources.port.transport import READ_TIMEOUT
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
@@ -54,32 +57,9 @@ def test_what_the_board_sends_arrives_whole_and_in_order(board, reader, wait_for
     assert reader.state.word == "connected"
 
 
-def test_a_board_pulled_out_while_nothing_comes_is_waited_for(board, reader, wait_for):
-    reader.start(require=True)
-    time.sleep(0.15)
-    board.unplug()
-    wait_for(lambda: reader.state.word == "disconnected, waiting")
-    assert "unplugged" in reader.state.reason or "plugged in" in reader.state.reason
-    assert isinstance(taken(reader)[-1], Disconnected)
-    assert reader.running
-
-
-def test_a_board_pulled_out_with_bytes_pending_loses_none_that_were_read(board, reader, wait_for):
-    reader.start(require=True)
-    board.say(b"0123456789")
-    items = []
-    wait_for(lambda: items.extend(taken(reader)) or bytes_of(items) == b"0123456789")
-    board.say(b"abc")
-    board.unplug()
-    wait_for(lambda: reader.state.word == "disconnected, waiting")
-    items += taken(reader)
-    assert bytes_of(items).startswith(b"0123456789")
-    assert b"0123456789abc".startswith(bytes_of(items))
-
-
 def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
     port = ScriptedPort([b"1\n", BadDevice("the cable was pulled")], starts="at a line")
-    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
+    reader = PortReader(PortSpec("x"), opener=scripted(port))
     reader.start()
     wait_for(lambda: reader.state.word == "disconnected, waiting")
     assert port.closed
@@ -88,38 +68,6 @@ def test_a_lost_port_is_closed_and_a_calm_state_says_why(wait_for):
     assert opened.starts == "at a line"
     assert [type(item) for item in rest] == [BytesReceived, Disconnected]
     assert reader.state.word == "closed"
-
-
-class Watched(EventQueue):
-    """The queue of a reader, which notes the state of the port when it is told that the connection has ended."""
-
-    def __init__(self, reader):
-        super().__init__()
-        self.reader, self.states = reader, []
-
-    def put(self, item):
-        super().put(item)
-        if isinstance(item, Disconnected):
-            self.states.append((self.reader.state.word, self.reader.state.reason))
-
-
-@each(("reconnect", "word"), [(True, "disconnected, waiting"), (False, "closed")])
-def test_the_state_says_that_a_board_is_lost_before_its_consumer_hears_of_it(reconnect, word, wait_for):
-    lost = BadDevice("the cable was pulled")
-    reader = PortReader(PortSpec("x"), reconnect=reconnect, endpoint=Scripted(ScriptedPort([b"1\n", lost])))
-    reader.items = Watched(reader)
-    reader.start()
-    wait_for(lambda: reader.items.states)
-    reader.close()
-    assert reader.items.states == [(word, str(lost))]
-
-
-def test_the_state_says_that_a_port_is_closed_before_its_consumer_hears_of_it():
-    reader = PortReader(PortSpec("x"), endpoint=Scripted(ScriptedPort([])))
-    reader.items = Watched(reader)
-    reader.start(require=True)
-    reader.close()
-    assert reader.items.states == [("closed", "")]
 
 
 def test_a_board_plugged_in_again_goes_on_by_itself(board, reader, wait_for):
@@ -143,19 +91,9 @@ def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
             waits.append(timeout)
             return len(waits) == 6 and (self.set() or True)
 
-    reader = PortReader(PortSpec("x"), endpoint=Scripted())
+    reader = PortReader(PortSpec("x"), opener=scripted())
     reader._run(None, Stop())
     assert waits == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
-
-
-def test_without_reconnecting_a_lost_board_ends_the_thread(board, wait_for):
-    reader = PortReader(PortSpec(board.link), reconnect=False)
-    reader.start(require=True)
-    board.unplug()
-    wait_for(lambda: not reader.running)
-    assert reader.state.word == "closed"
-    assert "unplugged" in reader.state.reason
-    reader.close()
 
 
 def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):
@@ -176,55 +114,23 @@ def test_a_port_that_another_program_holds_is_refused_with_both_named(board, rea
     assert not reader.running
 
 
-def test_one_megabyte_without_a_newline_passes_like_anything_else(board, reader, wait_for):
-    reader.start(require=True)
-    size = [0]
-    sender = threading.Thread(target=board.say, args=(b"7" * 1_000_000,))
-    sender.start()
-    wait_for(lambda: size.__setitem__(0, size[0] + len(bytes_of(taken(reader)))) or size[0] == 1_000_000)
-    sender.join()
-
-
 def test_a_slow_consumer_costs_whole_lines_which_are_counted(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.events.MAX_WAITING_BYTES", 1000)
+    monkeypatch.setattr("kalscope.sources.port.reader.MAX_WAITING_BYTES", 1000)
     port = ScriptedPort([b"1234,6789\n" * 10] * 50)
-    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
+    reader = PortReader(PortSpec("x"), opener=scripted(port))
     reader.start()
-    wait_for(lambda: reader.dropped == 400)
-    items = taken(reader)
+    wait_for(lambda: not port.script)
     reader.close()
-    gap, end = taken(reader)
+    *items, gap, end = taken(reader)
     assert bytes_of(items) == b"1234,6789\n" * 100
     assert (gap.count, type(end)) == (400, Disconnected)
 
 
-def test_what_waits_at_the_end_can_be_left_out(wait_for):
-    port = ScriptedPort([b"1,2\n3"] * 5)
-    reader = PortReader(PortSpec("x"), endpoint=Scripted(port))
-    reader.start()
-    wait_for(lambda: reader.items.qsize() == 6)
-    _, first, *_ = [reader.items.get() for _ in range(2)]
-    assert reader.items.leave_out(first).count == 5
-    assert reader.items.empty()
-    reader.close()
-
-
-def test_writing_to_a_port_that_is_not_open_says_how_it_stands(reader):
-    with pytest.raises(BadDevice, match="connected"):
-        reader.write(b"x")
-
-
-def test_what_is_written_reaches_the_board(board, reader):
-    reader.start(require=True)
-    reader.write(b"q0.01\n")
-    assert board.heard() == b"q0.01\n"
-
-
 def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
     ticks, wall = count(), cycle([0.0, -3600.0, 86400.0])
-    clock = Clock(lambda: float(next(ticks)), lambda: next(wall), lambda: 0.0)
+    clock = Clock(lambda: float(next(ticks)), lambda: next(wall))
     port = ScriptedPort([b"1\n"] * 20)
-    reader = PortReader(PortSpec("x"), endpoint=Scripted(port), clock=clock)
+    reader = PortReader(PortSpec("x"), opener=scripted(port), clock=clock)
     reader.start()
     wait_for(lambda: not port.script)
     reader.close()
@@ -236,22 +142,10 @@ def test_stamps_are_of_the_monotonic_clock_alone(wait_for):
 def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for):
     ticks = count()  # a second for each look at the clock: all reads are late
     port = ScriptedPort([b"1", b"2", b"", b"", b"3", b"4"])
-    reader = PortReader(
-        PortSpec("x"), endpoint=Scripted(port), clock=Clock(lambda: float(next(ticks)), time.time, lambda: 0.0)
-    )
+    reader = PortReader(PortSpec("x"), opener=scripted(port), clock=Clock(lambda: float(next(ticks))))
     reader.start()
     wait_for(lambda: not port.script)
     reader.close()
     items = [item for item in taken(reader) if isinstance(item, BytesReceived)]
     assert [item.silence for item in items] == [0, 0, 2 * READ_TIMEOUT, 0]
     assert all(item.end > item.begin for item in items)
-
-
-def test_bursts_are_no_late_reads_but_what_piles_up_behind_one_is():
-    reader = PortReader(PortSpec("x"))
-    for _ in range(100):
-        reader._note_read_latency(0.1, 0, 1500)
-        reader._note_read_latency(0.0005, 1500, 0)
-    assert reader.max_read_latency < 0.01
-    reader._note_read_latency(0.5, 0, 10_000)
-    assert 0.3 < reader.max_read_latency <= 0.5

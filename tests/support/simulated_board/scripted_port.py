@@ -1,9 +1,9 @@
-"""A port that gives what a test tells it to, and an endpoint that hands out such ports."""
+"""A port that gives what a test tells it to, and an opener that hands out such ports."""
 
 import time
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.transport import Endpoint, OpenPort
+from kalscope.sources.port.reader import OpenPort
 
 
 class ScriptedPort(OpenPort):
@@ -22,9 +22,6 @@ class ScriptedPort(OpenPort):
             raise item
         return item
 
-    def waiting(self):
-        return 0
-
     def write(self, data):
         self.sent += data
 
@@ -32,13 +29,13 @@ class ScriptedPort(OpenPort):
         self.closed = True
 
 
-class Scripted(Endpoint):
+def scripted(*ports):
     """Opens one port after the other, then none."""
+    rest = list(ports)
 
-    def __init__(self, *ports):
-        self.device, self.ports = "x", list(ports)
-
-    def open(self, _is_ended):
-        if not self.ports:
+    def opener(_spec, _is_ended, _last):
+        if not rest:
             raise BadDevice("port must be plugged in (got nothing)")
-        return self.ports.pop(0)
+        return rest.pop(0)
+
+    return opener

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from kalscope.sources.grammar.cells import DAMAGED, OVERFLOWS, is_comment, is_damaged
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.port.events import BytesReceived, Start
+from kalscope.sources.port.reader import BytesReceived, Start
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
@@ -59,12 +59,6 @@ class LineCounts:
     overrun: int = 0
     """Of the dropped lines, those that came faster than they could be processed."""
 
-    def with_overrun(self, lines: int) -> LineCounts:
-        """The counts with so many more lines that were left out."""
-        return replace(
-            self, received=self.received + lines, dropped=self.dropped + lines, overrun=self.overrun + lines
-        )
-
 
 class LiveLines:
     """Lines of one port, over all its openings."""
@@ -78,6 +72,7 @@ class LiveLines:
         self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
+        self._may_prime = False  # the next bytes are the first of whole lines
         self._raw = True  # bytes go to the parser as they arrive
         self._held = bytearray()  # otherwise: the line being received
         self._skip = self._whole = False
@@ -101,6 +96,7 @@ class LiveLines:
             self._parser = LineParser(self._options)  # a file may have a decimal comma
         inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
         self._raw, self._skip, self._whole, self._boot = not inside, inside, False, inside
+        self._may_prime = starts == "at a line"
         self._held.clear()
         self._opened, self._fresh = at if inside else -math.inf, starts != "where it stopped"
         self._window, self.wrong_baud = (at, 0, 0), False
@@ -117,16 +113,17 @@ class LiveLines:
         self._parser.restart()
         self._held.clear()
         self._skip = self._whole = False
-        self.counts = self.counts.with_overrun(count)
+        self.counts.received += count
+        self.counts.dropped += count
+        self.counts.overrun += count
         self.unreported_drops += count
-
-    def prime(self, data: bytes) -> None:
-        """Take the variables of Teleplot in the first bytes, which `feed` gets next."""
-        self._parser.prime(data.decode("utf-8", "replace").splitlines())
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
         self._boot = received.end - self._opened <= BOOT_SECONDS
+        if self._may_prime and received.data.startswith(b">"):  # all variables of Teleplot at once
+            self._parser.prime(received.data.decode("utf-8", "replace").splitlines())
+        self._may_prime = False
         if not self._raw and received.silence > _SILENCE:
             if not self._held:
                 self._whole = True

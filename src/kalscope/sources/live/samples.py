@@ -13,7 +13,7 @@ from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.lines import LineCounts
-from kalscope.sources.port.events import Clock
+from kalscope.sources.port.reader import Clock
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.axis import unit_by_magnitude
 from kalscope.sources.reading.line_reader import LineEvent
@@ -133,9 +133,15 @@ class ArrivedRow:
 class LiveTime:
     """Time of each row, from 0 at the first one."""
 
-    def __init__(self, column: TimeColumn | None) -> None:
-        """Begin with the first row; `column` describes the board's stamps, None where it sends none."""
-        self._column = column
+    def __init__(self, column: TimeColumn | None, file_period: float = 0.0) -> None:
+        """Begin with the first row.
+
+        Args:
+            column: Describes the stamps; None where there are none.
+            file_period: Of a file, whose lines may come much later, or faster, than they were written: time from
+                row to row where it has no stamps, s. 0 for a board.
+        """
+        self._column, self._file_period = column, file_period
         self._scale = _scale_of(column)
         self._decided = column is None or self._scale is not None
         self._pending: list[ArrivedRow] = []
@@ -144,18 +150,13 @@ class LiveTime:
         self._stamp = math.nan  # in s, of the last row whose stamp was accepted
         self._offset = 0.0  # time of a row is its stamp plus this
         self._doubted = False
-        self._broken = 0.0
+        self._broken = False
         self._steps = np.empty(_STEPS)
         self._count = 0
 
-    @property
-    def by_device(self) -> bool:
-        """True where the board's own stamps are the time."""
-        return self._scale is not None
-
-    def interrupt(self, slept: float = 0.0) -> None:
-        """Note an interruption; the `slept` s for which the machine slept are missing in monotonic time."""
-        self._broken += max(slept, _TICK)
+    def interrupt(self) -> None:
+        """Note an interruption before the next row."""
+        self._broken = True
 
     def place(self, rows: Sequence[ArrivedRow]) -> tuple[list[float], list[tuple[float, ...]]]:
         """Times and values of the rows, with one row of NaN for each interruption.
@@ -178,7 +179,7 @@ class LiveTime:
             elif last is not None:
                 self._steps[self._count % _STEPS] = time - last
                 self._count += 1
-            self._broken = 0.0
+            self._broken = False
             times.append(time)
             values.append(row.values)
         return times, values
@@ -223,13 +224,11 @@ class LiveTime:
 
     def _scale_by(self, host: float, stamps: Array) -> float | None:
         """Seconds in one unit of stamps that came within `host` s; None if they are not a time."""
+        if self._file_period:
+            return SECONDS_PER_UNIT[unit_by_magnitude(stamps[np.isfinite(stamps)])]
         units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
         stamp = stamps[-1] - stamps[0]
         return min(units, key=lambda scale: abs(math.log(stamp * scale / host))) if host > 0 else None
-
-    def _untimed(self, waited: float) -> float:
-        """Time from the last row to one without a stamp that came `waited` s after it."""
-        return max(waited, _TICK)
 
     def _next(self, row: ArrivedRow) -> float:
         """Time of the next row."""
@@ -239,18 +238,28 @@ class LiveTime:
                 self._stamp = row.stamp * self._scale
                 self._offset = -self._stamp
             return 0.0
-        waited = max(row.host - self._host, 0.0) + (self._broken if self._broken > _TICK else 0.0)
+        waited = max(row.host - self._host, 0.0)
         self._host = row.host
-        time = self._by_stamp(row, waited) if self._scale is not None else self._time + self._untimed(waited)
+        time = (
+            self._by_stamp(row, waited)
+            if self._scale is not None
+            else self._time + (self._file_period or max(waited, _TICK))
+        )
         self._time = max(time, self._time)
         return self._time
 
     def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
         """Time by the stamp where it can be trusted, else by the host's time since the last row."""
-        last = self._time or 0.0
+        last, stamp = self._time or 0.0, row.stamp * (self._scale or 1.0)
         if not math.isfinite(row.stamp):
-            return last + waited
-        stamp = row.stamp * (self._scale or 1.0)
+            return last if self._file_period else last + waited
+        if self._file_period:  # a step back is the beginning of another record, which follows at once
+            turn = self._clock_turn(stamp - self._stamp)
+            if stamp + turn < self._stamp:
+                self._offset = last + (self.period or _TICK) - stamp
+            self._offset += turn
+            self._stamp = stamp
+            return stamp + self._offset
         turn = self._turn(row.stamp, stamp - self._stamp, waited)
         step = stamp - self._stamp + turn
         # An interruption must last as long by both clocks, else the board has restarted.
@@ -284,36 +293,6 @@ class LiveTime:
             if self._stamp < turn and raw >= 0 and abs(step + turn - waited) <= 1.0 + 0.5 * waited:
                 return turn
         return 0.0
-
-
-class FileTime(LiveTime):
-    """Time of each row of a file, whose lines may come much later, or faster, than they were written."""
-
-    def __init__(self, column: TimeColumn | None, period: float) -> None:
-        """Begin with the first row; `period` is the time from row to row where the file has none, s."""
-        super().__init__(column)
-        self._file_period = period
-
-    def _scale_by(self, host: float, stamps: Array) -> float:
-        del host
-        return SECONDS_PER_UNIT[unit_by_magnitude(stamps[np.isfinite(stamps)])]
-
-    def _untimed(self, waited: float) -> float:
-        del waited
-        return self._file_period
-
-    def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
-        """Time by the stamp; a step back is the beginning of another record, which follows at once."""
-        del waited
-        last, stamp = self._time or 0.0, row.stamp * (self._scale or 1.0)
-        if not math.isfinite(stamp):
-            return last
-        turn = self._clock_turn(stamp - self._stamp)
-        if stamp + turn < self._stamp:
-            self._offset = last + (self.period or _TICK) - stamp
-        self._offset += turn
-        self._stamp = stamp
-        return stamp + self._offset
 
 
 def _scale_of(column: TimeColumn | None) -> float | None:
@@ -473,7 +452,7 @@ class LiveSamples:
         column = layout.time
         if column is not None and column.kind == "number":
             column = replace(column, unit=self._unit or column.unit)
-        self.time = FileTime(column, self._file_period) if self.kept else LiveTime(column)
+        self.time = LiveTime(column, self._file_period if self.kept else 0.0)
         self._store = SampleStore(len(names), keep)
         self._period, self._period_at = None, -1e9
 

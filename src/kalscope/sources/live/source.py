@@ -1,170 +1,289 @@
-"""A board that streams, as a Recording that grows."""
+"""A board that streams, as a Recording that grows: its samples, its status, commands to it.
+
+    with LiveSource("serial:/dev/ttyACM0@115200") as live:
+        ...
+        snapshot = live.snapshot()
+
+One thread reads the port, a second one parses the lines, passes them to the recorder and then stores the samples.
+Neither waits for the caller.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import Empty, Full, Queue
 from typing import Self
 
 import numpy as np
 
-from kalscope.errors import BadSetting
+from kalscope.common.text import count, duration
+from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.live.commands import CommandChannel
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.live.status import LineRate, LiveStatus, status_of
-from kalscope.sources.port.events import SYSTEM, BytesReceived, Clock, Disconnected, Item, LinesDropped, Opened
-from kalscope.sources.port.reader import PortReader
+from kalscope.sources.port.reader import (
+    SYSTEM,
+    BytesReceived,
+    Clock,
+    Disconnected,
+    Item,
+    LineCounter,
+    LinesDropped,
+    Opened,
+    PortReader,
+    Word,
+)
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import Recorder
+from kalscope.sources.recorder import Recorder, RecorderCounts
 
-# The first items of a source whose messages each name one variable: held until each has likely come once.
-#
-# Otherwise a board of six variables would begin with one, then two, then three: each time the charts would start
-# again, with a new part of the recording.
+# Commands to a board: one line is sent, lines with # that follow are the reply.
 
 
-HOLD_S = 0.5
-"""Seconds for which the first variables are held: a board sends all at once, a broker all retained messages."""
-_MAX_BYTES = 1 << 20
+MAX_COMMAND_BYTES = 63
+"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64."""
+ANSWER_S = 5.0
+"""Seconds within which a board answers."""
+_TICK = 0.1
+"""Seconds between two checks whether the caller still waits."""
+_REPLY_PAUSE = 1.0
+"""Seconds without any line after which a reply is complete; the next sample completes it at once."""
+_MAX_REPLY_S = 2.0
+"""Seconds after which it is taken as complete anyway: a board may send without end."""
+_MAX_REMARKS = 1000
+"""Remarks that may wait for a listener; further ones are dropped."""
 
 
-class FirstItems:
-    """Passes on the items of a port in order, the first ones late where that helps."""
+class BoardGone(BadDevice):
+    """The board was disconnected or unplugged before it answered."""
 
-    def __init__(
-        self, items: SimpleQueue[Item], monotonic: Callable[[], float], on_first: Callable[[bytes], None]
-    ) -> None:
-        """Wrap a queue.
+
+@dataclass(frozen=True)
+class Remark:
+    """A line with # and its place among the samples."""
+
+    text: str
+    """The line; "" for the first sample after a remark, and where the board was disconnected."""
+    row: int
+    """Samples that came before it, counted from the first of its generation."""
+    generation: int
+    """That of `Snapshot.generation`."""
+
+
+class CommandChannel:
+    """Sends one command at a time; `on_events` takes every line that arrives."""
+
+    def __init__(self, write: Callable[[bytes], None]) -> None:
+        """Set up the channel; `write` sends bytes to the board."""
+        self._write = write
+        self._one_at_a_time = threading.Lock()
+        self._listeners: tuple[Queue[Remark], ...] = ()
+        self._is_after_remark = False
+        self._disconnects = 0
+
+    def send(
+        self,
+        line: str,
+        timeout: float | None = None,
+        *,
+        is_reply: Callable[[str], bool] = bool,
+        check: Callable[[], object] = bool,
+    ) -> tuple[str, ...]:
+        """Send a line and wait for the reply.
 
         Args:
-            items: The items of the port.
-            monotonic: The clock of their stamps, s.
-            on_first: Called once with all bytes that were held, before the first of them is passed on.
+            line: As for `LiveSource.send`, which also says what this returns and raises.
+            timeout: Seconds to wait; None = ANSWER_S.
+            is_reply: Whether a line with # belongs to the reply; by default every one.
+            check: Called while it waits; what it raises ends the wait.
         """
-        self._items, self._monotonic, self._on_first = items, monotonic, on_first
-        self._held: list[BytesReceived] = []
-        self._ready = deque[Item]()
-        self._is_first = False
+        data = line.encode("utf-8") + b"\n"
+        if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
+            raise BadSetting(
+                f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
+                f" (got {len(data) - 1} in {line[:80]!r})"
+            )
+        timeout = ANSWER_S if timeout is None else timeout
+        with self._one_at_a_time, self.listen() as remarks:
+            known = self._disconnects
+            self._write(data)
+            replies, end = list[str](), time.monotonic() + timeout
+            while time.monotonic() < end:
+                try:
+                    text = remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK)).text
+                except Empty:
+                    text = ""
+                if replies and not text:
+                    break
+                if self._disconnects != known:
+                    raise BoardGone("the board was disconnected before it answered")
+                if text and is_reply(text):
+                    end = end if replies else time.monotonic() + _MAX_REPLY_S
+                    replies.append(text)
+                if not replies:
+                    check()
+        if not replies:
+            raise BadDevice(
+                f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
+            )
+        return tuple(replies)
 
-    def get(self, timeout: float) -> Item:
-        """The next item; Empty where none came within `timeout` s."""
-        while not self._ready:
-            try:
-                item = self._items.get(timeout=timeout)
-            except Empty:
-                if not self._held or self._monotonic() - self._held[0].end < HOLD_S:
-                    raise
-                self._release()
-                continue
-            if isinstance(item, Opened):
-                self._is_first = item.starts == "at a line"
-            if not self._holds(item):
-                self._release()
-                self._ready.append(item)
-        return self._ready.popleft()
+    @contextmanager
+    def listen(self) -> Generator[Queue[Remark]]:
+        """Every line with # that arrives while the block runs, asked for or not."""
+        remarks = Queue[Remark](_MAX_REMARKS)
+        self._listeners = (*self._listeners, remarks)
+        try:
+            yield remarks
+        finally:
+            self._listeners = tuple(one for one in self._listeners if one is not remarks)
 
-    def _holds(self, item: Item) -> bool:
-        """Whether this is one of the first, and more may follow."""
-        if isinstance(item, Opened):
-            return False
-        if not isinstance(item, BytesReceived) or not self._is_first:
-            self._is_first = False
-            return False
-        self._held.append(item)
-        size = sum(len(one.data) for one in self._held)
-        waits = item.end - self._held[0].end < HOLD_S and size < _MAX_BYTES
-        self._is_first = waits and self._held[0].data.startswith(b">")
-        if not self._is_first:
-            self._held.pop()
-        return self._is_first
+    def on_events(self, events: Iterable[LineEvent], row: int = 0, generation: int = 0) -> None:
+        """Pass the comment lines among these to the listeners.
 
-    def _release(self) -> None:
-        held, self._held, self._is_first = self._held, [], self._is_first and not self._held
-        if held:
-            self._on_first(b"".join(item.data for item in held))
-            self._ready.extend(held)
+        Args:
+            events: The lines, in their order.
+            row: Samples that came before them.
+            generation: Of these samples.
+        """
+        if not self._listeners:
+            return
+        for event in events:
+            is_remark = event.kind == "comment" and event.text.startswith("#")
+            if is_remark or (event.kind == "row" and self._is_after_remark):
+                self._put(Remark(event.text if is_remark else "", row, generation))
+            self._is_after_remark = is_remark or (self._is_after_remark and event.kind != "row")
+            row += len(event.rows)
 
+    def on_disconnected(self) -> None:
+        """End the wait for a reply that cannot come."""
+        self._disconnects += 1
+        self._put(Remark("", 0, 0))
 
-# The recorder of a live source: it starts and stops while lines arrive, never during a write.
+    def _put(self, remark: Remark) -> None:
+        for listener in self._listeners:
+            with suppress(Full):
+                listener.put_nowait(remark)
 
 
-class RecorderSlot:
-    """Holds one recorder or none; lines written while no recorder is active are discarded."""
+# The status of a live source: its counts, and a sentence for the user if something is wrong.
+
+
+_RATE_OVER = 2.0
+"""Seconds over which the lines per second are averaged."""
+_SILENT_AFTER = 5.0
+"""Seconds after which a source that should send is reported as silent, and the step of that time."""
+_MIN_LINES_JUDGED = 20
+"""Lines among which one with numbers is expected."""
+
+
+@dataclass(frozen=True)
+class RecordingStatus:
+    """The status of an active recording."""
+
+    name: str
+    """Name of the file that is written now, without its folder."""
+    counts: RecorderCounts
+    """Its counts: received = written + rejected + dropped, always."""
+    error: str
+    """What keeps lines from reaching the disk; "" where nothing does."""
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """The status of a live source. received = accepted + rejected + dropped, always."""
+
+    word: Word
+    """closed, connecting, connected, or "disconnected, waiting"."""
+    hint: str
+    """A sentence for the user: what is wrong and what to do; "" if nothing is."""
+    port: str
+    """What is open, or was open last."""
+    received: int
+    """Lines that arrived."""
+    lines_per_s: float
+    """Lines a second, over the last 2 s."""
+    period: float | None
+    """Measured sample period in s, the median step; None before two samples."""
+    jitter: float | None
+    """Half the width that holds nine of ten steps, in s; None before ten steps."""
+    accepted: int
+    """Lines that became samples."""
+    rejected: int
+    """Lines that should have become samples and did not."""
+    dropped: int
+    """Other lines: comments, headers, boot text, the first line after each opening, torn ones, `overrun`."""
+    overrun: int
+    """Of the dropped lines, those that came faster than they could be processed."""
+    reconnects: int
+    """How many times the port was opened again."""
+    left_memory: int
+    """Samples of this generation that are no longer kept."""
+    max_read_latency: float
+    """The longest time by which a read of the port was late, s."""
+    recording: RecordingStatus | None = None
+    """The active recording; None if there is none."""
+
+
+def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
+    """What is wrong with a port and what to do, in a sentence; "" where nothing is.
+
+    Args:
+        reader: The reader of the port.
+        counts: The lines that arrived.
+        noise: Whether the bytes are not text.
+    """
+    state, (seconds, check) = reader.state, reader.silence
+    if state.reason:
+        return state.reason
+    if check and seconds >= _SILENT_AFTER:
+        steps = int(seconds // _SILENT_AFTER)  # a running number distracts
+        return f"nothing has arrived for {duration(steps * _SILENT_AFTER)}: {check}"
+    if noise:
+        cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
+        return f"the data is not text{cause}"
+    if state.word == "connected" and counts.received - counts.overrun > _MIN_LINES_JUDGED and not counts.accepted:
+        return "lines arrive, but none has numbers"
+    if state.word == "connected" and counts.overrun:
+        return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
+    return ""
+
+
+class LineRate:
+    """Lines a second over the last seconds. One thread writes, any may read."""
 
     def __init__(self) -> None:
-        self._recorder: Recorder | None = None
-        self._lock = threading.Lock()
+        self._noted: deque[tuple[float, int]] = deque()
+        self.now = 0.0
+        """Lines a second."""
 
-    @property
-    def recorder(self) -> Recorder | None:
-        """The active recorder; None if there is none."""
-        return self._recorder
-
-    def begin(self, path: Path, *, source: str, started: float, wall: float, resume: bool) -> Recorder:
-        """Record from now on; the arguments are those of `Recorder`.
-
-        Raises:
-            BadSetting: a recording is active already.
-            BadFile: as `Recorder` raises it.
-        """
-        with self._lock:
-            if self._recorder is not None:
-                raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            self._recorder = Recorder(path, source=source, started=started, wall=wall, resume=resume)
-            return self._recorder
-
-    def end(self) -> None:
-        """End the recording and close its file; does nothing if none is active."""
-        with self._lock:
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                recorder.close()
-
-    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Write lines of one layout, each with its monotonic time in s."""
-        with self._lock:
-            if self._recorder is not None:
-                self._recorder.write(stamped, layout)
-
-    def gap(self, kind: str, seconds: float) -> None:
-        """Note how long nothing was received, and why."""
-        with self._lock:
-            if self._recorder is not None:
-                self._recorder.gap(kind, seconds)
-
-    def drop(self, count: int) -> None:
-        """Count lines that were lost before they arrived here."""
-        with self._lock:
-            if self._recorder is not None:
-                self._recorder.drop(count)
+    def note(self, at: float, received: int) -> None:
+        """Note how many lines had arrived at the monotonic time `at`, s."""
+        noted = self._noted
+        noted.append((at, received))
+        while len(noted) > 2 and at - noted[1][0] > _RATE_OVER:
+            noted.popleft()
+        (begin, old), (end, new) = noted[0], noted[-1]
+        self.now = (new - old) / (end - begin) if end > begin else 0.0
 
 
-# A board that streams, as a Recording that grows: what a dashboard draws and what a recorder writes.
-#
-#     with LiveSource("serial:/dev/ttyACM0@115200") as live:
-#         ...
-#         snapshot = live.snapshot()
-#
-# One thread reads the port, a second one parses the lines, passes them to the recorder and then stores the samples.
-# Neither waits for the caller.
+# The source.
 
 
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
 MAX_CLOSE_S = 0.5
 """Seconds from the call of `close` in which waiting lines are processed; the rest is dropped, and counted."""
-_SLEEP = 1.0
 _PART_OF_A_LINE = 0.25
 """Most seconds before a read in which its first line may have begun to arrive."""
 
@@ -187,7 +306,7 @@ class LiveSource:
         Args:
             spec: The port, or what `port_of` reads.
             options: How the lines are read; everything left open is detected.
-            reconnect: Open the port again when the board comes back; `reconnect` may be set at any time.
+            reconnect: Open the port again when the board comes back.
             keep: Samples per channel that are kept at least, fewer if there are very many channels.
             clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
@@ -200,8 +319,9 @@ class LiveSource:
         self.spec = port_of(spec) if isinstance(spec, str) else spec
         self._clock = clock
         self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
+        self.reconnect = reconnect
+        """Whether the port is opened again when the board comes back."""
         self._lines = LiveLines(options)
-        self._items = FirstItems(self._reader.items, clock.monotonic, self._lines.prime)
         self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, clock, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
@@ -210,39 +330,36 @@ class LiveSource:
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._end_by = math.inf
-        self._asleep = clock.asleep()
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
-        self._slot = RecorderSlot()
+        self._recorder: Recorder | None = None
+        self._recorder_lock = threading.Lock()  # lines wait while one is begun or ended
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
-    def start(self, *, require: bool = False, is_ended: Callable[[], bool] = bool) -> None:
+    def start(self, *, require: bool = False) -> None:
         """Connect; does nothing while it runs. After `close` it continues with the same samples.
 
         Args:
             require: Open the port before returning. Otherwise it waits for a missing board.
-            is_ended: True once the caller no longer waits for this; it is then given up as if there were no board.
 
         Raises:
             BadDevice: the port cannot be opened, where that is required.
         """
         if self._thread is not None:
             return
-        if require:
-            self._reader.open(is_ended)
-        self._reader.start()
+        self._reader.start(require=require)
         self._stop, self._end_by = threading.Event(), math.inf
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
     def open(self) -> None:
-        """Open the port of a board that must be there; a later start reads it from its first byte.
+        """Open the port of a board that must be there; what it sends waits until `start`.
 
         Raises:
             BadDevice: the port cannot be opened.
         """
-        self._reader.open()
+        self._reader.start(require=True)
 
     def close(self, timeout: float = 3.0) -> None:
         """Release the port, process the bytes that had arrived, end the recording. May be called twice.
@@ -266,15 +383,6 @@ class LiveSource:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def reconnect(self) -> bool:
-        """Whether the port is opened again when the board comes back."""
-        return self._reader.reconnect
-
-    @reconnect.setter
-    def reconnect(self, wanted: bool) -> None:
-        self._reader.reconnect = wanted
-
     def snapshot(self) -> Snapshot | None:
         """All samples that are kept; None before the first. The same object while nothing was added."""
         with self._lock:
@@ -283,15 +391,25 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            counts = self._counts.with_overrun(self._reader.dropped)
-            return status_of(
-                self._reader, counts, self._samples, self._rate.now, self._lines.wrong_baud, self._slot.recorder
+            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self._recorder
+            return LiveStatus(
+                **vars(self._counts),
+                word=state.word,
+                hint=hint_of(reader, self._counts, noise=self._lines.wrong_baud),
+                port=state.device,
+                lines_per_s=self._rate.now if state.word == "connected" else 0.0,
+                period=time.period,
+                jitter=time.jitter,
+                reconnects=max(state.opened - 1, 0),
+                left_memory=self._samples.left_memory,
+                max_read_latency=reader.max_read_latency,
+                recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
             )
 
     @property
     def recorder(self) -> Recorder | None:
         """The active recorder; None if there is none."""
-        return self._slot.recorder
+        return self._recorder
 
     def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
@@ -305,11 +423,19 @@ class LiveSource:
             BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
         """
         started, wall = self._clock.monotonic(), self._clock.wall()
-        return self._slot.begin(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
+        with self._recorder_lock:
+            if self._recorder is not None:
+                raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
+            recorder = Recorder(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
+            self._recorder = recorder
+        return recorder
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing if none is active."""
-        self._slot.end()
+        with self._recorder_lock:
+            recorder, self._recorder = self._recorder, None
+            if recorder is not None:
+                recorder.close()
 
     def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
         """Send one line to the board and wait for its answer, lines that begin with #.
@@ -329,45 +455,57 @@ class LiveSource:
 
     def _run(self, stop: threading.Event) -> None:
         while True:
+            is_late = self._clock.monotonic() > self._end_by
+            is_over = stop.is_set() and (is_late or not self._reader.is_open)
             try:
-                item = self._items.get(timeout=TICK)
+                item = self._reader.items.get(timeout=TICK)
             except Empty:
-                self._slot.write([], self._layout)
+                self._write([], self._layout)
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
-                if stop.is_set():
+                if is_over:
                     return
                 continue
-            if isinstance(item, BytesReceived) and stop.is_set() and self._clock.monotonic() > self._end_by:
-                item = self._reader.items.leave_out(item)
-            if isinstance(item, BytesReceived):
-                self._take(item)
-                self._reader.items.release(item)
-            elif isinstance(item, Opened):
-                self._on_opened(item)
-            elif isinstance(item, LinesDropped):
-                self._on_dropped(item)
-            else:
-                self._on_disconnected(item)
-            self._counts = replace(self._lines.counts)
+            if isinstance(item, BytesReceived) and is_late:
+                item = self._rest(item)
+            self._handle(item)
+            with self._lock:
+                self._counts = replace(self._lines.counts)
 
-    def _on_dropped(self, gap: LinesDropped) -> None:
-        with self._lock:
-            self._lines.overrun(gap.count)
-            self._counts = replace(self._lines.counts)
-            self._reader.items.release(gap)
-        self._samples.time.interrupt()
-        self._report_drops()
-        self._slot.gap("overrun", gap.end - gap.begin)
+    def _rest(self, item: Item) -> LinesDropped:
+        """An event and all that follow it, as lines that are left out: there is no time for them."""
+        lines, dropped, at = LineCounter(), 0, self._clock.monotonic()
+        with suppress(Empty):
+            while True:
+                if isinstance(item, BytesReceived):
+                    dropped += lines.count(item.data)
+                elif isinstance(item, LinesDropped):
+                    dropped += item.count
+                item = self._reader.items.get_nowait()
+        return LinesDropped(dropped, at, at)
+
+    def _handle(self, item: Item) -> None:
+        if isinstance(item, BytesReceived):
+            self._take(item)
+            self._reader.taken += len(item.data)
+        elif isinstance(item, Opened):
+            self._on_opened(item)
+        elif isinstance(item, LinesDropped):
+            with self._lock:
+                self._lines.overrun(item.count)
+            self._samples.time.interrupt()
+            self._report_drops()
+            self._note_gap("overrun", item.end - item.begin)
+        else:
+            self._on_disconnected(item)
 
     def _on_opened(self, event: Opened) -> None:
-        self._check_for_sleep()
         with self._lock:
             self._lines.opened(event.at, event.starts, keeps=event.keeps)
             self._samples.kept = event.keeps
         self._line_at = event.at
         if self._disconnected_at is not None and event.starts != "where it stopped":
             self._samples.time.interrupt()
-            self._slot.gap("unplug", event.at - self._disconnected_at)
+            self._note_gap("unplug", event.at - self._disconnected_at)
         self._disconnected_at = None
 
     def _on_disconnected(self, event: Disconnected) -> None:
@@ -378,7 +516,7 @@ class LiveSource:
         self._report_drops()
 
     def _take(self, received: BytesReceived) -> None:
-        self._check_for_sleep()
+        """Write the lines of each layout, then show their samples and count them in one step."""
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
         self._report_drops()
@@ -389,28 +527,28 @@ class LiveSource:
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
         runs = [list(run) for _, run in groupby(stamped, key=lambda line: id(line[2]))]
-        self._pass_on([([(at, event) for at, event, _ in run], run[0][2]) for run in runs])
-
-    def _pass_on(self, runs: list[tuple[list[tuple[float, LineEvent]], Layout | None]]) -> None:
-        """Write the lines of each layout, then show their samples and count them in one step."""
-        for stamped, layout in runs:
-            self._slot.write(stamped, layout)
-            self._layout = layout
+        for run in runs:
+            self._layout = run[0][2]
+            self._write([(at, event) for at, event, _ in run], self._layout)
         with self._lock:
-            for stamped, layout in runs:
-                self.commands.on_events((event for _, event in stamped), *self._samples.position)
-                if layout is not None:
-                    self._samples.keep(stamped, layout)
+            for run in runs:
+                self.commands.on_events((event for _, event, _ in run), *self._samples.position)
+                if (layout := run[0][2]) is not None:
+                    self._samples.keep([(at, event) for at, event, _ in run], layout)
             self._counts = replace(self._lines.counts)
 
-    def _report_drops(self) -> None:
-        count, self._lines.unreported_drops = self._lines.unreported_drops, 0
-        if count:
-            self._slot.drop(count)
+    def _write(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
+        with self._recorder_lock:
+            if self._recorder is not None:
+                self._recorder.write(stamped, layout)
 
-    def _check_for_sleep(self) -> None:
-        asleep = self._clock.asleep()
-        slept, self._asleep = asleep - self._asleep, asleep
-        if slept > _SLEEP:
-            self._samples.time.interrupt(slept)
-            self._slot.gap("suspend", slept)
+    def _report_drops(self) -> None:
+        dropped, self._lines.unreported_drops = self._lines.unreported_drops, 0
+        with self._recorder_lock:
+            if dropped and self._recorder is not None:
+                self._recorder.drop(dropped)
+
+    def _note_gap(self, kind: str, seconds: float) -> None:
+        with self._recorder_lock:
+            if self._recorder is not None:
+                self._recorder.gap(kind, seconds)

@@ -1,10 +1,10 @@
-"""What runs on the other machine of an ssh:// address: it opens a serial port or follows a file there.
+"""Follows a file that grows; on the other machine of an ssh:// address it opens a serial port, too.
 
-`ssh.py` sends this text, and that of `growing_file.py` before it, to a Python that the machine has: it
-imports nothing else of Kalscope and keeps to Python 3.7. Standard input is lines: one of JSON that names what to
-open; then one for each piece to send to the board, in hexadecimal digits, and an empty one now and then, to show
-that the reader is there. Standard output is MARK, a line of JSON that reports what was opened or why nothing was,
-and then the bytes as they arrive.
+`ssh.py` sends this text to a Python that the machine has: it imports nothing of Kalscope and keeps to Python 3.7.
+Standard input is lines: one of JSON that names what to open; then one for each piece to send to the board, in
+hexadecimal digits, and an empty one now and then, to show that the reader is there. Standard output is MARK, the
+position in the file, or DEVICE, on a line, and then the bytes as they arrive. Standard error says why nothing was
+opened.
 
 Python rather than stty and cat: it sets 250000 baud, locks the port, knows its place in a file, and gives a port up
 when nothing was received for MAX_SILENCE. A cat would hold it after the network has gone, and take half of the
@@ -14,110 +14,109 @@ bytes from the next reader.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import select
 import stat
 import sys
-import time
 from typing import Any
-
-from kalscope.sources.port.growing_file import GrowingFile, Replaced, Unusable
 
 MARK = b"\0kalscope "
 """Precedes the first answer: what a login shell prints before it is skipped."""
-MAX_SILENCE = 15.0
+DEVICE = -1
+"""The answer for a serial port, in place of a position."""
+MAX_SILENCE = 15
 """Seconds without a line on standard input after which a port is given up."""
-_MAX_UNSENT = 4 << 20
-_MAX_LINE = 1 << 16
+PIECE = 8_192
+"""Bytes of one read of a file, unless its first line is longer."""
+MAX_PIECE = 65_536
+"""Bytes of a line beyond which it comes in pieces."""
+MAX_BEFORE = 64
+"""Bytes before a position in a file by which the position is recognised."""
 _POLL = 0.1
-_SENT_AT_ONCE = 1 << 16
 
 
-class Pipes:
-    """Standard input and output, neither of which ever waits."""
+class Replaced(Exception):
+    """The file was cut short, or another one has its name: it is to be read again, from its beginning."""
 
-    def __init__(self) -> None:
-        self.unsent = bytearray()
-        self._rest = b""
-        self._received_at = time.monotonic()
-        os.set_blocking(1, False)
 
-    @property
-    def silence(self) -> float:
-        """Seconds since a line came."""
-        return time.monotonic() - self._received_at
+class GrowingFile:
+    """Reads whole lines. What follows the last line end is left for later: it may be half a line."""
 
-    def first_line(self) -> bytes:
-        """The first line of standard input."""
-        line = b""
-        while not line.endswith(b"\n") and len(line) < _MAX_LINE:
-            piece = os.read(0, 1)
-            if not piece:
-                raise EOFError
-            line += piece
-        return line
-
-    def wait(self, port: int | None, timeout: float) -> tuple[bool, list[bytes]]:
-        """Wait for something to do, and send what can be sent.
+    def __init__(self, path: str, position: int = 0, before: bytes = b"") -> None:
+        """Open a file.
 
         Args:
-            port: A file descriptor that is waited for, too; None for none.
-            timeout: Seconds to wait at most.
-
-        Returns:
-            Whether the port has bytes, and the pieces to send to the board.
+            path: The file.
+            position: Where to begin.
+            before: The bytes before that position, MAX_BEFORE at most: where others are there now, it
+                begins at 0.
 
         Raises:
-            EOFError: the reader is gone.
+            OSError: There is no such file, it may not be read, or it is not a regular file.
         """
-        reads = [0] if port is None else [0, port]
-        ready, writable, _ = select.select(reads, [1] if self.unsent else [], [], timeout)
-        if writable:
-            del self.unsent[: os.write(1, bytes(self.unsent[:_SENT_AT_ONCE]))]
-        return port in ready, self._pieces() if 0 in ready else []
+        if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened: a FIFO would wait for a writer
+            raise OSError(errno.EINVAL, "must be a file or a serial port")
+        self._path = path
+        self._open_file = open(path, "rb", buffering=0)  # noqa: SIM115
+        start = position - len(before)
+        self.position = position if before and start >= 0 and self._at(start, len(before)) == before else 0
+        self.before = before if self.position else b""
 
-    def _pieces(self) -> list[bytes]:
-        data = os.read(0, 4096)
-        if not data:
-            raise EOFError
-        self._received_at = time.monotonic()
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        return [bytes.fromhex(line.decode("ascii")) for line in lines if line]
+    def read(self) -> bytes:
+        """The next whole lines, PIECE bytes at most, or one longer line; b"" where there are none yet.
 
-    def answer(self, **fields: Any) -> None:
-        """Report what was opened, or why nothing was."""
-        self.unsent += MARK + json.dumps(fields).encode("ascii") + b"\n"
+        Raises:
+            Replaced: What follows is in another file.
+            OSError: It cannot be read from the disk.
+        """
+        data = self._at(self.position, PIECE)
+        end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
+        if not end and len(data) == PIECE:
+            data = self._at(self.position, MAX_PIECE)
+            ends = [data.find(mark) + 1 for mark in (b"\n", b"\r") if mark in data]
+            end = min(ends, default=len(data) if len(data) == MAX_PIECE else 0)
+        if not end and self._is_replaced():
+            raise Replaced
+        self.position += end
+        self.before = (self.before + data[:end])[-MAX_BEFORE:]
+        return data[:end]
 
-    def finish(self) -> None:
-        """Send what is left, if the reader takes it."""
-        end = time.monotonic() + 2.0
-        while self.unsent and time.monotonic() < end:
-            self.wait(None, _POLL)
+    def _at(self, position: int, size: int) -> bytes:
+        self._open_file.seek(position)
+        return self._open_file.read(size)
+
+    def _is_replaced(self) -> bool:
+        here = os.fstat(self._open_file.fileno())
+        try:
+            there = os.stat(self._path)
+        except OSError:  # renamed: it may still be written until the next one exists
+            there = here
+        return here.st_size < self.position or (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._open_file.close()
 
 
 def open_device(path: str, baud: int, reset: bool) -> int:
     """A serial port: raw, 8N1, locked as pyserial locks one.
 
     Raises:
-        Unusable: as for a file, "busy", "no port", or another text.
+        OSError: It cannot be opened.
     """
-    import errno
     import fcntl
     import termios
     import tty
 
-    try:
-        device = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError as error:
-        words = {errno.EACCES: "denied", errno.EBUSY: "busy"}
-        raise Unusable(words.get(error.errno or 0, str(error))) from None
+    device = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.flock(device, fcntl.LOCK_EX | fcntl.LOCK_NB)
         tty.setraw(device)
         settings = termios.tcgetattr(device)
         settings[2] = (settings[2] & ~(termios.CSTOPB | termios.CRTSCTS)) | termios.CLOCAL | termios.CREAD
-        speed = getattr(termios, "B%d" % baud, None)  # noqa: UP031
+        speed = getattr(termios, f"B{baud}", None)
         settings[4] = settings[5] = termios.B38400 if speed is None else speed
         termios.tcsetattr(device, termios.TCSANOW, settings)
         if speed is None:
@@ -128,12 +127,10 @@ def open_device(path: str, baud: int, reset: bool) -> int:
                 fcntl.ioctl(device, termios.TIOCMBIC, low)
         termios.tcflush(device, termios.TCIFLUSH)
     except BlockingIOError:
-        os.close(device)
-        raise Unusable("busy") from None
-    except (OSError, termios.error) as error:
-        os.close(device)
-        number = error.args[0] if error.args else 0
-        raise Unusable("no port" if number == errno.ENOTTY else str(error)) from None
+        raise OSError(errno.EBUSY, "is in use by another program") from None
+    except termios.error as error:
+        raise OSError(error.args[0], "is not a serial port: " + error.args[1]) from None
+    os.set_blocking(device, True)
     return device
 
 
@@ -149,69 +146,62 @@ def _set_odd_speed(device: int, baud: int) -> None:
     fcntl.ioctl(device, 0x402C542B, words)
 
 
-def serve_device(pipes: Pipes, request: dict[str, Any]) -> None:
+def serve_device(request: dict[str, Any]) -> None:
     """Pass bytes between a serial port and the reader until one of them is gone."""
+    import signal
+
     device = open_device(request["path"], request["baud"], request["reset"])
-    pipes.answer(kind="device")
-    while pipes.silence < MAX_SILENCE and len(pipes.unsent) < _MAX_UNSENT:
-        has_bytes, pieces = pipes.wait(device, 1.0)
-        if has_bytes:
-            try:
-                data = os.read(device, 4096)
-            except OSError:
-                data = b""
-            if not data:
-                break
-            pipes.unsent += data
-        for piece in pieces:
-            _send(device, piece)
-    pipes.finish()
-
-
-def _send(device: int, piece: bytes) -> None:
-    """Send all of it, or what the board takes within a second."""
-    end = time.monotonic() + 1.0
-    while piece and time.monotonic() < end:
-        if select.select([], [device], [], _POLL)[1]:
-            piece = piece[os.write(device, piece) :]
-
-
-def serve_file(pipes: Pipes, request: dict[str, Any]) -> None:
-    """Send the lines of a file, and those that are added, until the reader is gone or the file was replaced."""
-    position, before = request["position"], bytes.fromhex(request["before"])
-    file = GrowingFile(request["path"], position, before)
-    pipes.answer(kind="file", position=file.position)
-    try:
+    os.write(1, MARK + b"%d\n" % DEVICE)
+    rest = b""
+    signal.alarm(MAX_SILENCE)  # ends this program, also while a write waits
+    with contextlib.suppress(OSError):  # the board, or the reader, is gone
         while True:
-            pipes.wait(None, _POLL)
-            while len(pipes.unsent) < _SENT_AT_ONCE:
-                lines = file.read()
-                if not lines:
-                    break
-                pipes.unsent += lines
-    except Replaced:
-        pipes.finish()
+            ready = select.select([0, device], [], [])[0]
+            if device in ready:
+                data = os.read(device, 4096)
+                if not data:
+                    return
+                os.write(1, data)
+            if 0 in ready:
+                data = os.read(0, 4096)
+                if not data:
+                    return
+                signal.alarm(MAX_SILENCE)
+                *lines, rest = (rest + data).split(b"\n")
+                os.write(device, b"".join(bytes.fromhex(line.decode("ascii")) for line in lines))
+
+
+def serve_file(request: dict[str, Any]) -> None:
+    """Send the lines of a file, and those that are added, until the reader is gone or the file was replaced."""
+    file = GrowingFile(request["path"], request["position"], bytes.fromhex(request["before"]))
+    os.write(1, MARK + b"%d\n" % file.position)
+    while True:
+        lines = file.read()
+        if lines:
+            sys.stdout.buffer.write(lines)
+            sys.stdout.buffer.flush()
+        elif select.select([0], [], [], _POLL)[0] and not os.read(0, 4096):
+            return
 
 
 def main() -> None:
     """Do what the first line of standard input asks for."""
-    pipes = Pipes()
+    line = b""
+    while not line.endswith(b"\n"):
+        piece = os.read(0, 1)
+        if not piece:
+            return
+        line += piece
+    request = json.loads(line.decode("ascii"))
+    path = request["path"]
+    request["path"] = os.path.expanduser(path) if path.startswith("~/") else path
     try:
-        request = json.loads(pipes.first_line().decode("ascii"))
-        home = request["path"].startswith("~/")
-        request["path"] = os.path.expanduser(request["path"]) if home else request["path"]
-        try:
-            is_device = stat.S_ISCHR(os.stat(request["path"]).st_mode)
-            (serve_device if is_device else serve_file)(pipes, request)
-        except FileNotFoundError:
-            pipes.answer(error="missing")
-        except PermissionError:
-            pipes.answer(error="denied")
-        except Unusable as error:
-            pipes.answer(error=str(error))
-        pipes.finish()
-    except (EOFError, BrokenPipeError):
+        is_device = stat.S_ISCHR(os.stat(request["path"]).st_mode)
+        (serve_device if is_device else serve_file)(request)
+    except Replaced:
         pass
+    except OSError as error:
+        sys.exit(f"{path}: {error.strerror}")
 
 
 if __name__ == "__main__":

@@ -6,33 +6,273 @@ It does nothing else, because bytes that it does not fetch in time are lost: the
 
 from __future__ import annotations
 
+import re
 import threading
-from collections.abc import Callable
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Literal
 
-from kalscope.errors import BadDevice
-from kalscope.sources.port.events import (
-    SYSTEM,
-    BytesReceived,
-    Clock,
-    Disconnected,
-    EventQueue,
-    LinesDropped,
-    Opened,
-    Overload,
-    PortState,
-    Word,
-)
-from kalscope.sources.port.registry import PortSpec
-from kalscope.sources.port.transport import READ_TIMEOUT, Endpoint, OpenPort
+from kalscope.errors import BadDevice, BadSetting
+
+if TYPE_CHECKING:
+    from kalscope.sources.port.registry import PortSpec
+
+# What a transport offers: an address that may be opened again and again, and the port that is open.
+
+
+READ_TIMEOUT = 0.1
+"""Seconds after which a read without data returns, so that close never waits longer."""
+WRITE_TIMEOUT = 2.0
+"""Seconds after which a write that is not accepted fails."""
+CONNECT_TIMEOUT = 5.0
+"""Seconds within which the other side must answer."""
+MAX_READ_BYTES = 1 << 13
+"""Bytes of one read: whether to stop is checked between two of them."""
+
+Start = Literal["inside a line", "at a line", "where it stopped"]
+"""Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
+beginning of a line, as that of a message or a file; or right after the last whole line of the opening before."""
+
+
+class OpenPort(ABC):
+    """A port: to construct one is to open it. Each method raises BadDevice where the connection is lost.
+
+    Constructors take a PortSpec, a function that is true once the port is no longer needed (called at least every
+    READ_TIMEOUT s where that is possible), and the last port that was open, closed by now; None for the first.
+    They raise BadDevice where it cannot be opened: why, and what to do, a sentence without its full stop.
+    """
+
+    device = ""
+    """What is open, as users know it, where that is not the address: a board may come back under another path."""
+    when_silent = ""
+    """What to check where nothing arrives, a sentence without its full stop; "" where silence may be all right."""
+    starts: Start = "inside a line"
+    """Where its first byte is."""
+    keeps = False
+    """True where the other side keeps what is not read yet: it is then fetched no faster than it is used."""
+
+    @abstractmethod
+    def fetch(self) -> bytes:
+        """Bytes that have arrived; after READ_TIMEOUT none.
+
+        MAX_READ_BYTES at most, and beyond them only the end of a line, or a message, that is passed on whole.
+        """
+
+    def write(self, data: bytes) -> None:
+        """Send all of it. Here: refuse, as most transports only receive."""
+        del data
+        raise BadDevice("nothing can be sent there: it is only read")
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the port; may be called twice, and after the connection was lost. Raises nothing."""
+
+
+Opener = Callable[["PortSpec", Callable[[], bool], OpenPort | None], OpenPort]
+"""The constructor of a port."""
+
+
+# Addresses and reasons as messages repeat them: on one line, not too long, and without a password.
+
+
+MQTT_PASSWORD = "KALSCOPE_MQTT_PASSWORD"
+"""The environment variable that holds the password of a broker."""
+_PASSWORD = re.compile(r"([^:/]*://[^:]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
+
+
+def refuse_password(address: str) -> None:
+    """Refuse what may hold a password: an address is shown, recorded and shared.
+
+    `scheme://user:123/456@host/name` reads as host, port and name, too. So an @ after a colon is always refused.
+
+    Raises:
+        BadSetting: there is an @ after a colon, and more than a baud rate after it.
+    """
+    if _PASSWORD.match(address):
+        raise BadSetting(
+            "an address must hold no password: ssh:// uses your keys, mqtt:// the environment variable"
+            f" {MQTT_PASSWORD}; an @ of a path or a topic is written %40 (got {quoted(address)})"
+        )
+
+
+def quoted(address: str) -> str:
+    """An address as messages repeat it: without the password that may precede its last @, not too long."""
+    match = _PASSWORD.match(address)
+    shown = f"{match[1]}:…@{address[match.end() :]}" if match else address
+    return f"{shown!r:.100}"
+
+
+def short(reason: object) -> str:
+    """An error, or a text of another program, on one line of at most 200 characters."""
+    return " ".join(str(reason).split())[:200]
+
+
+# The clocks of a live source. Only the monotonic one measures; setting the wall clock changes nothing.
+
+
+_GOES_ON = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+
+
+def _monotonic() -> float:
+    """Seconds that never step and go on while the machine sleeps, as those of a board do.
+
+    `time.monotonic` stops then on Linux and macOS, where CLOCK_BOOTTIME and CLOCK_MONOTONIC go on.
+    """
+    return time.monotonic() if _GOES_ON is None else time.clock_gettime(_GOES_ON)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clocks of a live source."""
+
+    monotonic: Callable[[], float] = _monotonic
+    """Seconds that never step."""
+    wall: Callable[[], float] = time.time
+    """Seconds since 1970; read once for each recording, for its first line."""
+
+
+SYSTEM = Clock()
+"""The clocks of this machine."""
+
+
+# What the thread queues, and the state of the port.
+
+
+Word = Literal["closed", "connecting", "connected", "disconnected, waiting"]
+
+
+@dataclass(frozen=True)
+class PortState:
+    """The state of a port."""
+
+    word: Word
+    """closed, connecting, connected, or "disconnected, waiting" for the board to come back."""
+    reason: str = ""
+    """What ended or prevents the connection, a sentence without its full stop; "" if nothing does."""
+    device: str = ""
+    """The device that is, or was last, open: the path may change when a board is plugged in again."""
+    opened: int = 0
+    """How many times the port was opened; all but the first are reconnects."""
+
+
+@dataclass(frozen=True)
+class BytesReceived:
+    """Bytes of one read."""
+
+    data: bytes
+    """At least one byte."""
+    begin: float
+    """Monotonic time of the previous read, or of the opening, s."""
+    end: float
+    """Monotonic time at which they had arrived, s."""
+    silence: float
+    """Seconds before them in which reads found nothing: not those in which this machine did not read."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The port is open."""
+
+    at: float
+    """Monotonic time, s."""
+    starts: Start = "inside a line"
+    """Where the next bytes begin."""
+    keeps: bool = False
+    """True where the other side keeps its lines, as a file does: the times in them can then be trusted."""
+
+
+@dataclass(frozen=True)
+class Disconnected:
+    """The board was lost or the port closed; the current line will not be finished."""
+
+    at: float
+    """Monotonic time, s."""
+
+
+@dataclass(frozen=True)
+class LinesDropped:
+    """Lines were left out, because too many bytes waited; the next bytes begin a line."""
+
+    count: int
+    """How many, including the one whose beginning was passed on."""
+    begin: float
+    """Monotonic time of the first of their bytes, s."""
+    end: float
+    """Monotonic time of the next line that is kept, s."""
+
+
+Item = BytesReceived | Opened | LinesDropped | Disconnected
+"""What the thread queues."""
+
+
+# Lines that come faster than their consumer takes them are left out whole, and counted.
+
+
+MAX_WAITING_BYTES = 1 << 20
+"""Bytes that may wait for the consumer: 91 s of a port at 115200 baud. Beyond that lines are left out."""
+_LINE_END = re.compile(rb"\r\n?|\n")
+_SURE_LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
+
+
+class LineCounter:
+    r"""Counts the lines of a stream that arrives in pieces, which end with \n, \r\n or \r."""
+
+    def __init__(self) -> None:
+        self._last = b""
+
+    def count(self, data: bytes) -> int:
+        r"""How many lines end in the next piece; a \n right after the \r of the piece before ends none."""
+        ends = len(_LINE_END.findall(self._last + data)) - len(self._last)
+        self._last = b"\r" if (data or self._last).endswith(b"\r") else b""
+        return ends
+
+
+class Overload:
+    """Leaves out whole lines while too many bytes wait, until half of them are taken: one gap, not a hundred."""
+
+    def __init__(self) -> None:
+        self._lines = LineCounter()
+        self._gap: LinesDropped | None = None
+
+    def take(self, received: BytesReceived, waiting: int) -> Iterator[LinesDropped | BytesReceived]:
+        """What is passed on of the next bytes: all, nothing, or the gap that ends here and the lines after it.
+
+        Args:
+            received: What was read.
+            waiting: Bytes that the consumer has not taken yet.
+        """
+        data, gap = received.data, self._gap
+        if gap is None and waiting + len(data) <= MAX_WAITING_BYTES:
+            self._lines.count(data)
+            yield received
+            return
+        first_end = _SURE_LINE_END.search(data) if waiting <= MAX_WAITING_BYTES // 2 else None
+        cut = len(data) if first_end is None else first_end.end()
+        begin, before = (received.begin, 0) if gap is None else (gap.begin, gap.count)
+        self._gap = LinesDropped(before + self._lines.count(data[:cut]), begin, received.end)
+        if first_end is not None:
+            yield from self.end()
+            if cut < len(data):
+                self._lines.count(data[cut:])
+                yield replace(received, data=data[cut:])
+
+    def end(self) -> Iterator[LinesDropped]:
+        """The gap that is still open, if there is one: nothing follows."""
+        gap, self._gap = self._gap, None
+        if gap is not None:
+            yield gap
+
+
+# The thread.
+
 
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
-_MIN_CONNECTED_S = 5.0
-"""A connection that lasted longer, in s, resets the retry delay."""
 _KEPT_BYTES, _KEPT_PAUSE = 1 << 17, 0.01
 """Bytes that wait for the consumer where the other side can keep the rest, and seconds until it is asked again."""
-_MIN_GAPS = 20
-"""Reads after which it is known whether the board sends line by line or in bursts."""
 
 
 class PortReader:
@@ -44,33 +284,34 @@ class PortReader:
         *,
         reconnect: bool = True,
         clock: Clock = SYSTEM,
-        endpoint: Endpoint | None = None,
+        opener: Opener | None = None,
     ) -> None:
         """Prepare; nothing is opened.
 
         Args:
             spec: The port.
-            reconnect: Reopen it when the board comes back; may be switched at any time.
+            reconnect: Reopen it when the board comes back.
             clock: The source of the stamps.
-            endpoint: What is opened; None = what `spec` names.
+            opener: What opens the port; None = what `spec` names.
         """
         self.spec = spec
-        self.items = EventQueue()
-        """The events in order. The consumer releases each `BytesReceived` and `LinesDropped`."""
+        self.items = SimpleQueue[Item]()
+        """The events in order."""
+        self.taken = 0
+        """Bytes that the consumer has taken out of the queue and processed; the consumer counts them."""
         self._reconnect = reconnect
         self._clock = clock
-        self._endpoint = endpoint or spec.transport.endpoint(spec.url, spec.baud, spec.reset)
+        self._opener = opener or spec.transport.opener
+        self._last: OpenPort | None = None
         self._state = PortState("closed", device=spec.url)
         self._port: OpenPort | None = None
-        self._ready: OpenPort | None = None  # open, but not read yet
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
-        self._usual_gap, self._gaps = 0.0, 0
         self._received_at = 0.0
-        self._overload = Overload()
+        self._queued = 0  # bytes
         self.max_read_latency = 0.0
-        """Upper bound of the longest time between two reads while bytes were waiting, s."""
+        """The longest time by which a read returned late, s."""
 
     @property
     def state(self) -> PortState:
@@ -78,54 +319,21 @@ class PortReader:
         return self._state
 
     @property
-    def dropped(self) -> int:
-        """Lines left out because too many bytes wait, in gaps that have not been released."""
-        return self._overload.dropped + self.items.dropped
-
-    @property
-    def is_endless(self) -> bool:
-        """Whether more bytes come than may wait, without a line end among them."""
-        return self._overload.is_endless
-
-    @property
     def silence(self) -> tuple[float, str]:
         """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
-        if self._state.word != "connected":
+        if self._state.word != "connected" or self._last is None:
             return 0.0, ""
-        return self._clock.monotonic() - max(self._received_at, self._state.since), self._endpoint.when_silent
-
-    @property
-    def reconnect(self) -> bool:
-        """Whether the port is reopened when the board comes back."""
-        return self._reconnect
-
-    @reconnect.setter
-    def reconnect(self, wanted: bool) -> None:
-        self._reconnect = wanted
+        return self._clock.monotonic() - self._received_at, self._last.when_silent
 
     @property
     def running(self) -> bool:
         """True from start to close, and until the board is lost if it does not reconnect."""
         return self._thread is not None and self._thread.is_alive()
 
-    def open(self, is_ended: Callable[[], bool] = bool) -> None:
-        """Open the port; `start` then reads it from its first byte. Does nothing while it is open and not read yet.
-
-        Args:
-            is_ended: True once that is no longer wanted: connecting is then given up.
-
-        Raises:
-            BadDevice: the port cannot be opened.
-        """
-        if self._ready is not None:
-            return
-        self._stop = threading.Event()
-        self._set_state("connecting")
-        try:
-            self._ready = self._opened(self._stop, is_ended)
-        except BadDevice as error:
-            self._set_state("closed", str(error))
-            raise
+    @property
+    def is_open(self) -> bool:
+        """Whether the port may still be read."""
+        return self._port is not None
 
     def start(self, *, require: bool = False) -> None:
         """Begin to read; does nothing while it runs.
@@ -138,12 +346,14 @@ class PortReader:
         """
         if self.running:
             return
+        self._stop, port = threading.Event(), None
+        self._set_state("connecting")
         if require:
-            self.open()
-        port, self._ready = self._ready, None
-        if port is None:
-            self._stop = threading.Event()
-            self._set_state("connecting")
+            try:
+                port = self._opened(self._stop)
+            except BadDevice as error:
+                self._set_state("closed", str(error))
+                raise
         self._thread = threading.Thread(
             target=self._run, args=(port, self._stop), name="kalscope port", daemon=True
         )
@@ -157,9 +367,6 @@ class PortReader:
         """
         self._stop.set()
         thread, self._thread = self._thread, None
-        ready, self._ready = self._ready, None
-        if ready is not None:
-            ready.close()
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout)
         self._set_state("closed", self._state.reason if self._state.word == "closed" else "")
@@ -181,9 +388,8 @@ class PortReader:
         while port is not None or not stop.is_set():
             try:
                 port = port or self._opened(stop)
+                delay = MIN_RETRY_DELAY
                 reason = self._read(port, stop)
-                if self._clock.monotonic() - self._state.since > _MIN_CONNECTED_S:
-                    delay = MIN_RETRY_DELAY
             except BadDevice as error:
                 reason = str(error)
             is_closed = stop.is_set()
@@ -199,71 +405,54 @@ class PortReader:
             stop.wait(delay)
             delay = min(2 * delay, MAX_RETRY_DELAY)
 
-    def _opened(self, stop: threading.Event, is_ended: Callable[[], bool] = bool) -> OpenPort:
+    def _opened(self, stop: threading.Event) -> OpenPort:
         """Open the port and queue the event."""
-        port = self._endpoint.open(lambda: stop.is_set() or is_ended())
-        device = self._endpoint.device
+        port = self._opener(self.spec, stop.is_set, self._last)
+        device = port.device or self.spec.url
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} was closed before it had opened")
-        at = self._clock.monotonic()
+        at = self._received_at = self._clock.monotonic()
         with self._write_lock:
-            self._port = port
+            self._port = self._last = port
         # Before the state changes, so that a caller who sees "connected" finds the event.
         self.items.put(Opened(at, port.starts, port.keeps))
-        self._state = PortState("connected", "", device, at, self._state.opened + 1)
+        self._state = PortState("connected", "", device, self._state.opened + 1)
         return port
 
     def _read(self, port: OpenPort, stop: threading.Event) -> str:
         """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
-        why, clock = "", self._clock.monotonic
-        before, waiting, silence, self._usual_gap, self._gaps = clock(), 0, 0.0, 0.0, 0
-        overload = self._overload = Overload()
+        why, clock, overload = "", self._clock.monotonic, Overload()
+        before = now = clock()
+        silence = 0.0
         try:
             while not stop.is_set():
-                if port.keeps and self.items.waiting > _KEPT_BYTES:
+                if port.keeps and self._queued - self.taken > _KEPT_BYTES:
                     stop.wait(_KEPT_PAUSE)
                     continue
+                due = now + READ_TIMEOUT
                 data = port.fetch()
                 now = clock()
-                if lost := port.take_lost():
-                    self.items.put(LinesDropped(lost, before, now))
+                if not port.keeps:
+                    self.max_read_latency = max(self.max_read_latency, now - due)
                 if not data:
                     # Not `now - before`: a machine that stalls in a read receives nothing either.
-                    waiting, silence = 0, min(silence + READ_TIMEOUT, now - before)
+                    silence = min(silence + READ_TIMEOUT, now - before)
                     continue
                 self._received_at = now
-                for item in overload.take(BytesReceived(data, before, now, silence), self.items.waiting):
+                for item in overload.take(BytesReceived(data, before, now, silence), self._queued - self.taken):
+                    self._queued += len(item.data) if isinstance(item, BytesReceived) else 0
                     self.items.put(item)
-                left = port.waiting()
-                if not port.keeps:
-                    self._note_read_latency(now - before, waiting, left)
-                before, waiting, silence = now, left, 0.0
+                before, silence = now, 0.0
         except BadDevice as error:
             why = str(error)
         finally:
+            for gap in overload.end():
+                self.items.put(gap)
             with self._write_lock:
                 self._port = None
             port.close()
-            for gap in overload.end():
-                self.items.put(gap)
         return why
 
-    def _note_read_latency(self, gap: float, waiting: int, left: int) -> None:
-        """Note a late read. Where nothing was waiting at its call, it was late by what has piled up since.
-
-        A board that sends in bursts piles up as much; so only what exceeds the usual gap counts.
-        """
-        if waiting:
-            self.max_read_latency = max(self.max_read_latency, gap)
-            return
-        self._gaps += 1
-        if left and self._gaps > _MIN_GAPS:
-            late = min(gap - self._usual_gap, 10.0 * left / self.spec.baud)
-            self.max_read_latency = max(self.max_read_latency, late)
-        self._usual_gap = max(gap, 0.98 * self._usual_gap)
-
     def _set_state(self, word: Word, reason: str = "") -> None:
-        state = self._state
-        since = state.since if word == state.word else self._clock.monotonic()
-        self._state = PortState(word, reason, state.device, since, state.opened)
+        self._state = replace(self._state, word=word, reason=reason)

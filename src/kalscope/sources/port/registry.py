@@ -3,19 +3,60 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.errors import BadSetting
-from kalscope.sources.port.local_file import FILE
-from kalscope.sources.port.messages import MQTT, UDP
-from kalscope.sources.port.serial_port import PYSERIAL, RFC2217, SERIAL, TCP, is_serial_device
-from kalscope.sources.port.ssh import SSH
-from kalscope.sources.port.transport import Transport, quoted
+from kalscope.sources.port.messages import (
+    MqttPort,
+    UdpPort,
+    interface_and_port,
+    mqtt_parts,
+)
+from kalscope.sources.port.reader import Opener, quoted, refuse_password
+from kalscope.sources.port.serial_port import SerialPort, SocketPort, host_and_port, is_serial_device
+from kalscope.sources.port.ssh import FILE_PREFIX, FilePort, SshPort, check_file, ssh_parts
 
-# The registry of transports: the one place that knows which kinds of address there are.
+# The kinds of addresses.
 
 
-TRANSPORTS = (SERIAL, SSH, TCP, UDP, MQTT, FILE, RFC2217, PYSERIAL)
+@dataclass(frozen=True)
+class Transport:
+    """One kind of address."""
+
+    prefixes: tuple[str, ...]
+    """How its addresses begin, in lower case; the usual one first."""
+    example: str
+    """Such an address, for help texts."""
+    check: Callable[[str], object]
+    """Raises BadSetting where an address is malformed; its return value is not used. Opens nothing."""
+    opener: Opener
+    """Opens it; imports what it needs."""
+    has_baud: bool = False
+    """Whether an address may end with @ and a baud rate."""
+
+    def begins(self, address: str) -> bool:
+        """Whether the address is of this kind."""
+        return address.lower().startswith(self.prefixes)
+
+    def refuse(self, address: str) -> None:
+        """Raise BadSetting where an address is malformed, or holds a password."""
+        if self.prefixes[0].endswith("://"):
+            refuse_password(address)
+        self.check(address)
+
+
+SERIAL = Transport(("serial:",), "/dev/ttyACM0 or COM3@9600", lambda _path: None, SerialPort, has_baud=True)
+"""A serial port of this computer; its path alone is an address, too."""
+TRANSPORTS = (
+    SERIAL,
+    Transport(("ssh://",), "ssh://host/dev/ttyACM0@115200", ssh_parts, SshPort, has_baud=True),
+    Transport(("tcp://", "socket://"), "tcp://host:port", host_and_port, SocketPort),
+    Transport(("udp://",), "udp://:47269", interface_and_port, UdpPort),
+    Transport(("mqtt://", "mqtts://"), "mqtt://broker/topic", mqtt_parts, MqttPort),
+    Transport((FILE_PREFIX,), "file:log.csv", check_file, FilePort),
+    Transport(("rfc2217://",), "rfc2217://host:port", host_and_port, SerialPort, has_baud=True),
+)
 """All kinds of address, in the order in which help texts name them."""
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
@@ -26,31 +67,25 @@ def named_transport(text: str) -> Transport | None:
     return next((one for one in TRANSPORTS if one.begins(text)), None)
 
 
-def transport_of(text: str, *, in_dashboard: bool = False) -> Transport:
+def transport_of(text: str) -> Transport:
     """The transport of an address; without a prefix it is the path of a serial port.
 
-    Args:
-        text: The address.
-        in_dashboard: Whether it was typed in the dashboard.
-
     Raises:
-        BadSetting: its scheme is unknown, or not allowed in the dashboard.
+        BadSetting: its scheme is unknown.
     """
     found = named_transport(text)
-    if found is None and _SCHEME.match(text) is None:
-        return SERIAL
-    if found is None or (in_dashboard and not found.in_dashboard):
-        known = [one.prefixes[0] for one in TRANSPORTS if one.in_dashboard and one.prefixes[0].endswith("://")]
+    if found is None and _SCHEME.match(text) is not None:
+        known = [one.prefixes[0] for one in TRANSPORTS if one.prefixes[0].endswith("://")]
         raise BadSetting(f"an address must begin with {', '.join(known[:-1])} or {known[-1]} (got {quoted(text)})")
-    return found
+    return found or SERIAL
 
 
 def address_examples() -> str:
     """Addresses of all kinds that users type, for help texts."""
-    return ", ".join(f'"{one.example}"' for one in TRANSPORTS if one.in_dashboard)
+    return ", ".join(f'"{one.example}"' for one in TRANSPORTS)
 
 
-# Names of ports as users type them. Nothing is opened; `transports.registry` knows the kinds of address.
+# Names of ports as users type them. Nothing is opened.
 
 
 DEFAULT_BAUD = 115_200
@@ -98,16 +133,13 @@ def is_live(spec: str) -> bool:
     return named_transport(text) is not None or is_serial_device(_split_baud(text)[0])
 
 
-def port_of(
-    text: str, *, default_baud: str = str(DEFAULT_BAUD), in_dashboard: bool = False, reset: bool = True
-) -> PortSpec:
+def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = True) -> PortSpec:
     """The port that `text` names.
 
     Args:
         text: "serial:PORT@BAUD", "serial:PORT", "PORT@BAUD", "PORT" (115200 baud), "tcp://host:port",
             "rfc2217://host:port", "rfc2217://host:port@BAUD".
         default_baud: The baud rate where the address names none.
-        in_dashboard: Whether it was typed in the dashboard, which opens fewer kinds of address.
         reset: See PortSpec.
 
     Raises:
@@ -116,7 +148,7 @@ def port_of(
     address = text.strip()
     if SERIAL.begins(address):
         address = address[len(SERIAL.prefixes[0]) :].strip()
-    transport = transport_of(address, in_dashboard=in_dashboard)
+    transport = transport_of(address)
     url, baud = _split_baud(address) if transport.has_baud else (address, str(DEFAULT_BAUD))
     baud = default_baud if baud is None else baud
     if not (baud.isascii() and baud.isdecimal()):

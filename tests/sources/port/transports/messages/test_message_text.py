@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.sources.port.messages import MAX_PAYLOAD, Topics, check_topic, lines_of
+from kalscope.sources.port.messages import MAX_PAYLOAD, Topics, lines_of, mqtt_parts
 from kalscope.sources.reading.line_parser import LineParser
 
 
@@ -47,25 +47,6 @@ DATAGRAMS = [
 @each(("datagram", "rows"), DATAGRAMS)
 def test_what_a_datagram_holds(datagram, rows):
     assert rows_of(lines_of(datagram.encode())) == rows
-
-
-@each(
-    ("line", "kind", "says"),
-    [
-        ("state:on|t", "text", ""),
-        ("p:1:2|xy", "rejected", "must be >name:value"),
-        ("3D|cube:S:cube", "rejected", "must be >name:value"),
-        ("temp:broken", "text", ""),
-        (">temp:broken", "rejected", "must be a number"),
-        ("temp:", "header", ""),
-    ],
-)
-def test_what_is_no_sample_is_counted_with_its_reason(line, kind, says):
-    parser = LineParser()
-    parser.feed(b">temp:1\n>p:3\n" + lines_of(line.encode()))
-    event = list(parser)[-1]
-    assert event.kind == kind
-    assert says in "".join(issue.reason for issue in event.issues)
 
 
 def test_a_binary_datagram_is_one_rejected_line():
@@ -150,7 +131,7 @@ def test_no_message_breaks_a_line(subscribed, topic, payload, retained):
     assert not re.search(rb"\r", lines)
 
 
-@each("topic", ["", "a/#/b", "a/b+", "a#", "a\nb", "x" * 65_536])
+@each("topic", ["a/#/b", "a/b+", "a#", "a\nb", "x" * 65_536])
 def test_a_topic_that_nobody_can_subscribe_to(topic):
     with pytest.raises(BadSetting, match="a topic must have"):
-        check_topic(topic)
+        mqtt_parts(f"mqtt://broker/{topic}")

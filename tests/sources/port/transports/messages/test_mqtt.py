@@ -4,7 +4,6 @@ import shutil
 import socket
 import subprocess
 import threading
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -16,9 +15,8 @@ from waiting import wait_until
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port import messages
-from kalscope.sources.port.messages import MAX_MESSAGE, MqttEndpoint
-from kalscope.sources.port.registry import is_live, port_of
+from kalscope.sources.port.messages import MAX_MESSAGE, MqttPort
+from kalscope.sources.port.registry import port_of
 from kalscope.sources.reading.recording_file import read_recording
 
 needs("paho")
@@ -63,20 +61,6 @@ def refusal(address):
 
 
 @each(
-    "text",
-    [
-        "mqtt://broker/a/b",
-        "mqtt://ada@broker:1884/home/+/t",
-        "MQTTS://[::1]/#",
-        "mqtt://127.0.0.1/$SYS/broker/uptime",
-    ],
-)
-def test_addresses_of_brokers(text):
-    assert is_live(text)
-    assert port_of(text).text == text
-
-
-@each(
     ("text", "says"),
     [
         ("mqtt://broker", "an address must be mqtt://broker/topic"),
@@ -84,8 +68,8 @@ def test_addresses_of_brokers(text):
         ("mqtt:///a", "an address must be mqtt://broker/topic"),
         ("mqtt://broker:0/a", "an address must be mqtt://broker/topic"),
         ("mqtt://broker/a/#/b", "a topic must have"),
-        ("mqtt://ada:sec/secret@broker/a", "must hold no password: set KALSCOPE_MQTT_PASSWORD"),
-        ("mqtt://ada:secret@broker/a", "must hold no password: set KALSCOPE_MQTT_PASSWORD"),
+        ("mqtt://ada:sec/secret@broker/a", "must hold no password: ssh:// uses your keys"),
+        ("mqtt://ada:secret@broker/a", "must hold no password: ssh:// uses your keys"),
     ],
 )
 def test_what_is_no_address_of_a_broker(text, says):
@@ -122,21 +106,6 @@ def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait
 
 
 @pytest.mark.slow
-def test_a_value_that_the_broker_had_kept_names_its_channel_only(open_broker, wait_for):
-    with publisher(open_broker) as client:
-        client.publish("kept/old", "99", qos=1, retain=True).wait_for_publish()
-        live = opened(f"{open_broker.address}/kept/#")
-        wait_for(lambda: live.status().received == 1)
-        client.publish("kept/new", "1")
-        wait_for(lambda: live.status().accepted == 1)
-        client.publish("kept/old", "", qos=1, retain=True).wait_for_publish()
-    live.close()
-    recording = live.snapshot().recording
-    assert recording.names == ("old", "new")
-    np.testing.assert_array_equal(recording.values[:1], [[np.nan, 1.0]])
-
-
-@pytest.mark.slow
 def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
     with broker(tmp_path) as running:
         live = opened(f"{running.address}/t")
@@ -153,25 +122,15 @@ def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
     assert live.snapshot().recording.names == ("t",)
 
 
-def test_a_password_comes_from_the_environment_or_a_file(closed_broker, monkeypatch, tmp_path):
+def test_a_password_comes_from_the_environment(closed_broker, monkeypatch):
     address = f"mqtt://{USER}@127.0.0.1:{closed_broker.port}/home/#"
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("USERPROFILE", str(tmp_path))
-    assert "refuses the user ada, or the password: set KALSCOPE_MQTT_PASSWORD" in refusal(address)
-    assert "requires a user: mqtt://user@127.0.0.1" in refusal(address.replace(f"{USER}@", ""))
-    file = tmp_path / ".netrc"
-    file.write_text(f'machine 127.0.0.1 login {USER} password "{PASSWORD}"\n')
-    file.chmod(0o644)
-    assert "~/.netrc must be readable for you alone" in refusal(address)
-    file.chmod(0o600)
-    opened(address).close()
-    file.write_text(f'default login {USER} password "{PASSWORD}"\n')
-    assert "refuses the user ada" in refusal(address), "an entry for any host is sent to none"
-    file.write_text(f"machine 127.0.0.1 login {USER} pass {PASSWORD}\n")
-    assert PASSWORD.split()[1] not in refusal(address)
-    file.unlink()
+    says = (
+        "refuses this user or this topic (reason code 135): mqtt://user@127.0.0.1/…, and set KALSCOPE_MQTT_PASSWORD"
+    )
+    assert says in refusal(address)
+    assert says in refusal(address.replace(f"{USER}@", ""))
     monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", "wrong")
-    assert "refuses the user ada" in refusal(address)
+    assert says in refusal(address)
     monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", PASSWORD)
     opened(address).close()
 
@@ -209,46 +168,26 @@ def hang_up(listening, *answers):
         connection.recv(4096)
 
 
-@pytest.mark.slow
-@each("scheme", ["mqtt", "mqtts"])
-def test_a_server_that_stays_silent_is_given_up_in_time_and_at_once_where_nobody_waits(scheme, monkeypatch):
-    """During the handshake of TLS, too, for which the library has a limit of its own."""
+def test_a_server_that_stays_silent_is_given_up_at_once_where_nobody_waits():
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = MqttEndpoint(f"{scheme}://127.0.0.1:{mute.getsockname()[1]}/t")
         asked = iter([False, False, True])
         with pytest.raises(BadDevice, match="does not answer"):
-            endpoint.open(lambda: next(asked))
-        assert not list(asked), "nobody was asked"
-        with monkeypatch.context() as hurry:
-            hurry.setattr(messages, "CONNECT_TIMEOUT", 0.1)
-            with pytest.raises(BadDevice, match="does not answer"):
-                endpoint.open(lambda: False)
+            MqttPort(port_of(f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"), lambda: next(asked), None)
 
 
 def test_what_is_no_broker(open_broker):
     assert "nothing listens at" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
     assert "no computer is known by the name no.such.host.invalid" in refusal("mqtt://no.such.host.invalid/t")
-    assert "does not speak TLS" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
+    assert "cannot be reached" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
     with socket.create_server(("127.0.0.1", 0)) as mute:
         threading.Thread(target=hang_up, args=(mute,)).start()
         address = f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"
         assert "closed the connection" in refusal(address)
         for answer in (NOT_SUBSCRIBED, NO_CODE):
             threading.Thread(target=hang_up, args=(mute, CONNECTED, answer)).start()
-            assert "does not let this user read t" in refusal(address)
+            assert "refuses this user or this topic" in refusal(address)
         threading.Thread(target=hang_up, args=(mute, REFUSED)).start()
-        assert "refuses the connection (code 136)" in refusal(address)
-
-
-@pytest.mark.slow
-def test_a_picture_is_counted_and_left_out(open_broker, wait_for):
-    with publisher(open_broker) as client:
-        live = opened(f"{open_broker.address}/big/#")
-        client.publish("big/picture", b"x" * 3_000_000)
-        client.publish("big/t", "1")
-        wait_for(lambda: live.status().accepted == 1)
-        live.close()
-    assert (live.status().received, live.status().accepted) == (2, 1)
+        assert "(reason code 136)" in refusal(address)
 
 
 def test_a_message_beyond_every_measure_ends_the_connection():
@@ -257,41 +196,10 @@ def test_a_message_beyond_every_measure_ends_the_connection():
         threading.Thread(
             target=hang_up, args=(listening, CONNECTED, SUBSCRIBED + b"\x30\x80\x80\x80\x64\0\1t")
         ).start()
-        port = MqttEndpoint(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t").open(lambda: False)
+        port = MqttPort(port_of(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t"), bool, None)
         with pytest.raises(BadDevice, match=f"a message of 209715200 bytes .* at most {MAX_MESSAGE} are read"):
             wait_until(port.fetch)
         port.close()
-
-
-EMPTY = b"\x30\x03\0\1t"
-
-
-def send_empty(listening, given_up):
-    """A broker that sends messages without a payload until its client leaves."""
-    with listening.accept()[0] as connection, suppress(OSError):
-        for answer in (CONNECTED, SUBSCRIBED):
-            connection.recv(4096)
-            connection.sendall(answer)
-        while not given_up.is_set():
-            connection.sendall(100 * EMPTY)
-
-
-@pytest.mark.slow
-def test_a_reader_is_asked_to_end_while_nothing_but_empty_messages_comes():
-    given_up = threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        sender = threading.Thread(target=send_empty, args=(listening, given_up))
-        sender.start()
-        port = MqttEndpoint(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t").open(lambda: False)
-        stuck = threading.Timer(10.0, given_up.set)
-        stuck.start()
-        for _ in range(3):
-            assert port.fetch() == b""
-        assert not given_up.is_set(), "one call read until the sender gave up"
-        stuck.cancel()
-        stuck.join()
-        port.close()
-        sender.join()
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):
