@@ -10,7 +10,6 @@ from typing import Any
 from kalscope.common.numbers import Array
 from kalscope.common.text import count
 from kalscope.errors import BadFile, BadSetting
-from kalscope.recording import LineIssue
 
 # The libraries that read containers: optional, imported where a file needs one.
 
@@ -70,16 +69,6 @@ class Table:
     """Columns, from 0, that are calendar stamps in µs since 1970."""
     texts: tuple[str, ...] = ()
     """Names of columns that hold no numbers and were left out."""
-    headers: int = 0
-    """Lines of the file that are not rows: headers, and blank lines between its parts."""
-    rejected: int = 0
-    """Lines that were rejected."""
-    bad_cells: int = 0
-    """Cells of rows that hold something other than a number: missing samples."""
-    issues: tuple[LineIssue, ...] = ()
-    """The first MAX_ISSUES of both, in file order."""
-    filled: int = 0
-    """Rows of missing samples that keep the places of rejected lines."""
 
     @property
     def shape(self) -> tuple[int, int]:

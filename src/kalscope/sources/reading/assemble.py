@@ -446,9 +446,11 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
     cells = [[_cell(value) for value in column[:_FEW_ROWS].tolist()] for column in table.columns]
-    texts = [""] * len(table.texts)
+    texts, is_named = [""] * len(table.texts), any(table.names)
     rows = [(*row, *texts) for row in zip(*cells, strict=True)]
-    time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
+    time = (
+        find_time(columns, rows, ".", named=is_named) if index is None else chosen_time(columns, rows, ".", index)
+    )
     if time is None or time.kind != "number":
         return None
     if index is None and table.period is not None and not time.unit and _counts(table.columns[time.index]):
@@ -467,7 +469,7 @@ def _cell(value: float) -> str:
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
     """Rows without a stamp are rejected; infinite samples are missing ones, counted as bad cells."""
-    tally, rejected, n = Tally(bad_cells=table.bad_cells, issues=list(table.issues)), 0, table.shape[0]
+    tally, rejected, n = Tally(), 0, table.shape[0]
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])
         rejected = int(np.count_nonzero(~known))
@@ -478,5 +480,5 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
         if infinite.any():
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
-    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
+    tally.lines.update(row=n - rejected, rejected=rejected)
     return Reading(columns, tally, layout, table.period)

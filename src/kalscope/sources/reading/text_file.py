@@ -98,9 +98,10 @@ _FOREIGN = {
     b"\xff\xd8\xff": "a JPEG image",
     b"%PDF": "a PDF document",
     b"RIFF": "a WAV or AVI file",
-    b"\x93NUMPY": "a NumPy array, which numpy.savetxt or scipy.io.savemat can write as a file that is read",
     b"CDF": "a NetCDF file: xarray.open_dataset(…).to_dataframe().to_csv(…) writes it as CSV",
-    b"SQLite format 3": "an SQLite database, as of RBR: sqlite3 -csv FILE 'SELECT * FROM data' writes it as CSV",
+    b"#ROSBAG": "a ROS 1 bag: mcap convert FILE.bag FILE.mcap writes it as MCAP",
+    b"SQLite format 3": "an SQLite database: of RBR, sqlite3 -csv FILE 'SELECT * FROM data' writes it as CSV;"
+    " a ROS 2 bag, mcap convert FILE.db3 FILE.mcap writes it as MCAP",
     b"H Product:Blackbox": "a Betaflight blackbox log: blackbox_decode FILE writes it as CSV",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
