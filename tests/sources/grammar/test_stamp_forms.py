@@ -38,7 +38,7 @@ def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
         (["20240313093000", "20240313093001"], ("calendar", "ymd", "h:m:s", "")),
         (["10/14/2018 00:01"], ("calendar", "mdy", "h:m:s", "")),
         (["14/10/2018"], ("calendar", "dmy", "h:m:s", "")),
-        (["13th of March 2024 9:30 pm", "13th of March 2024 9:31 pm"], ("calendar", "dmy", "h:m:s", "dateutil")),
+        (["13th of March 2024 9:30 pm", "13th of March 2024 9:31 pm"], ("calendar", "dmy", "h:m:s", "")),
         (["hello", "world 3"], None),
         ([], None),
         (["", "nan"], None),
@@ -185,12 +185,3 @@ def test_dates_of_six_digits_under_the_name_of_a_date(order, pattern):
     assert stamp_parser(form, ".")(cells[-1]) == (times[-1] - datetime(1970, 1, 1)).total_seconds() * 1e6
     assert found(cells, DATE) == ("number", "ymd", "h:m:s", "")  # a timestamp may count so
     assert found([str(100_000 + 7 * i) for i in range(50)], DAY)[0] == "number"
-
-
-@pytest.mark.parametrize(("day_first", "month"), [(True, 4), (False, 3)])
-def test_the_order_that_the_user_chose_holds_for_other_words_too(day_first, month):
-    cells = [f"03 04 2024 {hour}h00" for hour in range(10)]
-    form = find_stamp_form(cells, ".", StampHints(is_time=True, day_first=day_first))
-    assert form.odd == "dateutil"
-    since = datetime(2024, month, 7 - month) - datetime(1970, 1, 1)
-    assert stamp_parser(form, ".")(cells[0]) == since.days * 86400e6

@@ -53,16 +53,3 @@ def test_a_rate_that_drifts_is_followed():
     placed = place_evenly(time, find_rate(time))
     assert np.abs(placed - true).max() <= 0.15
     assert np.all(np.diff(placed) > 0)
-
-
-def test_a_stretch_with_a_step_a_sample_keeps_its_stamps():
-    """A logger that stamped whole seconds at first, and after a pause microseconds."""
-    seconds = np.floor(np.arange(1400) / 13.5)
-    rng = np.random.default_rng(1)
-    later = 200 + np.cumsum(rng.uniform(0.069, 0.079, 700))
-    time = np.concatenate((seconds, later))
-    rate = find_rate(time)
-    placed = place_evenly(time, rate)
-    assert 1 / rate.period == pytest.approx(13.5, rel=0.005)
-    np.testing.assert_array_equal(placed[1400:], later)
-    assert np.all(np.diff(placed[:1400]) > 0)

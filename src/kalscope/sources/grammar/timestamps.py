@@ -13,9 +13,7 @@ from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import MISSING, parse_number
 from kalscope.sources.grammar.stamps import (
-    CALENDAR_FORMS,
     CLOCK_PARSERS,
-    DATEUTIL,
     EXCEL,
     MAX_STAMP_LENGTH,
     SIX_DIGITS,
@@ -29,10 +27,7 @@ from kalscope.sources.grammar.stamps import (
     parse_calendar,
     parse_clock,
     parse_excel,
-    parse_iso,
-    parse_with_dateutil,
     parse_with_format,
-    quick_clock,
     year_of,
 )
 
@@ -101,8 +96,7 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
         return number
     # In a column that is named as a date, 17.05.24 is not a clock.
     calendar = _calendar(present, counted, least, hints.day_first) if hints.may_be_spreadsheet else None
-    found = calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
-    return found or _with_dateutil(counted, hints, fits)
+    return calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
 
 
 def _clock(counted: list[str], least: float) -> TimeColumn | None:
@@ -150,14 +144,6 @@ def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | N
     if not fits(lambda cell: parse_with_format(cell, form)):
         return None
     return TimeColumn(0, "calendar" if has_date(form) else "clock", odd=form)
-
-
-def _with_dateutil(counted: list[str], hints: StampHints, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A column that is named as a time, in words that only dateutil reads: it takes ten times as long per cell."""
-    order: DateOrder = "mdy" if hints.day_first is False else "dmy"
-    if not hints.is_time or not counted or not fits(lambda cell: parse_with_dateutil(cell, order)):
-        return None
-    return TimeColumn(0, "calendar", order=order, odd=DATEUTIL)
 
 
 def _calendar(present: list[str], counted: list[str], least: float, day_first: bool | None) -> TimeColumn | None:
@@ -270,7 +256,7 @@ class TimeColumn:
     clock: ClockForm = "h:m:s"
     """How the clock is written, where one is alone or in a column of its own."""
     odd: str = ""
-    """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), "six digits", or a
+    """How stamps that our own forms do not fit are read: "excel" (days since 1900), "six digits", or a
     format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time is in several columns; () where it is in one."""
@@ -320,7 +306,7 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     if column.odd:
         return odd_parser(column.odd, decimal, column.order)
     if column.kind == "calendar":
-        return calendar_parser(column.order)
+        return _in_order(column.order)
     if column.kind == "clock":
         return CLOCK_PARSERS[column.clock]
 
@@ -330,39 +316,6 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
         return value if value is not None and abs(value) <= MAX_STAMP else None
 
     return parse
-
-
-def calendar_parser(order: DateOrder) -> StampParser:
-    """As `parse_calendar`, but faster: days are remembered, and the form that read the last cell is tried first."""
-    forms = list(CALENDAR_FORMS)
-
-    def parse(cell: str) -> float | None:
-        if len(cell) > MAX_STAMP_LENGTH:
-            return None
-        stamp = parse_iso(cell, order)
-        if stamp is not None:
-            return stamp
-        head, _, tail = cell.rpartition(" ")
-        clock = quick_clock(tail)
-        day = None if clock is None or not head else _whole_day(head, order)
-        if clock is not None and day is not None:
-            return day + clock
-        for i, form in enumerate(forms):
-            stamp = form(cell, order)
-            if stamp is not None:
-                if i:
-                    forms.insert(0, forms.pop(i))
-                return stamp
-        return None
-
-    return parse
-
-
-@lru_cache(maxsize=4096)
-def _whole_day(text: str, order: DateOrder) -> float | None:
-    """Microseconds from 1970 to the day of a text without a clock; None for anything else."""
-    stamp = None if ":" in text else parse_calendar(text, order)
-    return stamp if stamp is not None and stamp % 86400e6 == 0 else None
 
 
 def _day_parser(
