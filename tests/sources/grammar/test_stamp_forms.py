@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.timestamps import StampHints, find_stamp_form, stamp_parser
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.timestamps import TimeName, find_stamp_form, stamp_parser
 
-TIME, DATE = StampHints(is_time=True), StampHints(is_time=True, is_date=True)
+TIME, DATE = TimeName(2), TimeName(2, is_date=True)
 START = datetime(2024, 3, 13, 9, 30)
 
 
@@ -52,7 +53,7 @@ def test_eight_digits_and_day_numbers_are_dates_only_where_the_name_allows():
     assert found(["19580329"], DATE) == ("calendar", "ymd", "h:m:s", "")
     assert found(["19580329"]) == ("number", "ymd", "h:m:s", "")
     assert found(["45123.5"], DATE) == ("number", "ymd", "h:m:s", "")
-    spreadsheet = StampHints(is_time=True, is_date=True, may_be_spreadsheet=True)
+    spreadsheet = TimeName(2, is_date=True, may_be_spreadsheet=True)
     assert found(["45123.5"], spreadsheet) == ("calendar", "ymd", "h:m:s", "excel")
     form = find_stamp_form(["45123,5"], ",", spreadsheet)
     assert stamp_parser(form, ",")("45123,5") == datetime(2023, 7, 16, 12).timestamp() * 1e6
@@ -104,9 +105,9 @@ def test_of_runs_far_apart_the_shorter_log_is_likelier_and_the_note_stays(order)
 
 @pytest.mark.parametrize(("day_first", "order"), [(True, "dmy"), (False, "mdy")])
 def test_the_user_decides_the_order(day_first, order):
-    form = find_stamp_form(["03/04/2024"], ".", StampHints(day_first=day_first))
+    form = find_stamp_form(["03/04/2024"], ".", TimeName(), ReadOptions(day_first=day_first))
     assert (form.order, form.notes) == (order, ())
-    assert find_stamp_form(["2024-03-04"], ".", StampHints(day_first=day_first)).order == "ymd"
+    assert find_stamp_form(["2024-03-04"], ".", TimeName(), ReadOptions(day_first=day_first)).order == "ymd"
 
 
 @pytest.mark.slow
@@ -118,32 +119,32 @@ def test_damaged_cells_change_nothing(damaged, order):
     cells = days(order, 100, 1, START)
     for i in damaged:
         cells[i] = cells[i][:-1] + "x"
-    assert found(cells, StampHints())[1] == order
+    assert found(cells, TimeName())[1] == order
 
 
 def test_a_format_of_the_user_is_the_form():
-    hints = StampHints(time_format="%H-%M-%S.%f")
-    form = find_stamp_form(["01-00-00.5", "01-00-01.5"], ".", hints)
+    options = ReadOptions(time_format="%H-%M-%S.%f")
+    form = find_stamp_form(["01-00-00.5", "01-00-01.5"], ".", TimeName(), options)
     assert (form.kind, form.odd) == ("clock", "%H-%M-%S.%f")
     assert stamp_parser(form, ".")("01-00-00.5") == 3600.5e6
-    form = find_stamp_form(["2024|073"], ".", StampHints(time_format="%Y|%j"))
+    form = find_stamp_form(["2024|073"], ".", TimeName(), ReadOptions(time_format="%Y|%j"))
     assert form.kind == "calendar"
     assert stamp_parser(form, ".")("1970|002") == 86400e6
-    assert find_stamp_form(["12:00"], ".", StampHints(time_format="%d.%m.%Y")) is None
+    assert find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format="%d.%m.%Y")) is None
 
 
 @each("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
 def test_a_format_that_is_none_is_refused(form):
     with pytest.raises(BadSetting, match="time_format must"):
-        find_stamp_form(["12:00"], ".", StampHints(time_format=form))
+        find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format=form))
 
 
 def test_long_cells_are_no_stamps():
     assert found(["1" * 65_536, "2024-03-13 " + " " * 65_536]) is None
 
 
-NAMED = StampHints(is_date=True)  # MESS_DATUM
-DAY = StampHints(is_date=True, may_be_spreadsheet=True)  # Date
+NAMED = TimeName(is_date=True)  # MESS_DATUM
+DAY = TimeName(is_date=True, may_be_spreadsheet=True)  # Date
 
 
 @each("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import (
     CLOCK_PARSERS,
     EXCEL,
@@ -27,7 +28,7 @@ from kalscope.sources.grammar.stamps import (
     parse_calendar,
     parse_clock,
     parse_excel,
-    parse_with_format,
+    parse_six_digits,
     year_of,
 )
 
@@ -48,22 +49,23 @@ _LIKELY_HOURS = ("19", "20")
 
 
 @dataclass(frozen=True)
-class StampHints:
-    """What is known about a column besides its cells."""
+class TimeName:
+    """What the name of a column says about time; a hint, which the cells must confirm."""
 
-    is_time: bool = False
-    """True where the name is one of a time: half of the cells are enough, and 202402291200 may be a stamp."""
+    strength: int = 0
+    """2: the name of a time and nothing else: half of the cells are enough, and 202402291200 may be a stamp; 1: a word
+    of it is, or it may be one if it rises; 0: none."""
+    unit: str = ""
+    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
     is_date: bool = False
     """True where the name is one of a date: 19580329 may be one."""
     may_be_spreadsheet: bool = False
     """True where the name says date, not just day or timestamp: 240331 and a spreadsheet's 45123.5 may be one."""
-    day_first: bool | None = None
-    """`ReadOptions.day_first`."""
-    time_format: str | None = None
-    """`ReadOptions.time_format`."""
 
 
-def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> TimeColumn | None:
+def find_stamp_form(
+    cells: Sequence[str], decimal: str, name: TimeName = TimeName(), options: ReadOptions = DEFAULTS
+) -> TimeColumn | None:
     """The one reading that fits most of the cells that hold a digit, a few damaged ones ignored.
 
     Returns:
@@ -75,28 +77,30 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     present = [cell for cell in cells if len(cell) <= MAX_STAMP_LENGTH and cell.lower() not in MISSING]
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
     counted = present if len(present) <= _MAX_COUNTED else _spread(present)
-    least = max((0.5 if hints.is_time else 0.9) * len(counted), 1)
+    least = max((0.5 if name.strength == 2 else 0.9) * len(counted), 1)
 
     def fits(parse: StampParser) -> bool:
         # The first cells already show whether a column holds text.
         first = counted[:8]
         return any(parse(cell) is not None for cell in first) and _count(counted, parse) >= least
 
-    if hints.time_format is not None:
-        return _by_format(hints.time_format, fits)
-    if hints.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
+    if options.time_format is not None:
+        check_format(options.time_format)
+        kind = "calendar" if has_date(options.time_format) else "clock"
+        given = TimeColumn(0, kind, odd=options.time_format)
+        return given if fits(stamp_parser(given, decimal)) else None
+    if name.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
         return TimeColumn(0, "calendar", odd=EXCEL)
-    if _are_dates_in_digits(counted, hints):
+    if _are_dates_in_digits(counted, name):
         return TimeColumn(0, "calendar")
-    short = _of_six_digits(counted, fits) if hints.may_be_spreadsheet else None
-    if short is not None:
-        return short
+    if name.may_be_spreadsheet and (short := _calendar(present, counted, least, options, parse_six_digits)):
+        return replace(short, odd=SIX_DIGITS)
     number = TimeColumn(0, "number")
     if fits(stamp_parser(number, decimal)):
         return number
     # In a column that is named as a date, 17.05.24 is not a clock.
-    calendar = _calendar(present, counted, least, hints.day_first) if hints.may_be_spreadsheet else None
-    return calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
+    clock = None if name.may_be_spreadsheet else _clock(counted, least)
+    return clock or _calendar(present, counted, least, options) or _clock(counted, least)
 
 
 def _clock(counted: list[str], least: float) -> TimeColumn | None:
@@ -111,18 +115,7 @@ def _clock(counted: list[str], least: float) -> TimeColumn | None:
     return replace(column, notes=(Assumption(said),))
 
 
-def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A date such as 240331 in the order that reads most of the cells; of equals, the one that rises steadily."""
-    found: list[tuple[int, tuple[int, float, float], TimeColumn]] = []
-    for order in _ORDERS:
-        column = TimeColumn(0, "calendar", order=order, odd=SIX_DIGITS)
-        parse = stamp_parser(column, ".")
-        if fits(parse):
-            found.append((_count(counted, parse), _steadiness(_stamps(counted, parse)), column))
-    return max(found, key=lambda one: one[:2], default=(0, (), None))[2]
-
-
-def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
+def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
     """True for 20240229, 2024022912, 202402291200: the name allows it, or the steps are even only as dates.
 
     Numbers jump where a day or a month ends, 2024022923 to 2024030100. A number of ten digits may also be seconds
@@ -133,52 +126,44 @@ def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
     stamps = _stamps(cells, parse_calendar)
     if size not in _DIGITS or np.count_nonzero(np.isfinite(stamps)) < max(0.9 * len(counted), 1):
         return False
-    named = hints.is_date or (hints.is_time and size > 8)
+    named = name.is_date or (name.strength == 2 and size > 8)
     if named and (size != 10 or all(cell.startswith(_LIKELY_HOURS) for cell in cells)):
         return True
     return _steadiness(stamps) > _steadiness(np.array([float(cell) for cell in cells]))
 
 
-def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    check_format(form)
-    if not fits(lambda cell: parse_with_format(cell, form)):
-        return None
-    return TimeColumn(0, "calendar" if has_date(form) else "clock", odd=form)
-
-
-def _calendar(present: list[str], counted: list[str], least: float, day_first: bool | None) -> TimeColumn | None:
-    orders = _ORDERS
-    if day_first is not None:
-        orders = ("ymd", "dmy") if day_first else ("ymd", "mdy")
-    if not any(parse_calendar(cell, order) is not None for cell in counted[:8] for order in orders):
-        return None
-    counts = {order: _count(counted, _in_order(order)) for order in orders}
-    likely: list[DateOrder] = [order for order in orders if counts[order] >= max(least, 0.9 * max(counts.values()))]
-    if not likely:
-        return None
-    if len(likely) == 1 or day_first is not None:
-        return TimeColumn(0, "calendar", order=max(likely, key=lambda order: counts[order]))
-    return _order_by_all(present, likely)
-
-
-def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
-    """Of orders that fit nearly all cells, the one that fits most; of equals, the one whose stamps rise steadily.
+def _calendar(
+    present: list[str],
+    counted: list[str],
+    least: float,
+    options: ReadOptions,
+    parse: Callable[[str, DateOrder], float | None] = parse_calendar,
+) -> TimeColumn | None:
+    """The order that fits most cells; of equals, the one whose stamps rise steadily.
 
     Where nothing decides, the day comes first, unless the log would then last many times longer.
     """
-    stamps = {order: _stamps(cells, _in_order(order)) for order in orders}
+    orders = _ORDERS
+    if options.day_first is not None:
+        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
+    if not any(parse(cell, order) is not None for cell in counted[:8] for order in orders):
+        return None
+    counts = {order: _count(counted, partial(parse, order=order)) for order in orders}
+    orders = [order for order in orders if counts[order] >= max(least, 0.9 * max(counts.values()))]
+    stamps = {order: _stamps(present, partial(parse, order=order)) for order in orders}
     read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
     rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
+    if not rest:
+        return None
     quality = {order: _steadiness(stamps[order]) for order in rest}
     shortest = min(_span(stamps[order]) for order in rest)
     likely = {order: _span(stamps[order]) <= _MANY_TIMES * shortest for order in rest}
     best = max(rest, key=lambda order: (*quality[order], likely[order], order == "dmy", order == "ymd"))
-    column = TimeColumn(0, "calendar", order=best)
     # Where both orders mean the same day (05/05) there is nothing to decide.
-    for other in rest:
+    for other in rest if options.day_first is None else ():
         if quality[other] == quality[best] and not np.array_equal(stamps[other], stamps[best], equal_nan=True):
-            return replace(column, notes=(_order_note(cells[0], best, other),))
-    return column
+            return TimeColumn(0, "calendar", order=best, notes=(_order_note(present[0], best, other),))
+    return TimeColumn(0, "calendar", order=best)
 
 
 def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
@@ -205,10 +190,6 @@ def _steadiness(stamps: Array) -> tuple[int, float, float]:
     usual = float(np.median(steps))
     near = float(np.mean(np.abs(steps - usual) <= _TOLERANCE * usual))
     return -back, near, float(np.mean(np.abs(steps - usual) <= 0.001 * usual))
-
-
-def _in_order(order: DateOrder) -> StampParser:
-    return lambda cell: parse_calendar(cell, order)
 
 
 def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
@@ -306,7 +287,7 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     if column.odd:
         return odd_parser(column.odd, decimal, column.order)
     if column.kind == "calendar":
-        return _in_order(column.order)
+        return partial(parse_calendar, order=column.order)
     if column.kind == "clock":
         return CLOCK_PARSERS[column.clock]
 

@@ -19,8 +19,8 @@ from kalscope.sources.grammar.timestamps import (
     MAX_YEAR,
     MIN_YEAR,
     PartRole,
-    StampHints,
     TimeColumn,
+    TimeName,
     find_stamp_form,
     row_stamp_parser,
     stamp_parser,
@@ -60,20 +60,6 @@ _LONE_UNITS = words(
 _RISING_UNITS = words("day days year years yr hours minutes mins")
 _WORD = re.compile(r"[^\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
-
-
-@dataclass(frozen=True)
-class TimeName:
-    """What a name says; a hint, which the cells must confirm."""
-
-    strength: int
-    """2: the name of a time and nothing else; 1: a word of it is, or it may be one if it rises; 0: none."""
-    unit: str = ""
-    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
-    is_date: bool = False
-    """True where 19580329 may be a date."""
-    may_be_spreadsheet: bool = False
-    """True where 45123.5 may be a date."""
 
 
 def time_name(column: Column) -> TimeName:
@@ -361,7 +347,7 @@ def find_candidates(
         if column.role in _NEVER:
             continue
         if name.strength or column.role == "text" or options.time_format is not None:
-            form = find_stamp_form([row[i] for row in rows], decimal, hints_of(name, options))
+            form = find_stamp_form([row[i] for row in rows], decimal, name, options)
             if form is not None and (name.strength or form.kind != "number"):
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
@@ -369,17 +355,6 @@ def find_candidates(
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
-
-
-def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
-    """What a name and the options say about the stamps of a column."""
-    return StampHints(
-        is_time=name.strength == 2,
-        is_date=name.is_date,
-        may_be_spreadsheet=name.may_be_spreadsheet,
-        day_first=options.day_first,
-        time_format=options.time_format,
-    )
 
 
 def _joined(
@@ -496,7 +471,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
 
 def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
     """2024022923, 2024030100: numbers whose steps are even only as dates, and that never step back."""
-    form = find_stamp_form(cells, decimal, StampHints())
+    form = find_stamp_form(cells, decimal)
     if form is None or form.kind != "calendar" or len(cells) < _MIN_DATES:
         return None
     parse = stamp_parser(form, decimal)
@@ -605,7 +580,7 @@ def chosen_time(
         return _with_repeated(best, columns, rows, decimal)
     said = time_name(columns[index])
     cells = [row[index] for row in rows]
-    form = find_stamp_form(cells, decimal, hints_of(replace(said, strength=2), options))
+    form = find_stamp_form(cells, decimal, replace(said, strength=2), options)
     if form is None:
         example = next(filter(None, cells), "")[:40]
         if options.time_format is not None:
