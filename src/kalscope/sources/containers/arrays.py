@@ -1,7 +1,8 @@
-"""Named arrays, as NumPy, MATLAB, HDF5 and TDMS files hold them: those of one group and length are channels."""
+"""Named arrays, as NumPy, MATLAB, HDF5, TDMS and Parquet files hold them: those of one length are channels."""
 
 from __future__ import annotations
 
+import importlib
 import io
 import logging
 import math
@@ -21,7 +22,15 @@ from kalscope.common.files import require_memory_for_numbers
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-from kalscope.sources.containers.table import MAX_COLUMNS, MAX_NUMBERS, Part, Table, choose_part, load_library
+from kalscope.sources.containers.table import (
+    MAX_COLUMNS,
+    MAX_NUMBERS,
+    Part,
+    Table,
+    choose_part,
+    load_library,
+    refuse_part,
+)
 
 # Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table.
 
@@ -232,7 +241,6 @@ def _width(item: Item, n: int) -> int:
 
 
 _MAX_DATASETS = 2000
-_MAX_DEPTH = 12
 _UNITS = ("unit", "units", "Unit", "Units", "UNITS", "unit_string", "NI_UnitDescription")
 
 
@@ -244,36 +252,25 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         BadSetting: there is no such part.
     """
     h5py = load_library("h5py", "h5py", name, "an HDF5 file")
+    found = Found()
+
+    def take(place: str, node: Any) -> bool | None:
+        progress(0.1, "reading")
+        group, _, key = place.rpartition("/")
+        if not isinstance(node, h5py.Dataset):
+            found.scalars.extend((place, name, value) for name, value in _numbers(node))
+        elif "#" in place or node.is_virtual or node.external is not None:
+            return None
+        elif _text(node.attrs.get("MATLAB_class")) not in ("char", "cell", "function_handle"):
+            unit = next((text for word in _UNITS if (text := _text(node.attrs.get(word)))), "")
+            periods = (period for name, value in _numbers(node) if (period := period_from(name, value)))
+            found.add(key, group, node, unit, next(periods, None))
+        return True if len(found.items) > _MAX_DATASETS else None
+
     with h5py.File(str(path), "r") as file:
-        found = Found()
-        for group, key, node in _nodes(h5py, file):
-            progress(0.1, "reading")
-            if not key:
-                found.scalars += [(group, name, value) for name, value in _numbers(node)]
-            elif _text(node.attrs.get("MATLAB_class")) not in ("char", "cell", "function_handle"):
-                unit = next((text for word in _UNITS if (text := _text(node.attrs.get(word)))), "")
-                periods = (period for name, value in _numbers(node) if (period := period_from(name, value)))
-                found.add(key, group, node, unit, next(periods, None))
+        take("", file)
+        file.visititems(take)  # by hard links only: any other link may lead out of the file
         return read_arrays(found, part, name, "an HDF5 file", progress.part(0.2, 1.0))
-
-
-def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
-    """(group, "", its node) of all groups, (group, name, dataset) of the datasets in the file itself."""
-    waiting, count = [("", file, 0)], 0
-    while waiting and count < _MAX_DATASETS:
-        group, node, depth = waiting.pop(0)
-        yield group, "", node
-        for key in node:
-            # Hard links only: any other link may lead out of the file, or back into the same group.
-            if not isinstance(node.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
-                continue
-            child = node[key]
-            if isinstance(child, h5py.Group):
-                if depth < _MAX_DEPTH:
-                    waiting.append((f"{group}/{key}" if group else key, child, depth + 1))
-            elif isinstance(child, h5py.Dataset) and not child.is_virtual and child.external is None:
-                count += 1
-                yield group, key, child
 
 
 def _numbers(node: Any) -> Iterator[tuple[str, float]]:
@@ -444,3 +441,31 @@ def _seconds(stamp: Any) -> float | None:
     except (TypeError, ValueError):  # no stamp
         return None
     return seconds if np.isfinite(seconds) else None
+
+
+# Parquet files, read by pyarrow: one row per sample, the file gives the column types.
+
+
+def read_parquet(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a Parquet file.
+
+    Raises:
+        BadFile: it holds no column of numbers, too many rows or columns, or pyarrow is not installed.
+        BadSetting: a part is wanted.
+    """
+    refuse_part(part, name)
+    progress(0.0, "reading")
+    parquet = load_library("pyarrow.parquet", "pyarrow", name, "a Parquet file")
+    types = importlib.import_module("pyarrow").types
+    with parquet.ParquetFile(str(path)) as file:
+        found, rows = Found(), int(file.metadata.num_rows)
+
+        def column(key: str) -> Any:
+            one = file.read(columns=[key]).column(0)
+            return (one.cast("float64", safe=False) if types.is_decimal(one.type) else one).to_numpy()
+
+        for one in file.schema_arrow:
+            is_number = types.is_integer(one.type) or types.is_floating(one.type) or types.is_decimal(one.type)
+            if is_number or types.is_timestamp(one.type) or types.is_date(one.type):
+                found.items.append(Item(one.name, "", (rows,), partial(column, one.name)))
+        return read_arrays(found, None, name, "a Parquet file", progress)

@@ -84,7 +84,7 @@ def _is_json_document(head: bytes, name: str) -> bool:
 
 
 _CONTAINERS = (
-    Container("a Parquet file", _begins(b"PAR1"), "parquet.read_parquet"),
+    Container("a Parquet file", _begins(b"PAR1"), "arrays.read_parquet"),
     Container(
         "a LabVIEW measurement file",
         _begins(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"),
@@ -93,8 +93,6 @@ _CONTAINERS = (
     Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
     Container("a MATLAB file", _is_mat, "arrays.read_mat"),
-    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.read_mcap"),
-    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.read_ulog"),
     Container("a spreadsheet", _is_excel, "spreadsheets.read_excel"),
     Container("a NumPy file", _is_numpy, "arrays.read_numpy"),
     Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "texts.read_zip"),

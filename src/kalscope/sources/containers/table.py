@@ -50,15 +50,13 @@ class Table:
     """Columns of one length, before the time axis is judged."""
 
     names: tuple[str, ...]
-    """Full name of each channel: the topic or group, and the field."""
+    """Name of each channel."""
     units: tuple[str, ...]
     """Unit of each channel; "" where none is given: its name may still hold one."""
     columns: tuple[Array, ...]
     """Samples of each channel, shape (n,), NaN where missing."""
     time: Array | None = None
     """Stamps in s, shape (n,), as the file gives them; None where it gives none: a column may still be the time."""
-    clock: str = ""
-    """A sentence that says where the stamps come from; "" where the file has only one clock."""
     start: float | None = None
     """Time of the stamp 0 in s since 1970, where the file gives it."""
     period: float | None = None
@@ -67,8 +65,6 @@ class Table:
     """What was decided, each a sentence: the format, the part that was chosen, the others."""
     dates: frozenset[int] = frozenset()
     """Columns, from 0, that are calendar stamps in µs since 1970."""
-    texts: tuple[str, ...] = ()
-    """Names of columns that hold no numbers and were left out."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -90,7 +86,7 @@ class Text:
     """The part to choose within the text: a name of a long table."""
 
 
-# Which part of a file is read: one of its topics, sheets, groups or segments, all of one time axis.
+# Which part of a file is read: one of its sheets, groups or segments, all of one time axis.
 
 
 _MAX_NAMED = 12
@@ -117,7 +113,7 @@ def choose_part(parts: Sequence[Part], wanted: str | None, name: str, what: str)
         wanted: `ReadOptions.part`: the whole name of one, or the end of exactly one name; None for the part with
             most numbers.
         name: The file.
-        what: What a part is called there: "topic", "sheet", "group".
+        what: What a part is called there: "sheet", "group".
 
     Raises:
         BadFile: there is no part with numbers.

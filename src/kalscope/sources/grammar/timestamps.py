@@ -53,8 +53,8 @@ class TimeName:
     """What the name of a column says about time; a hint, which the cells must confirm."""
 
     strength: int = 0
-    """2: the name of a time and nothing else: half of the cells are enough, and 202402291200 may be a stamp; 1: a word
-    of it is, or it may be one if it rises; 0: none."""
+    """2: the name of a time and nothing else: half of the cells are enough, and 202402291200 may be a stamp; 1: a
+    word of it is, or it may be one if it rises; 0: none."""
     unit: str = ""
     """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
     is_date: bool = False

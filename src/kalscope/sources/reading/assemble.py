@@ -407,7 +407,6 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
     """
     columns = [_column(name, unit) for name, unit in zip(table.names, table.units, strict=True)]
     data = dict(enumerate(table.columns))
-    columns += [Column(name, role="text") for name in table.texts]
     notes = table.notes
     if table.time is not None and options.time_column is None:
         if options.time_unit is not None:
@@ -416,7 +415,7 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         columns = [Column("time", "s", "time"), *columns]
         time = TimeColumn(0, "number", "s")
         columns, _, more = settle_roles(columns, time)
-        notes = (*notes, *([table.clock] if table.clock else []), *more[1:])
+        notes = (*notes, *more[1:])
     else:
         time = _find_time(table, columns, options)
         columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
@@ -446,8 +445,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
     cells = [[_cell(value) for value in column[:_FEW_ROWS].tolist()] for column in table.columns]
-    texts, is_named = [""] * len(table.texts), any(table.names)
-    rows = [(*row, *texts) for row in zip(*cells, strict=True)]
+    rows, is_named = list(zip(*cells, strict=True)), any(table.names)
     time = (
         find_time(columns, rows, ".", named=is_named) if index is None else chosen_time(columns, rows, ".", index)
     )

@@ -214,7 +214,7 @@ def read_recording(
 
     Text: encoding, delimiter, decimal mark, header, units, comments and the time column are detected, `.gz` and
     `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: zip, JSON,
-    LabVIEW `.lvm`, MATLAB `.mat`; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5, MCAP, ULog.
+    LabVIEW `.lvm`, MATLAB `.mat`, NumPy; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5.
     docs/files/reading-files.md says what is read, and how.
 
     Args:
