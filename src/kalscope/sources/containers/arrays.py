@@ -240,7 +240,7 @@ def _width(item: Item, n: int) -> int:
 # HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read.
 
 
-_MAX_DATASETS = 2000
+_MAX_DATASETS, _MAX_DEPTH = 2000, 12
 _UNITS = ("unit", "units", "Unit", "Units", "UNITS", "unit_string", "NI_UnitDescription")
 
 
@@ -265,7 +265,7 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             unit = next((text for word in _UNITS if (text := _text(node.attrs.get(word)))), "")
             periods = (period for name, value in _numbers(node) if (period := period_from(name, value)))
             found.add(key, group, node, unit, next(periods, None))
-        return True if len(found.items) > _MAX_DATASETS else None
+        return True if len(found.items) > _MAX_DATASETS or place.count("/") > _MAX_DEPTH else None  # True: stop
 
     with h5py.File(str(path), "r") as file:
         take("", file)
@@ -290,7 +290,6 @@ def _text(value: Any) -> str:
 # MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
 
 
-_MAT_MAX_DEPTH = 8
 _MAX_STRUCTS = 256
 """Structs of one array that are read."""
 _COMPRESSED = 15
@@ -352,7 +351,7 @@ def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> 
     if isinstance(value, dict):
         inner = f"{group}.{key}" if group else key
         for name, part in cast("dict[str, Any]", value).items():
-            if depth < _MAT_MAX_DEPTH:
+            if depth < _MAX_DEPTH:
                 _collect(name, inner, part, found, depth + 1)
         return
     array = np.asarray(value)
