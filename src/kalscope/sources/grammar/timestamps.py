@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -219,8 +219,6 @@ MAX_STAMP = 1e20
 MAX_YEAR, MIN_YEAR = 2200, 1800
 """Years that a column of years may hold."""
 
-_MAX_PARTS_LENGTH = 24
-
 
 @dataclass(frozen=True)
 class TimeColumn:
@@ -309,9 +307,7 @@ def _day_parser(
 
         def parse_date(cells: Sequence[str]) -> float | None:
             found = parse(cells[date])
-            last[0] = (
-                last[0] if found is None else found
-            )  # beside a good clock a broken date is that of the row before
+            last[0] = last[0] if found is None else found  # a broken date is that of the row before
             return last[0]
 
         return parse_date
@@ -321,13 +317,15 @@ def _day_parser(
     number = places.get("day of year")
 
     def parse_day(cells: Sequence[str]) -> float | None:
-        if number is not None:
-            parts = (cells[year], cells[number])
-        else:
-            parts = (cells[year], "1" if month is None else cells[month], "1" if day is None else cells[day])
-        if sum(map(len, parts)) > _MAX_PARTS_LENGTH:  # long texts are not remembered
+        digits = whole(cells[year])
+        full = None if digits is None else year_of(f"{digits:02}")
+        if full is None or not MIN_YEAR <= full <= MAX_YEAR:
             return None
-        return _numbered_day(*parts) if len(parts) == 2 else _written_day(*parts)
+        if number is not None:
+            count, start = whole(cells[number]), day_us(full, 1, 1)
+            return start + (count - 1) * 86400e6 if start is not None and count and count <= 366 else None
+        m, d = (1 if place is None else whole(cells[place]) for place in (month, day))
+        return None if m is None or d is None else day_us(full, m, d)
 
     return parse_day
 
@@ -354,21 +352,6 @@ def _clock_parser(
         return (h * 3600 + m * 60) * 1e6 + round(s * 1e6)
 
     return parse_three
-
-
-@lru_cache(maxsize=4096)
-def _written_day(year: str, month: str, day: str) -> float | None:
-    y, m, d = whole(year), whole(month), whole(day)
-    if y is None or m is None or d is None:
-        return None
-    full = year_of(str(y).zfill(2))
-    return None if full is None or not MIN_YEAR <= full <= MAX_YEAR else day_us(full, m, d)
-
-
-@lru_cache(maxsize=4096)
-def _numbered_day(year: str, day: str) -> float | None:
-    start, number = _written_day(year, "1", "1"), whole(day)
-    return None if start is None or number is None or not 1 <= number <= 366 else start + (number - 1) * 86400e6
 
 
 def whole(cell: str) -> int | None:

@@ -262,19 +262,16 @@ _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
 
-def with_words(
-    timing: Timing, usual: tuple[float, float] | None, stated: float | None, gaps: Gaps, n: int
-) -> Timing:
+def with_words(timing: Timing, stated: float | None, gaps: Gaps, n: int) -> Timing:
     """The timing with its summary and its notes.
 
     Args:
         timing: The facts.
-        usual: Between which nine of ten steps lie, in s; None where nothing is said about them.
         stated: Sample period in s that the file states; None where it states none.
         gaps: How gaps are to be read.
         n: Samples, the missing ones left out.
     """
-    notes = [*_about_stamps(timing, usual), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
+    notes = [*_about_stamps(timing), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
     return replace(timing, summary=_summary(timing), notes=tuple(notes))
 
 
@@ -294,24 +291,19 @@ def _sure(timing: Timing) -> str:
     return f", standard error {percent(error)}" if error is not None and error > _SURE else ""
 
 
-def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str]:
-    period, steps = timing.stamps_period, ""
-    if period is None:
+def _about_stamps(timing: Timing) -> list[str]:
+    if timing.stamps_period is None:
         return []
-    rate = f"{sample_rate(period)}{_sure(timing)}"
-    if usual is not None:
-        steps = f"nine of ten steps lie between {usual[0]:.6g} and {usual[1]:.6g} s"
+    rate = f"{sample_rate(timing.stamps_period)}{_sure(timing)}"
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
         return [f"{clock}: samples were placed evenly between its steps, {rate}"]
     if timing.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
-    said: list[str] = []
     if timing.error is None:
-        said = [f"the stamps show no steady rate: the sample period, {period:.6g} s, is the median step"]
-    elif timing.stamps == "uneven":
-        said = [f"the stamps are uneven, {rate}"]
-    return [": ".join((*said, steps))] if said and steps else said
+        period = f"{timing.stamps_period:.6g} s"
+        return [f"the stamps show no steady rate: the sample period, {period}, is the median step"]
+    return [f"the stamps are uneven, {rate}"] if timing.stamps == "uneven" else []
 
 
 def _about_stated(timing: Timing, stated: float | None) -> list[str]:
@@ -409,25 +401,15 @@ def read_time(
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:
         return _without_rate(time, given, backward, notes)
-    if _is_on_change(rate):
+    if (why := _no_time(rate)) is not None:
         axis = counted_time(len(time), given)
-        low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
-        said = f"the stamps have no rate, as where only changes are logged: eight of ten steps lie between {low}"
-        return replace(
-            axis, notes=(*notes, Assumption(f"{said} and {high}; the samples were counted"), *axis.notes)
-        )
-    if not PERIODS[0] <= rate.period <= PERIODS[1]:
-        axis = counted_time(len(time), given)
-        said = f"the stamps are {rate.period:.3g} s apart, which is not a time: the samples were counted"
-        return replace(axis, notes=(*notes, said, *axis.notes))
+        return replace(axis, notes=(*notes, Assumption(f"{why}: the samples were counted"), *axis.notes))
     pauses = rate.pauses
     if crowded:
         time = place_evenly(time, rate)
     elif given.option is not None:
         pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
-    timing = _timing(time, rate, pauses, given)
-    usual = None if rate.steps.even else (rate.steps.low, rate.steps.high)
-    timing = with_words(timing, usual, given.file, gaps, len(time))
+    timing = with_words(_timing(time, rate, pauses, given), given.file, gaps, len(time))
     return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), _unit_words(column, stated))
 
 
@@ -436,15 +418,18 @@ def _unit_words(column: TimeColumn, stated: str) -> str:
     return "" if column.kind != "number" else f"{unit}{'' if stated else ' (assumed)'}"
 
 
-def _is_on_change(rate: SampleRate) -> bool:
-    """True where the steps are of all sizes: of three powers of ten or more."""
-    if np.isfinite(rate.error):
-        return False
+def _no_time(rate: SampleRate) -> str | None:
+    """Why the stamps give no time: their steps are of all sizes, three powers of ten or more, or not of a time."""
+    if not PERIODS[0] <= rate.period <= PERIODS[1]:
+        return f"the stamps are {rate.period:.3g} s apart, which is not a time"
     positive = rate.steps.all[rate.steps.all > 0]
-    if positive.size < 20:
-        return False
+    if np.isfinite(rate.error) or positive.size < 20:
+        return None
     counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
-    return int(np.count_nonzero(counts >= 0.05 * positive.size)) > 2
+    if int(np.count_nonzero(counts >= 0.05 * positive.size)) <= 2:
+        return None
+    low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
+    return f"the stamps have no rate, as where only changes are logged (most steps lie between {low} and {high})"
 
 
 def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
@@ -461,7 +446,7 @@ def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float |
     if period is not None:
         time = offset + time * period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
-    timing = with_words(Timing("none", source, period), None, given.file, "rows", n)
+    timing = with_words(Timing("none", source, period), given.file, "rows", n)
     notes: list[str] = []
     if period is not None and start is not None:
         notes = [f"time counts from {date_text(start)}"]
