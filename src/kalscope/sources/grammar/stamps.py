@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Literal
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.cells import parse_number
+
 
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
 
@@ -363,38 +363,15 @@ def _added(day: float, clock: tuple[str | None, ...], zone: tuple[str | None, ..
     return day + since - ahead
 
 
-# Stamps that our own forms do not read: a format that the user gives, and a spreadsheet's day numbers.
+# Stamps that our own forms do not read: a format that the user gives, and dates of six digits.
 #
 # Which of them a column is in is decided once for the whole column, never cell by cell.
 
 
-EXCEL = "excel"
-"""Days since 1899-12-30, as spreadsheets count them."""
 SIX_DIGITS = "six digits"
 """A date of two digits each for the year, the month and the day."""
 
-MIN_EXCEL, MAX_EXCEL = 20_000.0, 80_000.0
-"""Days of 1954 to 2119: a number outside is not a spreadsheet date."""
-
-_EXCEL_EPOCH_DAYS = 25569  # from 1899-12-30 to 1970-01-01
 _DATE_CODES = frozenset("aAbBcdDGgjmuUVWwxyYFvhe")
-
-
-def odd_parser(form: str, decimal: str, order: DateOrder) -> Callable[[str], float | None]:
-    """The function that reads a cell of an odd form as microseconds; None for a damaged stamp."""
-    if form == EXCEL:
-        return lambda cell: parse_excel(cell, decimal)
-    if form == SIX_DIGITS:
-        return lambda cell: parse_six_digits(cell, order)
-    return lambda cell: parse_with_format(cell, form)
-
-
-def parse_excel(cell: str, decimal: str) -> float | None:
-    """Microseconds since 1970 of a spreadsheet's day number, `45123.5`."""
-    days = parse_number(cell, decimal)
-    if days is None or not MIN_EXCEL <= days <= MAX_EXCEL or cell[0] == "0":  # 030124 is a date in digits
-        return None
-    return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets resolve ms at best
 
 
 def parse_with_format(cell: str, form: str) -> float | None:

@@ -15,7 +15,6 @@ from kalscope.sources.grammar.cells import MISSING, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import (
     CLOCK_PARSERS,
-    EXCEL,
     MAX_STAMP_LENGTH,
     SIX_DIGITS,
     TURNS_S,
@@ -24,19 +23,18 @@ from kalscope.sources.grammar.stamps import (
     check_format,
     day_us,
     has_date,
-    odd_parser,
     parse_calendar,
     parse_clock,
-    parse_excel,
     parse_six_digits,
+    parse_with_format,
     year_of,
 )
 
 # How the stamps of one column are written, decided once from many of its cells.
 
 
-_MAX_COUNTED = 300
-"""Cells used to tell the forms apart."""
+_SHEET_DAYS = (20_000.0, 80_000.0)
+"""Days of 1954 to 2119 in a spreadsheet, which counts from 1899-12-30."""
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
@@ -76,31 +74,35 @@ def find_stamp_form(
     """
     present = [cell for cell in cells if len(cell) <= MAX_STAMP_LENGTH and cell.lower() not in MISSING]
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
-    counted = present if len(present) <= _MAX_COUNTED else _spread(present)
-    least = max((0.5 if name.strength == 2 else 0.9) * len(counted), 1)
+    least = max((0.5 if name.strength == 2 else 0.9) * len(present), 1)
 
     def fits(parse: StampParser) -> bool:
         # The first cells already show whether a column holds text.
-        first = counted[:8]
-        return any(parse(cell) is not None for cell in first) and _count(counted, parse) >= least
+        return any(parse(cell) is not None for cell in present[:8]) and _count(present, parse) >= least
 
     if options.time_format is not None:
         check_format(options.time_format)
         kind = "calendar" if has_date(options.time_format) else "clock"
         given = TimeColumn(0, kind, odd=options.time_format)
         return given if fits(stamp_parser(given, decimal)) else None
-    if name.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
-        return TimeColumn(0, "calendar", odd=EXCEL)
-    if _are_dates_in_digits(counted, name):
-        return TimeColumn(0, "calendar")
-    if name.may_be_spreadsheet and (short := _calendar(present, counted, least, options, parse_six_digits)):
-        return replace(short, odd=SIX_DIGITS)
     number = TimeColumn(0, "number")
-    if fits(stamp_parser(number, decimal)):
+    numbers = stamp_parser(number, decimal)
+    if name.may_be_spreadsheet and fits(lambda cell: _sheet_day(numbers(cell), cell)):
+        return replace(number, unit="day")
+    if _are_dates_in_digits(present, name):
+        return TimeColumn(0, "calendar")
+    if name.may_be_spreadsheet and (short := _calendar(present, least, options, parse_six_digits)):
+        return replace(short, odd=SIX_DIGITS)
+    if fits(numbers):
         return number
     # In a column that is named as a date, 17.05.24 is not a clock.
-    clock = None if name.may_be_spreadsheet else _clock(counted, least)
-    return clock or _calendar(present, counted, least, options) or _clock(counted, least)
+    clock = None if name.may_be_spreadsheet else _clock(present, least)
+    return clock or _calendar(present, least, options) or _clock(present, least)
+
+
+def _sheet_day(value: float | None, cell: str) -> float | None:
+    """The number of a day in a spreadsheet, `45123.5`; 030124 is a date in digits."""
+    return value if value is not None and _SHEET_DAYS[0] <= value <= _SHEET_DAYS[1] and cell[0] != "0" else None
 
 
 def _clock(counted: list[str], least: float) -> TimeColumn | None:
@@ -134,7 +136,6 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
 
 def _calendar(
     present: list[str],
-    counted: list[str],
     least: float,
     options: ReadOptions,
     parse: Callable[[str, DateOrder], float | None] = parse_calendar,
@@ -146,14 +147,12 @@ def _calendar(
     orders = _ORDERS
     if options.day_first is not None:
         orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
-    if not any(parse(cell, order) is not None for cell in counted[:8] for order in orders):
+    if not any(parse(cell, order) is not None for cell in present[:8] for order in orders):
         return None
-    counts = {order: _count(counted, partial(parse, order=order)) for order in orders}
-    orders = [order for order in orders if counts[order] >= max(least, 0.9 * max(counts.values()))]
     stamps = {order: _stamps(present, partial(parse, order=order)) for order in orders}
     read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
     rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
-    if not rest:
+    if max(read.values()) < least:
         return None
     quality = {order: _steadiness(stamps[order]) for order in rest}
     shortest = min(_span(stamps[order]) for order in rest)
@@ -200,12 +199,6 @@ def _count(cells: Sequence[str], parse: StampParser) -> int:
     return sum(parse(cell) is not None for cell in cells)
 
 
-def _spread(cells: list[str]) -> list[str]:
-    """The first cells, and as many spread over the rest."""
-    half = _MAX_COUNTED // 2
-    return cells[:half] + cells[half :: max(1, (len(cells) - half) // half)]
-
-
 # Which columns of a log hold its time, and the function that reads the stamp of a row.
 
 
@@ -235,7 +228,7 @@ class TimeColumn:
     clock: ClockForm = "h:m:s"
     """How the clock is written, where one is alone or in a column of its own."""
     odd: str = ""
-    """How stamps that our own forms do not fit are read: "excel" (days since 1900), "six digits", or a
+    """How stamps that our own forms do not fit are read: "six digits", or a
     format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time is in several columns; () where it is in one."""
@@ -282,8 +275,10 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
 
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     """The function that reads one cell of a time column; it returns None for a missing or damaged stamp."""
+    if column.odd == SIX_DIGITS:
+        return partial(parse_six_digits, order=column.order)
     if column.odd:
-        return odd_parser(column.odd, decimal, column.order)
+        return partial(parse_with_format, form=column.odd)
     if column.kind == "calendar":
         return partial(parse_calendar, order=column.order)
     if column.kind == "clock":

@@ -20,11 +20,13 @@ from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, find_rate, 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DAY_NUMBERS = (
-    (40_000.0, 55_000.0, 25_569.0),  # spreadsheets: 2009 to 2050
+    (20_000.0, 80_000.0, 25_569.0),  # spreadsheets: 1954 to 2119
     (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
     (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
 )
 """Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
+_SHEETS_FROM = 40_000.0
+"""2009: smaller numbers without a name are no days."""
 _MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
 """Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
 _EXACT = 0.95
@@ -50,7 +52,7 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
         counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
         if size <= low and high < 4.2 * size and not counter:
             return unit
-    if not whole and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+    if not whole and low >= _SHEETS_FROM and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
         return "day"
     in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
     if not whole or step < 2:

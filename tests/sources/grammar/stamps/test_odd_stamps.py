@@ -2,11 +2,10 @@
 
 from datetime import datetime, timedelta
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.stamps import parse_excel, parse_with_format
+from kalscope.sources.grammar.stamps import parse_with_format
 
 INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59))
 
@@ -19,11 +18,3 @@ def microseconds(instant):
 def test_a_format_reads_what_it_wrote(instant):
     form = "%S;%M;%H|%d %b %Y~%f"
     assert parse_with_format(instant.strftime(form), form) == microseconds(instant)
-
-
-@given(instant=st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31)))
-def test_day_numbers_of_a_spreadsheet_keep_the_second(instant):
-    days = (instant - datetime(1899, 12, 30)).total_seconds() / 86400
-    assert parse_excel(f"{days:.9f}", ".") == pytest.approx(microseconds(instant), abs=1e3)
-    assert parse_excel("19999", ".") is None
-    assert parse_excel("x", ".") is None
