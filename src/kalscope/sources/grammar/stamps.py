@@ -10,7 +10,6 @@ from typing import Literal
 
 from kalscope.errors import BadSetting
 
-
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
 
 
@@ -222,12 +221,12 @@ _ZONE = (
 )
 _REST = re.compile(rf"(?:[T _,;:-]{{1,3}}|,? at ){CLOCK}{_ZONE}")
 _YEAR_LAST = re.compile(
-    rf"((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})"
+    rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
 )
 _CLOCK_FIRST = re.compile(r"([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 _CLOCK_IN_DIGITS = re.compile(
-    r"[T_ -]?([0-9]{2})(?:([0-9]{2})(?:([0-9]{2})(?:[.,]?([0-9]{1,9}))?)?)?([^0-9].{0,40})?"
+    rf"[T_ -]?([0-9]{{2}})(?:([0-9]{{2}})(?:([0-9]{{2}})(?:[.,]?([0-9]{{1,9}}))?)?)?{_ZONE}"
 )
 
 
@@ -242,10 +241,12 @@ def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
     stamp = parse_iso(cell, order)
     if stamp is not None:
         return stamp
-    head, _, tail = cell.rpartition(" ")
-    for text, clock in ((head, quick_clock(tail)), (tail, quick_clock(head))):
-        if clock is not None and text and (day := _whole_day(text, order)) is not None:
-            return day + clock
+    has_half = cell[-1:] in ("M", "m")  # 2/23/2022 7:18:47 PM
+    head, _, tail = cell.partition(" ") if has_half else cell.rpartition(" ")
+    read = parse_clock if has_half else quick_clock
+    for text, clock in ((head, tail), (tail, head)):
+        if text and (since := read(clock)) is not None and (day := _whole_day(text, order)) is not None:
+            return day + since
     return _parse_other(cell, order)
 
 
@@ -272,32 +273,37 @@ def parse_iso(cell: str, order: DateOrder) -> float | None:
 
 def _parse_other(cell: str, order: DateOrder) -> float | None:
     """A stamp in any other shape."""
+    if order == "ymd" and len(cell) >= 8 and cell.isascii() and cell[:8].isdecimal():
+        day = _day(cell[:4], cell[4:6], cell[6:8], "ymd")
+        match = _CLOCK_IN_DIGITS.fullmatch(cell, 8)
+        if day is None or match is None:
+            return None if day is None else _with_rest(day, cell[8:])
+        hour, minute, second, fraction, *zone = match.groups()
+        return _added(day, (hour, ":", minute or "00", ":", second, ".", fraction, None), tuple(zone))
     cell = _rewritten(cell, order)
     match = _DAY.match(cell)
     if match is None or not is_weekday(match[4]) or (match[5] and order == "mdy") or (match[8] and order != "mdy"):
         return None
     first = 1 if match[1] else 5 if match[5] else 8
     day = _day(match[first], match[first + 1], match[first + 2], order)
-    rest = cell[match.end() :]
-    if day is None or not rest:
-        return day
-    match = _REST.fullmatch(rest)
-    return None if match is None else _added(day, match.groups()[:-4], match.groups()[-4:])
+    return None if day is None else _with_rest(day, cell[match.end() :])
 
 
 def _rewritten(cell: str, order: DateOrder) -> str:
-    """The day first, with marks between its parts and those of the clock."""
-    if order == "mdy" and (match := _YEAR_LAST.fullmatch(cell)):
-        return f"{match[1]} {match[3]} {match[2]}"
+    """The day first, then the clock; a month has a first day."""
+    if cell[:1].isalpha():
+        return _YEAR_LAST.sub(r"\1 \3 \2", cell) if order == "mdy" else cell
     if cell[1:2] == ":" or cell[2:3] == ":":
         return _CLOCK_FIRST.sub(r"\2 \1", cell, 1)
-    if order == "ymd" and cell[:8].isdecimal() and cell[:8].isascii() and len(cell) >= 8:
-        day, rest = f"{cell[:4]}-{cell[4:6]}-{cell[6:8]}", cell[8:]
-        match = _CLOCK_IN_DIGITS.fullmatch(rest) if ":" not in rest[:6] else None
-        if match is None:
-            return day + rest
-        return f"{day} {match[1]}:{match[2] or '00'}:{match[3] or '00'}.{match[4] or '0'}{match[5] or ''}"
     return f"{cell}-1" if order == "ymd" and _MONTH.fullmatch(cell) else cell
+
+
+def _with_rest(day: float, rest: str) -> float | None:
+    """The stamp of a day with the clock and the zone after it."""
+    match = _REST.fullmatch(rest) if rest else None
+    if match is None:
+        return None if rest else day
+    return _added(day, match.groups()[:-4], match.groups()[-4:])
 
 
 def parse_six_digits(cell: str, order: DateOrder) -> float | None:
