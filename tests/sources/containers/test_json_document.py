@@ -39,6 +39,19 @@ def test_the_feeds_of_thingspeak(read):
     assert recording.sample_period == 1.0
 
 
+def test_the_pairs_of_prometheus(read):
+    result = [
+        {
+            "metric": {"__name__": "temp", "host": host},
+            "values": [[1.7e9 + 15 * i, str(x)] for i, x in enumerate(X)],
+        }
+        for host in ("a", "b")
+    ]
+    recording = read({"status": "success", "data": {"resultType": "matrix", "result": result}})
+    assert (recording.names, recording.sample_period) == (("temp a", "temp b"), 15.0)
+    np.testing.assert_array_equal(recording.values[:, 1], X)
+
+
 def test_an_object_of_columns(read):
     recording = read({"time": [0.1 * i for i in range(12)], "x": X, "name": "log", "nested": [[1, 2]]})
     assert recording.names == ("x",)
@@ -56,12 +69,6 @@ def test_the_longest_list_is_read_and_another_by_name(read):
 def test_a_document_without_samples_is_refused(read, text):
     with pytest.raises(BadFile):
         read(text)
-
-
-def test_objects_one_a_line_are_no_document(read):
-    recording = read("".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
-    assert (recording.report.rows, recording.report.lines) == (12, 12)
-    assert not any("document" in note for note in recording.report.notes)
 
 
 @pytest.mark.slow

@@ -104,15 +104,6 @@ def test_an_encrypted_table_is_refused_by_name(archive):
         read_recording(path)
 
 
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_of_two_tables_of_one_name_the_larger_is_read(tmp_path):
-    path = tmp_path / "twice.zip"
-    with zipfile.ZipFile(path, "w") as out:
-        out.writestr("log.csv", ACCELERATION)
-        out.writestr("log.csv", "t,a\n1,2\n2,3\n")
-    assert len(read_recording(path)) == 300
-
-
 @pytest.mark.slow
 def test_what_is_said_of_names_is_printable(archive):
     name = "../../\x1b[31mevil\r\n\x07"
@@ -141,16 +132,3 @@ def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archi
     path.write_bytes(data.replace(size, (100).to_bytes(4, "little")))
     with pytest.raises(BadFile, match="cannot be read as a zip archive"):
         read_recording(path)
-
-
-@pytest.mark.parametrize("keep", [0.3, 0.9, 0.99])
-def test_a_damaged_archive_is_refused(archive, keep):
-    path = archive(**{"log.csv": ACCELERATION})
-    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
-    with pytest.raises(BadFile, match="cannot be read as a zip archive"):
-        read_recording(path)
-
-
-def test_an_archive_is_cancelled(archive):
-    with pytest.raises(Cancelled):
-        read_recording(archive(**{"log.csv": ACCELERATION * 100}), cancelled=lambda: True)
