@@ -79,7 +79,8 @@ class SignalSettings:
         if self.n * self.columns > MAX_SAMPLES:
             raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.columns})")
         if self.limits is not None:
-            limits = self.limits if isinstance(self.limits, tuple) else ()
+            limits: Any = self.limits
+            limits = cast("tuple[Any, ...]", limits) if isinstance(limits, tuple) else ()
             for value in limits:
                 _check("limits", value, -MAX_SETTING, MAX_SETTING)
             if len(limits) != 2 or not limits[0] < limits[1]:

@@ -76,7 +76,7 @@ class _Segment:
     def _x_axis(self, column: int, x: int | None, decimal: str) -> tuple[Array | None, float]:
         """X0 + i Delta_X, unless an x column differs by more than half a step: x is rounded, Delta_X is not."""
         step, first = (parse_number(self.tag(tag, column), decimal) or 0.0 for tag in ("Delta_X", "X0"))
-        even = first + np.arange(len(self.rows)) * step if step > 0.0 else None
+        even = first + np.arange(len(self.rows), dtype=np.float64) * step if step > 0.0 else None
         if x is not None:
             cells = (parse_number(cells[x], decimal) if x < len(cells) else None for _, cells in self.rows)
             given = np.array([np.nan if cell is None else cell for cell in cells])

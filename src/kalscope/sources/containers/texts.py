@@ -101,7 +101,8 @@ def _of_pairs(series: Rows) -> Rows:
     """`[{"metric": {"name": "temp"}, "values": [[0, "5"], …]}, …]`, as Prometheus returns, as a long table."""
     rows: Rows = []
     for one in series:
-        pairs = next((part for part in one.values() if isinstance(part, list) and all(map(_is_pair, part))), None)
+        lists = (cast("list[Any]", part) for part in one.values() if isinstance(part, list))
+        pairs = next((part for part in lists if all(map(_is_pair, part))), None)
         if not pairs:
             return []
         metric = one.get("metric")
@@ -111,7 +112,8 @@ def _of_pairs(series: Rows) -> Rows:
 
 
 def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and [isinstance(part, (int, float, str)) for part in value] == [True, True]
+    parts = cast("list[Any]", value) if isinstance(value, list) else []
+    return len(parts) == 2 and all(isinstance(part, (int, float, str)) for part in parts)
 
 
 def _columns(value: dict[str, Any]) -> Rows:

@@ -149,7 +149,7 @@ def _calendar(
         orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
     if not any(parse(cell, order) is not None for cell in present[:8] for order in orders):
         return None
-    stamps = {order: _stamps(present, partial(parse, order=order)) for order in orders}
+    stamps = {order: _stamps(present, _in_order(parse, order)) for order in orders}
     read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
     rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
     if max(read.values()) < least:
@@ -189,6 +189,10 @@ def _steadiness(stamps: Array) -> tuple[int, float, float]:
     usual = float(np.median(steps))
     near = float(np.mean(np.abs(steps - usual) <= _TOLERANCE * usual))
     return -back, near, float(np.mean(np.abs(steps - usual) <= 0.001 * usual))
+
+
+def _in_order(parse: Callable[[str, DateOrder], float | None], order: DateOrder) -> StampParser:
+    return lambda cell: parse(cell, order)
 
 
 def _stamps(cells: Sequence[str], parse: StampParser) -> Array:

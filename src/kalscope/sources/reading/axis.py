@@ -232,7 +232,7 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
     it goes through the mean stamp of each block of samples.
     """
     n = len(time)
-    placed = rate.period * np.arange(n)
+    placed = rate.period * np.arange(n, dtype=np.float64)
     placed += level(time - placed, rate.runs)
     late = time - placed
     blocks = max(1, n // max(2, round(_BLOCK * rate.longest / rate.period)))

@@ -147,11 +147,11 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
     due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, most)
     # Steps of about the same length are judged together.
     groups = np.ceil(np.log2(due)).astype(np.int64)
-    for group in np.unique(groups).tolist():
-        members = np.flatnonzero(groups == group)
-        for some in np.array_split(members, 1 + (members.size << group) // _WINDOW_CELLS):
+    for group in range(int(groups.min()), int(groups.max()) + 1):
+        members, window = np.flatnonzero(groups == group), np.arange(1 << group)
+        for some in np.array_split(members, 1 + members.size * window.size // _WINDOW_CELLS):
             at = candidates[some, None]
-            before, after = at - np.arange(rows), at + 1 + np.arange(1 << group)
+            before, after = at - np.arange(rows), at + 1 + window
             excess[some] = _least(time, after, period) - _least(time, before, period)
     return candidates[excess > 0.5 * (steps[candidates] - period)]
 
@@ -343,10 +343,10 @@ def level(values: Array, runs: Indices) -> Array:
 
 def _line(x: Indices, time: Array, runs: Indices) -> tuple[float, Array]:
     """The common slope of the lines through the stamps of each run, and how late each stamp is."""
-    x, time = (values - level(values, runs) for values in (x.astype(np.float64), time))
-    spread = float(x @ x)
-    slope = float(x @ time) / spread if spread else 0.0
-    return slope, time - slope * x
+    number, time = (values - level(values, runs) for values in (x.astype(np.float64), time))
+    spread = float(number @ number)
+    slope = float(number @ time) / spread if spread else 0.0
+    return slope, time - slope * number
 
 
 def _slope_error(late: Array) -> float:
