@@ -108,11 +108,6 @@ def test_the_structs_of_an_array_are_groups(mat):
     np.testing.assert_array_equal(mat(runs=runs, part="runs[2]").values[:, 0], 2 + X[:30])
 
 
-def test_a_matrix_as_wide_as_the_time_is_long_has_its_samples_in_rows(mat):
-    recording = mat(t=T, y=np.vstack([X, X + 1]))
-    np.testing.assert_array_equal(recording.values, np.column_stack([X, X + 1]))
-
-
 def test_the_longest_vectors_are_read_and_the_others_named(mat):
     recording = mat(slow=np.arange(9.0), fast=X)
     assert recording.names == ("fast",)

@@ -81,21 +81,6 @@ def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newlin
     assert (len(recording), recording.names, recording.report.lines) == (20, ("temp",), 20)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
-def test_a_document_is_one_in_any_encoding(tmp_path, encoding):
-    path = tmp_path / "log.json"
-    path.write_bytes(
-        ('{"feeds":\n[' + ", ".join(f'{{"temp": {20 + i}}}' for i in range(20)) + "]}").encode(encoding)
-    )
-    recording = read_recording(path)
-    assert (len(recording), recording.names) == (20, ("temp",))
-
-
-def test_objects_one_a_line_below_a_torn_one_are_no_document(read):
-    recording = read('{"t": 5, "x"\n' + "".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
-    assert (recording.report.rows, recording.report.lines) == (12, 13)
-
-
 def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):
     document = [{"t": i, "x": x} for i, x in enumerate(X)]
     monkeypatch.setattr(files, "free_memory", lambda: 10_000)

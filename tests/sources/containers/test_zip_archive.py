@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers import texts
+from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -79,12 +78,6 @@ def test_an_archive_without_a_table_is_refused_by_what_it_holds(archive, files, 
         read_recording(archive(**files))
 
 
-def test_an_archive_of_too_many_tables_is_refused(archive, monkeypatch):
-    monkeypatch.setattr(texts, "_MAX_FILES", 0)
-    with pytest.raises(BadFile, match=r"at most 0 tables \(got 1\)"):
-        read_recording(archive(**{"log.csv": ACCELERATION}))
-
-
 @pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_what_unpacks_without_a_bound_is_refused(tmp_path, packing):
     path = tmp_path / "bomb.zip"
@@ -113,15 +106,6 @@ def test_what_is_said_of_names_is_printable(archive):
     with pytest.raises(BadFile) as refused:
         read_recording(archive(**{f"{name}.png": "x"}))
     assert str(refused.value).isprintable()
-
-
-def test_every_table_of_an_archive_asks_whether_to_stop(archive):
-    asked = []
-    with pytest.raises(Cancelled):
-        read_recording(
-            archive(**{f"{i}.csv": "1,2\n" for i in range(9)}),
-            cancelled=lambda: bool(asked.append(1)) or len(asked) > 5,
-        )
 
 
 def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archive):

@@ -29,14 +29,6 @@ def test_samples_of_a_coarse_clock_are_where_they_were_taken(name):
     assert np.abs(placed - true).max() <= 1.01 / device.rate
 
 
-def test_bursts_become_even_steps_of_the_rate():
-    device = Device(250, buffer=20, drain=2e-4, clock=1e-3)
-    _, time, _ = device.run(5000)
-    placed = place_evenly(time, find_rate(time))
-    np.testing.assert_allclose(np.diff(placed), 0.004, rtol=2e-3)
-    assert placed.mean() == pytest.approx(time.mean(), abs=1e-9)
-
-
 def test_a_pause_stays_as_long_as_it_was():
     device = Device(67, clock=1.0, pauses=3, pause=20.0)
     true, time, missing = device.run(6000)

@@ -1,6 +1,6 @@
 """Calendar stamps: what is written comes back, and no order reads the stamps of another."""
 
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 
 import pytest
 from each import each
@@ -130,12 +130,3 @@ def test_a_stamp_is_this_instant(cell, order, iso):
 )  # fmt: skip
 def test_what_is_no_date_is_none(cell, order):
     assert parse_calendar(cell, order) is None
-
-
-def test_zones_of_one_log_differ_by_summer_time():
-    winter, summer = parse_calendar("2022-10-30 02:30 CET"), parse_calendar("2022-10-30 02:30 CEST")
-    assert winter - summer == 3600e6
-
-
-def test_utc_is_meant_where_no_zone_is_given():
-    assert parse_calendar("2022-02-23 07:18:47") == datetime(2022, 2, 23, 7, 18, 47, tzinfo=UTC).timestamp() * 1e6
