@@ -123,12 +123,6 @@ def test_matlab_without_samples_is_refused(mat, variables):
         mat(**variables)
 
 
-def test_matlab_version_4_goes_by_its_name(tmp_path):
-    path = tmp_path / "log.mat"
-    scipy.io.savemat(path, {"t": T, "x": X}, format="4")
-    np.testing.assert_array_equal(read_recording(path).values[:, 0], X)
-
-
 def test_matlab_version_73_is_hdf5(tmp_path):
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -144,35 +138,21 @@ def test_matlab_version_73_is_hdf5(tmp_path):
     np.testing.assert_array_equal(recording.values[:, 0], X)
 
 
-def test_datasets_of_a_group_with_units_and_rate(hdf5):
+@each("place", ["", "run", "run/imu"])
+@each("name", ["fs", "Sample Rate (Hz)", "samplingFreq"])
+def test_datasets_of_a_group_with_units_and_the_innermost_rate_around_it(hdf5, place, name):
     def fill(file):
         file["run/imu/ax"] = X
         file["run/imu/ax"].attrs["units"] = "m/s^2"
-        file["run/imu"].attrs["other"] = 5
-        file["run/imu/sample_rate"] = 50.0
         file["slow/temp"] = np.arange(5.0)
+        file["slow"].attrs[name] = 999.0
+        file.attrs[name] = 1.0
+        file[place or "/"].attrs[name] = 50.0
 
     recording = hdf5(fill)
     assert (recording.names, recording.units) == (("ax",), ("m/s^2",))
     assert recording.sample_period == pytest.approx(0.02)
     assert len(hdf5(fill, "slow")) == 5
-
-
-@pytest.mark.slow
-@each("place", ["", "run", "run/imu"])
-@each("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
-@each("rate", [50.0, np.array([50])])
-def test_a_rate_among_the_attributes_of_a_group_or_of_one_around_it(hdf5, place, name, rate):
-    def fill(file):
-        file["run/imu/ax"] = X
-        file["other/x"] = X[:9]
-        file["other"].attrs[name] = 999.0
-        file["/"].attrs[name] = 1.0
-        file[place or "/"].attrs[name] = rate  # the innermost holds
-
-    recording = hdf5(fill)
-    assert recording.names == ("ax",)
-    assert recording.sample_period == pytest.approx(0.02)
 
 
 def test_a_table_of_fields_reads_as_pandas_writes_it(hdf5):
@@ -219,14 +199,6 @@ def test_channels_of_tdms_with_units_and_waveform(tdms):
     assert recording.sample_period == pytest.approx(0.02)
     assert any("2024-05-01T12:00:00" in note for note in recording.report.notes)
     assert any('"slow" (4 × 1)' in note for note in recording.report.notes)
-
-
-def test_channels_of_tdms_with_different_periods_are_different_parts(tdms):
-    channels = [("ai", name, X, {"wf_increment": step}) for name, step in (("a", 0.02), ("b", 0.5))]
-    for name, step in (("a", 0.02), ("b", 0.5)):
-        recording = tdms(*channels, part=f"ai/{name}")
-        assert recording.names == (name,)
-        assert recording.sample_period == pytest.approx(step)
 
 
 def test_a_time_channel_of_tdms_is_the_time(tdms):

@@ -25,15 +25,6 @@ def parquet(tmp_path):
     return write
 
 
-@pytest.mark.slow
-def test_a_parquet_file_with_a_time_in_seconds(parquet):
-    recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
-    assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))
-    assert recording.sample_period == 0.01
-    np.testing.assert_array_equal(recording.channel("x"), np.arange(20) / 2)
-    assert (recording.report.rows, recording.report.lines) == (20, 20)
-
-
 @pytest.mark.parametrize("kind", ["TIMESTAMP", "TIMESTAMP_NS", "TIMESTAMP_S", "TIMESTAMPTZ"])
 def test_a_parquet_file_with_stamps(parquet, kind):
     recording = parquet(

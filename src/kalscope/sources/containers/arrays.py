@@ -140,12 +140,12 @@ def read_arrays(
     many = {group for group, *_ in groups if sum(group == other for other, *_ in groups) > 1}
     parts = [
         Part(_part_name(group, found, alone=group not in many), n, sum(_width(item, n) for item in found))
-        for (group, n, _), found in groups.items()
+        for (group, n), found in groups.items()
     ]
     chosen, said = choose_part(parts, wanted, name, "group of arrays of one length")
-    (group, n, _), found = list(groups.items())[chosen]
+    (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
-        found = [*groups.get(("", n, None), []), *found]
+        found = [*groups.get(("", n), []), *found]
     width = sum(_width(item, n) for item in found)
     if width > MAX_COLUMNS or n * width > MAX_NUMBERS:
         raise BadFile(
@@ -198,20 +198,13 @@ def _part_name(group: str, found: list[Item], *, alone: bool) -> str:
     return f"{group}/{found[0].name}" if group else found[0].name
 
 
-def _grouped(items: Sequence[Item]) -> dict[tuple[str, int, float | None], list[Item]]:
-    """The arrays of each group, number of samples and period; scalars and images are left out.
-
-    The period is None where the arrays of the group have one period at most: those without one share it.
-    """
+def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
+    """The arrays of each group and number of samples; scalars and images are left out."""
     lengths = {(item.group, max(item.shape)) for item in items if _is_vector(item.shape)}
-    sized = [(item, n) for item in items if (n := _samples(item, lengths)) > 1]
-    periods: dict[tuple[str, int], set[float]] = {}
-    for item, n in sized:
-        periods.setdefault((item.group, n), set()).update(() if item.period is None else (item.period,))
-    groups: dict[tuple[str, int, float | None], list[Item]] = {}
-    for item, n in sized:
-        period = item.period if len(periods[item.group, n]) > 1 else None
-        groups.setdefault((item.group, n, period), []).append(item)
+    groups: dict[tuple[str, int], list[Item]] = {}
+    for item in items:
+        if (n := _samples(item, lengths)) > 1:
+            groups.setdefault((item.group, n), []).append(item)
     return groups
 
 
@@ -377,7 +370,7 @@ def read_numpy(path: Path, name: str, part: str | None, progress: Progress) -> T
     progress(0.0, "reading")
     if not zipfile.is_zipfile(path):
         # A map of the file: an array cannot be larger than it.
-        found.add("", "", np.load(path, mmap_mode="r", allow_pickle=False))
+        found.add("", "", np.lib.format.open_memmap(path, mode="r"))
         return read_arrays(found, part, name, "a NumPy array", progress)
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist():
