@@ -251,9 +251,8 @@ def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) ->
         return rng.standard_normal(shape)
     if noise == "uniform":  # width 2√3 has variance 1
         return math.sqrt(12) * (rng.random(shape) - 0.5)
-    if noise == "triangular":  # var(rand − rand) = 1/6
-        return math.sqrt(6) * (rng.random(shape) - rng.random(shape))
-    return np.zeros(shape)
+    # var(rand − rand) = 1/6
+    return math.sqrt(6) * (rng.random(shape) - rng.random(shape)) if noise == "triangular" else np.zeros(shape)
 
 
 def _check(name: str, value: Any, low: float, high: float) -> None:

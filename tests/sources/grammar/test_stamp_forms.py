@@ -52,9 +52,8 @@ def test_the_form_that_fits_most_cells_is_found(cells, form):
 def test_eight_digits_and_day_numbers_are_dates_only_where_the_name_allows():
     assert found(["19580329"], DATE) == ("calendar", "ymd", "h:m:s", "")
     assert found(["19580329"]) == ("number", "ymd", "h:m:s", "")
-    assert found(["45123.5"], DATE) == ("number", "ymd", "h:m:s", "")
-    spreadsheet = TimeName(2, is_date=True, may_be_spreadsheet=True)
-    assert find_stamp_form(["45123,5"], ",", spreadsheet).unit == "day"
+    assert find_stamp_form(["45123,5"], ",", DATE).unit == "day"
+    assert find_stamp_form(["45123,5"], ",", TIME).unit == ""
 
 
 def test_a_day_above_twelve_anywhere_decides():
@@ -125,7 +124,6 @@ def test_a_format_that_is_none_is_refused(form):
 
 
 NAMED = TimeName(is_date=True)  # MESS_DATUM
-DAY = TimeName(is_date=True, may_be_spreadsheet=True)  # Date
 
 
 @each("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
@@ -152,8 +150,8 @@ def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
 def test_dates_of_six_digits_under_the_name_of_a_date(order, pattern):
     times = [datetime(2024, 2, 20) + timedelta(days=i) for i in range(20)]
     cells = [time.strftime(pattern) for time in times]
-    form = find_stamp_form(cells, ".", DAY)
+    form = find_stamp_form(cells, ".", NAMED)
     assert (form.kind, form.order) == ("calendar", order)
     assert stamp_parser(form, ".")(cells[-1]) == (times[-1] - datetime(1970, 1, 1)).total_seconds() * 1e6
-    assert found(cells, DATE) == ("number", "ymd", "h:m:s", "")  # a timestamp may count so
-    assert found([str(100_000 + 7 * i) for i in range(50)], DAY)[0] == "number"
+    assert found(cells) == ("number", "ymd", "h:m:s", "")  # a timestamp may count so
+    assert found([str(100_000 + 7 * i) for i in range(50)], NAMED)[0] == "number"

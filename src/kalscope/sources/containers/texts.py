@@ -219,7 +219,6 @@ def _encoding(head: bytes) -> str:
 
 def _lines(path: Path, table: zipfile.ZipInfo) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
-        encoding = _encoding(stream.read(_HEAD_BYTES))
-    with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
+        encoding = _encoding(stream.peek(_HEAD_BYTES)[:_HEAD_BYTES])
         for line in io.TextIOWrapper(stream, encoding, errors="replace"):
             yield line.removesuffix("\n")

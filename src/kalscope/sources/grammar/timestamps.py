@@ -56,9 +56,7 @@ class TimeName:
     unit: str = ""
     """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
     is_date: bool = False
-    """True where the name is one of a date: 19580329 may be one."""
-    may_be_spreadsheet: bool = False
-    """True where the name says date, not just day or timestamp: 240331 and a spreadsheet's 45123.5 may be one."""
+    """True where the name says date: 19580329, 240331 and a spreadsheet's 45123.5 may be one."""
 
 
 def find_stamp_form(
@@ -87,16 +85,16 @@ def find_stamp_form(
         return given if fits(stamp_parser(given, decimal)) else None
     number = TimeColumn(0, "number")
     numbers = stamp_parser(number, decimal)
-    if name.may_be_spreadsheet and fits(lambda cell: _sheet_day(numbers(cell), cell)):
+    if name.is_date and fits(lambda cell: _sheet_day(numbers(cell), cell)):
         return replace(number, unit="day")
     if _are_dates_in_digits(present, name):
         return TimeColumn(0, "calendar")
-    if name.may_be_spreadsheet and (short := _calendar(present, least, options, parse_six_digits)):
+    if name.is_date and (short := _calendar(present, least, options, parse_six_digits)):
         return replace(short, odd=SIX_DIGITS)
     if fits(numbers):
         return number
     # In a column that is named as a date, 17.05.24 is not a clock.
-    clock = None if name.may_be_spreadsheet else _clock(present, least)
+    clock = None if name.is_date else _clock(present, least)
     return clock or _calendar(present, least, options) or _clock(present, least)
 
 

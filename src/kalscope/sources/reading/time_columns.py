@@ -37,8 +37,7 @@ _TIME_WORDS = words(
     zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo
     """
 )
-_SPREADSHEET_WORDS = words("date dates datetime datum fecha")
-_DATE_WORDS = _SPREADSHEET_WORDS | words("day timestamp")
+_DATE_WORDS = words("date dates datetime datum fecha")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they mean years such as 1958.2027."""
 _DAY_COUNTS = words("jd hjd bjd")
@@ -86,12 +85,7 @@ def time_name(column: Column) -> TimeName:
         strength = 2
     elif is_time or (is_alone and rest[0] in _RISING_UNITS):
         strength = 1
-    return TimeName(
-        strength,
-        unit if strength else "",
-        any(word in _DATE_WORDS for word in said),
-        any(word in _SPREADSHEET_WORDS for word in said),
-    )
+    return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
 
 
 def _unit_of(said: list[str]) -> str:
