@@ -310,14 +310,17 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     pauses = lasting_steps(time, steps.all, candidates, guess.period, rows)
     back = np.flatnonzero(steps.all < -2 * guess.usual) if steps.forward is not steps.all else _NO_PAUSES
     runs = np.zeros(len(time), dtype=np.int64)
-    runs[np.union1d(pauses, back) + 1] = 1
+    runs[pauses + 1] = 1
+    runs[back + 1] = 1
     runs = np.cumsum(runs)
     if guess.stamps == "even":
         return SampleRate("even", guess.period, 0.0, pauses, steps, guess.usual, runs)
     stamps, (slope, late) = guess.stamps, _line(np.arange(len(time)), time, runs)
     error = _slope_error(late)
     # The row at which a coarse clock moves on is exact to a sample; after a pause it may have moved before.
-    changes = np.setdiff1d(np.flatnonzero(steps.all > 0), pauses) + 1
+    moves = steps.all > 0
+    moves[pauses] = False
+    changes = np.flatnonzero(moves) + 1
     if stamps == "coarse" and changes.size > _MIN_CHANGES:
         slope, late = _line(changes, time[changes], runs[changes])
         late = np.diff(late)[np.diff(runs[changes]) == 0]
