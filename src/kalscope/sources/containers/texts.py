@@ -219,6 +219,7 @@ def _encoding(head: bytes) -> str:
 
 def _lines(path: Path, table: zipfile.ZipInfo) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
-        encoding = _encoding(stream.peek(_HEAD_BYTES)[:_HEAD_BYTES])
+        encoding = _encoding(stream.read(_HEAD_BYTES))
+        stream.seek(0)
         for line in io.TextIOWrapper(stream, encoding, errors="replace"):
             yield line.removesuffix("\n")
