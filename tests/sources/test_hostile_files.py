@@ -17,7 +17,7 @@ from forked import fork_server
 from hostile_case import MIB, examine, examine_all, in_child
 from required import needs
 
-needs("duckdb", "h5py", "nptdms", "python_calamine", "rosbags", "mcap", "zstandard")
+needs("duckdb", "h5py", "nptdms", "python_calamine", "zstandard")
 
 from packed_files import PACKED  # noqa: E402
 from special_files import SPECIAL  # noqa: E402

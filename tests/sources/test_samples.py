@@ -1,10 +1,8 @@
 import importlib.util
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from kalscope import FilterParams, kalman_filter, ratio_for, starting_params, steady_state
 from kalscope.catalogue import open_source
 from kalscope.sources.samples import list_samples, sample_data_dir
 
@@ -60,32 +58,3 @@ def test_nile_is_the_published_series():
     assert volume.mean() == pytest.approx(919.35)
     assert volume.std(ddof=1) == pytest.approx(169.227501)
     assert recording.units == ("1e8 m3",)
-
-
-@pytest.mark.slow
-def test_the_resting_sensors_rest():
-    x, y, z = open_source("sample:lis302dl").values.T
-    assert (np.median(x), np.median(y), np.median(z)) == (2, -3, 55)
-    assert np.median(open_source("sample:balancing_robot").values) == pytest.approx(338, abs=1)
-
-
-def test_a_maximum_lag_makes_the_demo_visibly_better_at_once():
-    """Within 50 ms the filtered line keeps to the moves, which it missed by far more than the noise."""
-    demo = open_source("demo")
-    z = demo.values[:, 0]
-    start = starting_params(z)
-    goal = FilterParams(start.r * ratio_for(lag_s=0.05, sample_period=demo.sample_period), start.r)
-    # Far from the line: more than two standard deviations of the noise, averaged over a tenth of a second.
-    far = [
-        np.mean(np.abs(np.convolve(z - kalman_filter(z, params).x, np.full(5, 0.2), "valid")) > 2 * 18.0)
-        for params in (start, goal)
-    ]
-    assert far[0] > 0.2
-    assert far[1] < 0.05
-    assert steady_state(goal).noise_reduction_db > 6  # and at most half of the noise is left
-
-
-def test_the_servo_sweeps_in_1_8_s():
-    flex = open_source("sample:flex_sensor").channel("flex")
-    spectrum = np.abs(np.fft.rfft(flex - flex.mean()))
-    assert np.argmax(spectrum) / (len(flex) * 0.02) == pytest.approx(1 / 3.6, abs=0.03)

@@ -66,27 +66,25 @@ class SignalSettings:
     """With `sigmas`: each sensor has a reading once in so many rows, whole numbers; None = in all of them."""
 
     def __post_init__(self) -> None:
-        _check_choice("shape", self.shape, SHAPES)
-        _check_choice("noise", self.noise, NOISES)
-        _check_whole("n", self.n, 1, MAX_SAMPLES)
-        _check_whole("channels", self.channels, 1, MAX_CHANNELS)
-        self._check_sensors()
-        if self.n * self.columns > MAX_SAMPLES:
-            raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.columns})")
-        _check_whole("seed", self.seed, 0, 2**63 - 1)
+        for name, choices in (("shape", SHAPES), ("noise", NOISES)):
+            if getattr(self, name) not in choices:
+                raise BadSetting(f"{name} must be one of {', '.join(choices)} (got {getattr(self, name)!r})")
         for name, low, high in _RANGES:
-            _check_real(name, getattr(self, name), low, high)
-        if self.limits is not None:
-            _check_limits(self.limits)
-
-    def _check_sensors(self) -> None:
+            _check(name, getattr(self, name), low, high)
         if self.sigmas is not None and self.channels != 1:
             raise BadSetting(f"channels must be left out where sigmas gives a channel each (got {self.channels})")
         for name, low, high in _OF_EACH_SENSOR:
             if (values := getattr(self, name)) is not None:
                 _check_each(name, values, low, high, self.sigmas)
-        for step in self.every or ():
-            _check_whole("every", int(step) if step == int(step) else step, 1, MAX_SAMPLES)
+        if self.n * self.columns > MAX_SAMPLES:
+            raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.columns})")
+        if self.limits is not None:
+            limits: Any = self.limits
+            limits = cast("tuple[Any, ...]", limits) if isinstance(limits, tuple) else ()
+            for value in limits:
+                _check("limits", value, -MAX_SETTING, MAX_SETTING)
+            if len(limits) != 2 or not limits[0] < limits[1]:
+                raise BadSetting(f"limits must be two numbers, lowest and highest (got {self.limits!r})")
 
     @property
     def columns(self) -> int:
@@ -112,8 +110,11 @@ def _text(value: Any) -> Any:
 MAX_SETTING = 1e50
 """Bound of all settings in u and s, and 1/MAX_SETTING of all times: products of a few of them stay finite."""
 
-# (setting, lowest, highest)
+# (setting, lowest, highest); whole numbers are bounded by whole numbers
 _RANGES = (
+    ("n", 1, MAX_SAMPLES),
+    ("channels", 1, MAX_CHANNELS),
+    ("seed", 0, 2**63 - 1),
     ("sample_period", 1 / MAX_SETTING, MAX_SETTING),
     ("amplitude", -MAX_SETTING, MAX_SETTING),
     ("level", -MAX_SETTING, MAX_SETTING),
@@ -127,7 +128,7 @@ _RANGES = (
 _OF_EACH_SENSOR = (
     ("sigmas", 0.0, MAX_SETTING),
     ("offsets", -MAX_SETTING, MAX_SETTING),
-    ("every", 1.0, float(MAX_SAMPLES)),
+    ("every", 1, MAX_SAMPLES),
 )
 
 
@@ -250,25 +251,18 @@ def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) ->
         return rng.standard_normal(shape)
     if noise == "uniform":  # width 2√3 has variance 1
         return math.sqrt(12) * (rng.random(shape) - 0.5)
-    if noise == "triangular":  # var(rand − rand) = 1/6
-        return math.sqrt(6) * (rng.random(shape) - rng.random(shape))
-    return np.zeros(shape)
+    # var(rand − rand) = 1/6
+    return math.sqrt(6) * (rng.random(shape) - rng.random(shape)) if noise == "triangular" else np.zeros(shape)
 
 
-def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise BadSetting(f"{name} must be one of {', '.join(choices)} (got {value!r})")
-
-
-def _check_whole(name: str, value: Any, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise BadSetting(f"{name} must be a whole number from {low} to {high} (got {value!r})")
-
-
-def _check_real(name: str, value: Any, low: float, high: float) -> None:
-    real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not real or not low <= value <= high:  # NaN fails every comparison
-        raise BadSetting(f"{name} must be a number from {low:g} to {high:g} (got {value!r})")
+def _check(name: str, value: Any, low: float, high: float) -> None:
+    is_whole = isinstance(low, int)
+    kinds = (int, np.integer) if is_whole else (int, float, np.integer, np.floating)
+    if (
+        isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high
+    ):  # NaN fails every comparison
+        what = f"whole number from {low} to {high}" if is_whole else f"number from {low:g} to {high:g}"
+        raise BadSetting(f"{name} must be a {what} (got {value!r})")
 
 
 def _check_each(name: str, values: object, low: float, high: float, sigmas: tuple[float, ...] | None) -> None:
@@ -281,14 +275,6 @@ def _check_each(name: str, values: object, low: float, high: float, sigmas: tupl
             f"{name} must have a number for each of sigmas, {sigmas or 'which is not given'} (got {values!r})"
         )
     for value in each:
-        _check_real(name, value, low, high)
-
-
-def _check_limits(limits: object) -> None:
-    values = cast("tuple[Any, ...]", limits) if isinstance(limits, tuple) else ()
-    if len(values) != 2:
-        raise BadSetting(f"limits must be two numbers, lowest and highest (got {limits!r})")
-    for value in values:
-        _check_real("limits", value, -MAX_SETTING, MAX_SETTING)
-    if not values[0] < values[1]:
-        raise BadSetting(f"limits must rise from lowest to highest (got {limits!r})")
+        _check(name, value, float(low), high)
+        if isinstance(low, int):
+            _check(name, int(value) if value == int(value) else value, low, high)

@@ -1,4 +1,6 @@
-"""MATLAB, HDF5 and TDMS files, written by the libraries that own the formats."""
+"""NumPy, MATLAB, HDF5 and TDMS files, written by the libraries that own the formats."""
+
+import zipfile
 
 import numpy as np
 import pytest
@@ -57,10 +59,20 @@ def test_vectors_of_matlab_with_their_time(mat):
     assert recording.sample_period == pytest.approx(0.02)
 
 
-@each(("name", "value"), [("fs", 50.0), ("Fs", 50), ("sample_rate", 50.0), ("dt", 0.02), ("Ts", 0.02)])
-def test_a_single_number_of_matlab_is_the_rate(mat, name, value):
-    recording = mat(x=X, **{name: value})
-    assert recording.names == ("x",)
+@each(
+    "variables",
+    [
+        {"fs": 50.0},
+        {"Fs": 50},
+        {"sample_rate": 50.0},
+        {"dt": 0.02},
+        {"Ts": 0.02},
+        {"fs": 50.0, "t": np.arange(50.0)},
+    ],
+)
+def test_a_single_number_of_matlab_is_the_rate(mat, variables):
+    recording = mat(x=X, **variables)
+    assert recording.names[0] == "x"
     assert recording.sample_period == pytest.approx(0.02)
     np.testing.assert_allclose(recording.time, T)
 
@@ -75,24 +87,14 @@ def test_stamps_of_matlab_outrank_its_single_rate(mat, rate):
     assert any("100 Hz, but its stamps" in note for note in recording.report.notes) == (rate == 100)
 
 
-def test_numbers_of_samples_beside_a_rate_are_no_stamps(mat):
-    np.testing.assert_allclose(mat(t=np.arange(50.0), x=X, fs=50.0).time, T)
-
-
-def test_stamps_of_hdf5_outrank_its_rate(hdf5):
-    def fill(file):
-        file["time"], file["x"], file["fs"] = T + 7, X, 10.0
-
-    recording = hdf5(fill)
-    assert recording.names == ("x",)
-    np.testing.assert_array_equal(recording.time, T + 7)
-
-
 def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     recording = mat(log={"time": T, "acc": np.column_stack([X, -X, X + 1])})
     assert recording.names == ("acc[0]", "acc[1]", "acc[2]")
     np.testing.assert_array_equal(recording.values[:, 1], -X)
     assert recording.sample_period == pytest.approx(0.02)
+    recording = mat(t=T, log={"x": X, "y": 2 * X}, other=np.arange(7.0))
+    assert (recording.names, recording.sample_period) == (("x", "y"), pytest.approx(0.02))
+    assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
 
 
 def test_the_structs_of_an_array_are_groups(mat):
@@ -104,17 +106,6 @@ def test_the_structs_of_an_array_are_groups(mat):
     assert recording.sample_period == pytest.approx(0.02)
     assert any('"runs[0]" (20 × 2)' in note for note in recording.report.notes)
     np.testing.assert_array_equal(mat(runs=runs, part="runs[2]").values[:, 0], 2 + X[:30])
-
-
-def test_a_time_beside_a_struct_is_its_time(mat):
-    recording = mat(t=T, log={"x": X, "y": 2 * X}, other=np.arange(7.0))
-    assert recording.names == ("x", "y")
-    assert recording.sample_period == pytest.approx(0.02)
-
-
-def test_a_matrix_as_wide_as_the_time_is_long_has_its_samples_in_rows(mat):
-    recording = mat(t=T, y=np.vstack([X, X + 1]))
-    np.testing.assert_array_equal(recording.values, np.column_stack([X, X + 1]))
 
 
 def test_the_longest_vectors_are_read_and_the_others_named(mat):
@@ -132,12 +123,6 @@ def test_matlab_without_samples_is_refused(mat, variables):
         mat(**variables)
 
 
-def test_matlab_version_4_goes_by_its_name(tmp_path):
-    path = tmp_path / "log.mat"
-    scipy.io.savemat(path, {"t": T, "x": X}, format="4")
-    np.testing.assert_array_equal(read_recording(path).values[:, 0], X)
-
-
 def test_matlab_version_73_is_hdf5(tmp_path):
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -153,46 +138,21 @@ def test_matlab_version_73_is_hdf5(tmp_path):
     np.testing.assert_array_equal(recording.values[:, 0], X)
 
 
-def test_datasets_of_a_group_with_units_and_rate(hdf5):
+@each("place", ["", "run", "run/imu"])
+@each("name", ["fs", "Sample Rate (Hz)", "samplingFreq"])
+def test_datasets_of_a_group_with_units_and_the_innermost_rate_around_it(hdf5, place, name):
     def fill(file):
         file["run/imu/ax"] = X
         file["run/imu/ax"].attrs["units"] = "m/s^2"
-        file["run/imu"].attrs["other"] = 5
-        file["run/imu/sample_rate"] = 50.0
         file["slow/temp"] = np.arange(5.0)
+        file["slow"].attrs[name] = 999.0
+        file.attrs[name] = 1.0
+        file[place or "/"].attrs[name] = 50.0
 
     recording = hdf5(fill)
     assert (recording.names, recording.units) == (("ax",), ("m/s^2",))
     assert recording.sample_period == pytest.approx(0.02)
     assert len(hdf5(fill, "slow")) == 5
-
-
-@pytest.mark.slow
-@each("place", ["", "run", "run/imu"])
-@each("name", ["fs", "sampling_rate", "Sample Rate (Hz)", "samplingFreq"])
-@each("rate", [50.0, np.array([50])])
-def test_a_rate_among_the_attributes_of_a_group_or_of_one_around_it(hdf5, place, name, rate):
-    def fill(file):
-        file["run/imu/ax"] = X
-        file["other/x"] = X[:9]
-        file["other"].attrs[name] = 999.0
-        file[place or "/"].attrs[name] = rate
-
-    recording = hdf5(fill)
-    assert recording.names == ("ax",)
-    assert recording.sample_period == pytest.approx(0.02)
-
-
-def test_the_innermost_rate_holds(hdf5):
-    def fill(file):
-        file["run/imu/ax"] = X
-        file.attrs["fs"], file["run"].attrs["fs"] = 1.0, 50.0
-
-    assert hdf5(fill).sample_period == pytest.approx(0.02)
-
-
-def test_a_rate_of_the_struct_around_a_struct_holds(mat):
-    assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
 
 
 def test_a_table_of_fields_reads_as_pandas_writes_it(hdf5):
@@ -241,14 +201,6 @@ def test_channels_of_tdms_with_units_and_waveform(tdms):
     assert any('"slow" (4 × 1)' in note for note in recording.report.notes)
 
 
-def test_channels_of_tdms_with_different_periods_are_different_parts(tdms):
-    channels = [("ai", name, X, {"wf_increment": step}) for name, step in (("a", 0.02), ("b", 0.5))]
-    for name, step in (("a", 0.02), ("b", 0.5)):
-        recording = tdms(*channels, part=f"ai/{name}")
-        assert recording.names == (name,)
-        assert recording.sample_period == pytest.approx(step)
-
-
 def test_a_time_channel_of_tdms_is_the_time(tdms):
     stamps = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
     recording = tdms(("g", "Time", stamps, {}), ("g", "x", X, {}), ("g", "text", np.array(["a"] * 50), {}))
@@ -260,3 +212,47 @@ def test_the_names_of_a_rate():
     assert period_from("Sample Rate", 4.0) == period_from("dt", 0.25) == 0.25
     assert period_from("ts", 1.7e9) is None  # a date
     assert period_from("gain", 4.0) is period_from("fs", 0.0) is period_from("fs", float("nan")) is None
+
+
+TABLE = np.zeros(50, dtype=[("time", "f8"), ("x", "f4"), ("who", "U3")])
+TABLE["time"], TABLE["x"] = T, X
+STAMPS = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
+
+
+@each(
+    ("write", "names", "period"),
+    [
+        (lambda path: np.save(path, X), ("value 1",), None),
+        (lambda path: np.save(path, np.column_stack((T, X, X))), ("value 1", "value 2"), 0.02),
+        (lambda path: np.save(path, np.asfortranarray(np.vstack((T, X)))), ("value 1",), 0.02),
+        (lambda path: np.save(path, TABLE), ("x",), 0.02),
+        (lambda path: np.savez(path, t=T, x=X, words=np.array(["a"])), ("x",), 0.02),
+        (lambda path: np.savez_compressed(path, at=STAMPS, x=X, any=np.array([{}])), ("x",), 0.02),
+        (
+            lambda path: np.savez(path, fs=50.0, acc=np.asfortranarray(np.column_stack((X, X)))),
+            ("acc[0]", "acc[1]"),
+            0.02,
+        ),
+    ],
+)
+def test_arrays_of_numpy(tmp_path, write, names, period):
+    path = tmp_path / "log.npy"
+    with path.open("wb") as file:
+        write(file)
+    recording = read_recording(path)
+    assert (recording.names, recording.sample_period) == (names, period and pytest.approx(period))
+    np.testing.assert_array_equal(
+        recording.values[:, 0], X.astype("f4") if write.__code__.co_names[-1] == "TABLE" else X
+    )
+
+
+@each("kind", ["<f8", "|O"])
+def test_numpy_files_that_lie_or_hold_objects_are_refused(tmp_path, kind):
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': (1000000000000,), }}".ljust(117).encode() + b"\n"
+    data = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(80)
+    (tmp_path / "log.npy").write_bytes(data)
+    with zipfile.ZipFile(tmp_path / "log.npz", "w") as archive:
+        archive.writestr("x.npy", data)
+    for name in ("log.npy", "log.npz"):
+        with pytest.raises(BadFile, match=name):
+            read_recording(tmp_path / name)

@@ -39,6 +39,19 @@ def test_the_feeds_of_thingspeak(read):
     assert recording.sample_period == 1.0
 
 
+def test_the_pairs_of_prometheus(read):
+    result = [
+        {
+            "metric": {"__name__": "temp", "host": host},
+            "values": [[1.7e9 + 15 * i, str(x)] for i, x in enumerate(X)],
+        }
+        for host in ("a", "b")
+    ]
+    recording = read({"status": "success", "data": {"resultType": "matrix", "result": result}})
+    assert (recording.names, recording.sample_period) == (("temp a", "temp b"), 15.0)
+    np.testing.assert_array_equal(recording.values[:, 1], X)
+
+
 def test_an_object_of_columns(read):
     recording = read({"time": [0.1 * i for i in range(12)], "x": X, "name": "log", "nested": [[1, 2]]})
     assert recording.names == ("x",)
@@ -58,12 +71,6 @@ def test_a_document_without_samples_is_refused(read, text):
         read(text)
 
 
-def test_objects_one_a_line_are_no_document(read):
-    recording = read("".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
-    assert (recording.report.rows, recording.report.lines) == (12, 12)
-    assert not any("document" in note for note in recording.report.notes)
-
-
 @pytest.mark.slow
 @each("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 @each("newline", ["\n", "\r\n", "\r"])
@@ -72,21 +79,6 @@ def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newlin
     path.write_bytes("".join(f'{{"t": {i / 10}, "temp": {20 + i}}}{newline}' for i in range(20)).encode(encoding))
     recording = read_recording(path)
     assert (len(recording), recording.names, recording.report.lines) == (20, ("temp",), 20)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
-def test_a_document_is_one_in_any_encoding(tmp_path, encoding):
-    path = tmp_path / "log.json"
-    path.write_bytes(
-        ('{"feeds":\n[' + ", ".join(f'{{"temp": {20 + i}}}' for i in range(20)) + "]}").encode(encoding)
-    )
-    recording = read_recording(path)
-    assert (len(recording), recording.names) == (20, ("temp",))
-
-
-def test_objects_one_a_line_below_a_torn_one_are_no_document(read):
-    recording = read('{"t": 5, "x"\n' + "".join(json.dumps({"t": i, "x": x}) + "\n" for i, x in enumerate(X)))
-    assert (recording.report.rows, recording.report.lines) == (12, 13)
 
 
 def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):

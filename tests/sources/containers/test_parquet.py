@@ -1,15 +1,14 @@
-"""Parquet files, written by DuckDB."""
+"""Parquet files, written by DuckDB and read by pyarrow."""
 
 import numpy as np
 import pytest
-from each import each
 from required import needs
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
-needs("duckdb")
+needs("duckdb", "pyarrow")
 
 import duckdb  # noqa: E402
 
@@ -24,15 +23,6 @@ def parquet(tmp_path):
         return read_recording(path)
 
     return write
-
-
-@pytest.mark.slow
-def test_a_parquet_file_with_a_time_in_seconds(parquet):
-    recording = parquet('SELECT i * 0.01::DOUBLE AS time, i AS n, i / 2 AS "x [mV]" FROM range(20) t(i)')
-    assert (recording.names, recording.units) == (("n", "x"), ("", "mV"))
-    assert recording.sample_period == 0.01
-    np.testing.assert_array_equal(recording.channel("x"), np.arange(20) / 2)
-    assert (recording.report.rows, recording.report.lines) == (20, 20)
 
 
 @pytest.mark.parametrize("kind", ["TIMESTAMP", "TIMESTAMP_NS", "TIMESTAMP_S", "TIMESTAMPTZ"])
@@ -59,26 +49,6 @@ def test_nulls_and_infinities_of_parquet_are_missing_samples(parquet):
 def test_a_parquet_file_without_samples_is_refused(parquet, select):
     with pytest.raises(BadFile, match="must hold"):
         parquet(select)
-
-
-@pytest.mark.slow
-@each("name", ["log[1].parquet", "log*.parquet", "log?.parquet", "run=7/log1.parquet"])
-def test_only_the_named_parquet_file_is_read(tmp_path, name):
-    (tmp_path / "run=7").mkdir()
-    for file, value in (("plain.parquet", 2.0), ("log1.parquet", 1.0)):
-        duckdb.execute(f"COPY (SELECT {value} AS x FROM range(9)) TO '{tmp_path / file}' (FORMAT parquet)")
-    path = tmp_path / name
-    (tmp_path / "plain.parquet").rename(path)
-    recording = read_recording(path)
-    assert recording.names == ("x",)
-    np.testing.assert_array_equal(recording.values[:, 0], np.full(9, 2.0))
-
-
-def test_a_damaged_parquet_file_is_refused(tmp_path):
-    path = tmp_path / "log.parquet"
-    path.write_bytes(b"PAR1" + bytes(200) + b"PAR1")
-    with pytest.raises(BadFile, match="cannot be read as a Parquet file"):
-        read_recording(path)
 
 
 @pytest.mark.parametrize("name", ["log.parquet", "log.csv"])

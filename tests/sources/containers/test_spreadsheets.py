@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from required import needs
 
-from kalscope.common.progress import Progress
-from kalscope.errors import BadFile, BadSetting, Cancelled
+from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.containers import convert
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
@@ -62,13 +61,6 @@ def test_the_sheet_with_most_numbers_is_read_and_the_others_named(book):
         read_recording(path, ReadOptions(part="notes"))
 
 
-@pytest.mark.slow
-def test_an_empty_cell_is_a_missing_sample(book):
-    table = rows()
-    table[5][1] = None
-    assert np.isnan(read_recording(book(log=table)).values[4, 0])
-
-
 def test_a_sheet_without_numbers_is_refused(book):
     with pytest.raises(BadFile, match="sheet with numbers"):
         read_recording(book(log=[["a", "b"], ["c", "d"]]))
@@ -89,28 +81,6 @@ def test_a_zip_archive_of_other_files_is_no_spreadsheet(tmp_path):
         archive.writestr("log.csv", "a,b\n1,2\n")
     with pytest.raises(BadFile, match="zip archive of other files"):
         read_recording(tmp_path / "log.xlsx")
-
-
-def test_a_spreadsheet_is_cancelled(book):
-    with pytest.raises(Cancelled):
-        read_recording(book(log=rows()), cancelled=lambda: True)
-    assert Progress  # the same kind of progress as every reader
-
-
-def test_a_workbook_cut_short_is_refused(book):
-    path = book(log=rows())
-    data = path.read_bytes()
-    for cut in range(200, len(data), len(data) // 5):
-        path.write_bytes(data[:cut])
-        with pytest.raises(BadFile):
-            read_recording(path)
-
-
-def test_an_old_workbook_that_is_damaged_is_refused(tmp_path):
-    path = tmp_path / "log.xls"
-    path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000))
-    with pytest.raises(BadFile, match="cannot be read as a spreadsheet"):
-        read_recording(path)
 
 
 def write_ods(path, rows):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers import texts
+from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -79,12 +78,6 @@ def test_an_archive_without_a_table_is_refused_by_what_it_holds(archive, files, 
         read_recording(archive(**files))
 
 
-def test_an_archive_of_too_many_tables_is_refused(archive, monkeypatch):
-    monkeypatch.setattr(texts, "_MAX_FILES", 0)
-    with pytest.raises(BadFile, match=r"at most 0 tables \(got 1\)"):
-        read_recording(archive(**{"log.csv": ACCELERATION}))
-
-
 @pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_what_unpacks_without_a_bound_is_refused(tmp_path, packing):
     path = tmp_path / "bomb.zip"
@@ -104,15 +97,6 @@ def test_an_encrypted_table_is_refused_by_name(archive):
         read_recording(path)
 
 
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_of_two_tables_of_one_name_the_larger_is_read(tmp_path):
-    path = tmp_path / "twice.zip"
-    with zipfile.ZipFile(path, "w") as out:
-        out.writestr("log.csv", ACCELERATION)
-        out.writestr("log.csv", "t,a\n1,2\n2,3\n")
-    assert len(read_recording(path)) == 300
-
-
 @pytest.mark.slow
 def test_what_is_said_of_names_is_printable(archive):
     name = "../../\x1b[31mevil\r\n\x07"
@@ -124,15 +108,6 @@ def test_what_is_said_of_names_is_printable(archive):
     assert str(refused.value).isprintable()
 
 
-def test_every_table_of_an_archive_asks_whether_to_stop(archive):
-    asked = []
-    with pytest.raises(Cancelled):
-        read_recording(
-            archive(**{f"{i}.csv": "1,2\n" for i in range(9)}),
-            cancelled=lambda: bool(asked.append(1)) or len(asked) > 5,
-        )
-
-
 def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archive):
     path = archive(**{"log.csv": ACCELERATION})
     data = path.read_bytes()
@@ -141,16 +116,3 @@ def test_a_declared_size_that_lies_is_refused_and_never_unpacked_beyond_it(archi
     path.write_bytes(data.replace(size, (100).to_bytes(4, "little")))
     with pytest.raises(BadFile, match="cannot be read as a zip archive"):
         read_recording(path)
-
-
-@pytest.mark.parametrize("keep", [0.3, 0.9, 0.99])
-def test_a_damaged_archive_is_refused(archive, keep):
-    path = archive(**{"log.csv": ACCELERATION})
-    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
-    with pytest.raises(BadFile, match="cannot be read as a zip archive"):
-        read_recording(path)
-
-
-def test_an_archive_is_cancelled(archive):
-    with pytest.raises(Cancelled):
-        read_recording(archive(**{"log.csv": ACCELERATION * 100}), cancelled=lambda: True)

@@ -29,14 +29,6 @@ def test_samples_of_a_coarse_clock_are_where_they_were_taken(name):
     assert np.abs(placed - true).max() <= 1.01 / device.rate
 
 
-def test_bursts_become_even_steps_of_the_rate():
-    device = Device(250, buffer=20, drain=2e-4, clock=1e-3)
-    _, time, _ = device.run(5000)
-    placed = place_evenly(time, find_rate(time))
-    np.testing.assert_allclose(np.diff(placed), 0.004, rtol=2e-3)
-    assert placed.mean() == pytest.approx(time.mean(), abs=1e-9)
-
-
 def test_a_pause_stays_as_long_as_it_was():
     device = Device(67, clock=1.0, pauses=3, pause=20.0)
     true, time, missing = device.run(6000)
@@ -53,16 +45,3 @@ def test_a_rate_that_drifts_is_followed():
     placed = place_evenly(time, find_rate(time))
     assert np.abs(placed - true).max() <= 0.15
     assert np.all(np.diff(placed) > 0)
-
-
-def test_a_stretch_with_a_step_a_sample_keeps_its_stamps():
-    """A logger that stamped whole seconds at first, and after a pause microseconds."""
-    seconds = np.floor(np.arange(1400) / 13.5)
-    rng = np.random.default_rng(1)
-    later = 200 + np.cumsum(rng.uniform(0.069, 0.079, 700))
-    time = np.concatenate((seconds, later))
-    rate = find_rate(time)
-    placed = place_evenly(time, rate)
-    assert 1 / rate.period == pytest.approx(13.5, rel=0.005)
-    np.testing.assert_array_equal(placed[1400:], later)
-    assert np.all(np.diff(placed[:1400]) > 0)

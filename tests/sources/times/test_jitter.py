@@ -42,16 +42,3 @@ def test_pauses_do_not_count(tmp_path):
     paused[[300, 900]] = 50.0
     record = read_recording(written(tmp_path, np.cumsum(paused)))
     assert jitter_of(record) == pytest.approx(np.delete(steps, [300, 900]).std() / record.sample_period, rel=1e-3)
-
-
-def test_a_rate_that_the_user_chose_is_taken_as_it_is(tmp_path):
-    file = written(tmp_path, np.cumsum(uneven_steps()))
-    assert jitter_of(read_recording(file, sample_period=0.05)) == 0.0
-
-
-def test_without_time_there_is_no_rate(tmp_path):
-    file = tmp_path / "bare.csv"
-    file.write_text("z\n1\n2\n4\n")
-    record = read_recording(file)
-    assert jitter_of(record) == 0.0
-    assert rate_words(record.sample_period, 0.0) == "sample rate unknown"

@@ -62,12 +62,6 @@ def test_extra_rows_in_between_leave_the_rate_alone():
     assert (found.period, found.pauses.size) == (300.0, 0)
 
 
-def test_a_missing_second_of_a_clock_of_whole_seconds_is_a_gap():
-    time = np.delete(np.arange(600.0), 333)
-    found = find_rate(time)
-    assert (found.stamps, found.period, found.pauses.tolist()) == ("even", 1.0, [332])
-
-
 @pytest.mark.parametrize("rows", [10, 500])
 def test_a_logger_that_wakes_now_and_then_has_pauses_and_no_bursts(rows):
     period = 0.01 if rows > 100 else 1.0
@@ -83,13 +77,6 @@ def test_every_tenth_step_of_an_sd_card_counts():
     found = find_rate(np.concatenate(([0.0], np.cumsum(steps))))
     assert (found.stamps, found.pauses.size) == ("uneven", 0)
     assert found.period == pytest.approx(3.4e-3, rel=1e-3)
-
-
-def test_stamps_without_a_steady_rate_have_their_median_step():
-    steps = np.geomspace(1e-3, 10, 201)
-    found = find_rate(np.concatenate(([0.0], np.cumsum(steps))))
-    assert np.isinf(found.error)
-    assert found.period == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("time", [[5.0], [3.0, 2.0, 1.0], [1.0, 1.0]])

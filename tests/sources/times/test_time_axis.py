@@ -61,14 +61,7 @@ def test_jitter_is_said_only_where_there_is_some():
     assert read_time(even, NUMBER).timing.notes == ()
     axis = read_time(uneven, NUMBER)
     assert axis.timing.period == pytest.approx(0.01, rel=0.05)
-    assert any("nine of ten steps lie between 0.0082" in note for note in axis.notes)
-
-
-def test_nothing_is_said_of_steps_that_are_even_but_for_steps_back():
-    stamps = np.array([i if i % 50 else i - 3 for i in range(300)], dtype=float)
-    notes = read_time(stamps, TimeColumn(0, "number", "s")).notes
-    assert any("uneven" in note for note in notes)
-    assert not any(note.rstrip().endswith(":") for note in notes)
+    assert any("the stamps are uneven" in note for note in axis.notes)
 
 
 @each("step", [1e-320, 1e60])
@@ -78,13 +71,6 @@ def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     assert (axis.timing.period, axis.time.tolist()) == (None, list(range(60)))
     assert any(note.endswith("which is not a time: the samples were counted") for note in axis.notes)
     assert read_time(stamps, column, given=GivenPeriod(0.5)).timing.period == 0.5
-
-
-def test_gaps_are_counted_and_the_choice_is_named():
-    stamps = np.concatenate((np.arange(50), 70 + np.arange(50), 500 + np.arange(50))) * 10.0
-    notes = " ".join(read_time(stamps, NUMBER).notes)
-    assert "2 gaps, first after sample 50, the longest 3.81 s" in notes
-    assert "--gaps missing" in notes
 
 
 def test_the_advice_says_how_many_rows_it_would_add():
@@ -141,15 +127,6 @@ def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
     assert axis.time.tolist() == [-1, -0.5, 0, 0.5]
     assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as stated in the file")
     assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
-
-
-def test_a_clock_that_shows_one_second_only_counts_on_in_the_period_of_the_file():
-    axis = read_time(np.full(5, 3.0), TimeColumn(0, "number", "s"), given=GivenPeriod(file=0.25))
-    assert axis.time.tolist() == [3.0, 3.25, 3.5, 3.75, 4.0]
-
-
-def test_a_given_unit_outranks_the_columns():
-    assert read_time(np.arange(5.0), TimeColumn(0, "number", "s"), "ms").timing.period == 0.001
 
 
 @each(

@@ -191,47 +191,6 @@ def tdms(path: Path, size: int) -> None:
     path.write_bytes(b"TDSm" + struct.pack("<IIQQ", 0x0E, 4713, len(meta) + 8 * size, len(meta)) + meta)
 
 
-def mcap_bomb(path: Path, size: int) -> None:
-    """One chunk that says what it unpacks to."""
-    packed = b"".join(zstandard_packed(repeat(bytes(MIB), size // MIB)))
-    chunk = struct.pack("<QQQII", 0, 0, size, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
-    record = struct.pack("<BQ", 6, len(chunk)) + chunk
-    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + record + b"\x89MCAP0\r\n")
-
-
-def mcap_of_chunks(path: Path, size: int) -> None:
-    """`size` chunks, each of one long message of zeros: none is too large, all together are."""
-    length = 255 * MIB
-    message = struct.pack("<BQ", 5, length) + bytes(length)
-    packed = zstandard.compress(message)
-    chunk = struct.pack("<QQQII", 0, 0, len(message), 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
-    record = struct.pack("<BQ", 6, len(chunk)) + chunk
-    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + record * size + b"\x89MCAP0\r\n")
-
-
-def bag_bomb(path: Path, size: int) -> None:
-    """A ROS 1 bag with one chunk of bzip2."""
-    import bz2
-
-    packer = bz2.BZ2Compressor()
-    packed = b"".join(packer.compress(bytes(MIB)) for _ in range(size // MIB)) + packer.flush()
-
-    def record(fields: dict[str, bytes], data: bytes) -> bytes:
-        pairs = [key.encode() + b"=" + value for key, value in fields.items()]
-        head = b"".join(struct.pack("<I", len(pair)) + pair for pair in pairs)
-        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
-
-    chunk = record({"op": b"\x05", "compression": b"bz2", "size": struct.pack("<I", size)}, packed)
-    info = {"op": b"\x06", "ver": struct.pack("<I", 1), "chunk_pos": struct.pack("<Q", 13 + 4096)}
-    info |= {"start_time": bytes(8), "end_time": bytes(8), "count": struct.pack("<I", 0)}
-    count = {"conn_count": struct.pack("<I", 0), "chunk_count": struct.pack("<I", 1)}
-    empty = record({"op": b"\x03", "index_pos": bytes(8), **count}, b"")
-    pad = b" " * (4096 - len(empty))
-    place = struct.pack("<Q", 13 + 4096 + len(chunk))
-    head = record({"op": b"\x03", "index_pos": place, **count}, pad)
-    path.write_bytes(b"#ROSBAG V2.0\n" + head + chunk + record(info, b""))
-
-
 def json_bomb(inner: str) -> Make:
     """A list of `size` empty things."""
 
@@ -282,7 +241,7 @@ def zip_of(
 def container(
     name: str, file: str, make: Make, expected: str, small: int = 1, big: int = 1, big_mib: int = 100
 ) -> Case:
-    return Case(name, make, expected, small, big, 80, big_mib, file)
+    return Case(name, make, expected, small, big, 100, big_mib, file)
 
 
 def never_written(file: Any, size: int) -> None:
@@ -353,7 +312,7 @@ PACKED = (
         200,
     ),
     container(
-        "Parquet of many columns", "log.parquet", wide_parquet, "refused: .* in 4096 columns", 0, 20_000, 600
+        "Parquet of many columns", "log.parquet", wide_parquet, "refused: .* must hold a group", 0, 20_000, 600
     ),
     container(
         "JSON nested deep", "log.json", deep_json("[", "]"), "refused: .* nested too deep", 50_000, 10_000_000, 200
@@ -384,7 +343,4 @@ PACKED = (
     container("HDF5 packed small", "log.h5", hdf5(packed_small), "read: ", 100_000, 1 << 24, 1200),
     container("MATLAB element larger than said", "log.mat", mat_element, "refused: ", 8 * MIB, 1024 * MIB, 400),
     container("TDMS that claims too much", "log.tdms", tdms, "refused: ", 1 << 20, 1 << 40),
-    container("MCAP chunk of zeros", "log.mcap", mcap_bomb, "refused: ", MIB // 2, 1024 * MIB, 300),
-    container("MCAP of many chunks", "log.mcap", mcap_of_chunks, MANY, 0, 9, 1200),
-    container("bag chunk of zeros", "log.bag", bag_bomb, "refused: ", 4 * MIB, 1024 * MIB, 400),
 )

@@ -1,13 +1,18 @@
-"""Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and length are channels."""
+"""Named arrays, as NumPy, MATLAB, HDF5, TDMS and Parquet files hold them: those of one length are channels."""
 
 from __future__ import annotations
 
+import importlib
+import io
 import logging
 import math
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,29 +22,26 @@ from kalscope.common.files import require_memory_for_numbers
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
-from kalscope.sources.containers.table import MAX_COLUMNS, MAX_NUMBERS, Part, Table, choose_part, load_library
+from kalscope.sources.containers.table import (
+    MAX_COLUMNS,
+    MAX_NUMBERS,
+    Part,
+    Table,
+    choose_part,
+    load_library,
+    refuse_part,
+)
 
 # Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table.
 
 
 _RATES = frozenset(
-    (
-        "fs",
-        "fsamp",
-        "sr",
-        "srate",
-        "rate",
-        "sfreq",
-        "samplerate",
-        "samplingrate",
-        "samplefrequency",
-        "samplingfrequency",
-        "samplefreq",
-        "samplingfreq",
-    )
+    "fs fsamp sr srate rate sfreq samplerate samplingrate samplefrequency samplingfrequency samplefreq"  # noqa: SIM905
+    " samplingfreq".split()
 )
 _PERIODS = frozenset(("dt", "ts", "sampleperiod", "samplingperiod", "sampletime", "samplingtime", "sampleinterval"))
 """Names of scalars, lower case without separators, that give the sample rate in Hz or the period in s."""
+_EPOCH = np.datetime64(0, "us")
 _MAX_PERIOD = 1e6
 """Longest sample period in s; a larger number is a date, or something else."""
 
@@ -64,9 +66,45 @@ class Item:
     """Time of its first sample in s since 1970."""
 
 
+@dataclass
+class Found:
+    """What the arrays of a file are, before they are read."""
+
+    items: list[Item] = field(default_factory=list[Item])
+    """The arrays."""
+    scalars: list[tuple[str, str, float]] = field(default_factory=list[tuple[str, str, float]])
+    """(group, name, value) of single numbers, which may include the sample rate."""
+
+    def add(self, key: str, group: str, array: Any, unit: str = "", period: float | None = None) -> None:
+        """Add an array, or a dataset that is one: each field of a table, which may hold several columns, is one."""
+        dtype, shape = array.dtype, tuple(int(n) for n in array.shape or ())
+        size = math.prod(shape)
+        if dtype.names and len(shape) == 1:
+            fields = [(name, dtype[name].base, (*shape, *dtype[name].shape)) for name in dtype.names]
+            group = f"{group}/{key}" if group and key else group or key
+        else:
+            fields = [(key, dtype, shape)]
+        for name, kind, sizes in fields:
+            if not is_numeric(kind) or size == 0:
+                continue
+            if size == 1 and not dtype.names:
+                self.scalars.append((group, name, float(_numbers_of(array[()]).reshape(-1)[0])))
+            elif 1 <= len(sizes) <= 2:
+                what = name if dtype.names else ()
+                self.items.append(Item(name, group, sizes, partial(array.__getitem__, what), unit, period))
+
+
 def is_numeric(dtype: Any) -> bool:
-    """True for whole and real numbers and flags."""
-    return np.dtype(dtype).kind in "iufb"
+    """True for whole and real numbers, flags and stamps."""
+    return np.dtype(dtype).kind in "iufbM"
+
+
+def _numbers_of(array: Any) -> Array:
+    """Numbers; stamps as µs since 1970."""
+    array = np.asarray(array)
+    if array.dtype.kind == "M":
+        return np.where(np.isnat(array), np.nan, (array - _EPOCH) / np.timedelta64(1, "us"))
+    return array.astype(np.float64)
 
 
 def period_from(name: str, value: float) -> float | None:
@@ -79,8 +117,7 @@ def period_from(name: str, value: float) -> float | None:
 
 
 def read_arrays(
-    items: Sequence[Item],
-    scalars: Sequence[tuple[str, str, float]],
+    arrays: Found,
     wanted: str | None,
     name: str,
     note: str,
@@ -89,8 +126,7 @@ def read_arrays(
     """The requested part: the arrays of one group with the same number of samples.
 
     Args:
-        items: The arrays of the file.
-        scalars: (group, name, value) of its scalars, which may include the sample rate.
+        arrays: The arrays of the file.
         wanted: `ReadOptions.part`.
         name: The file.
         note: What it is: "a MATLAB file".
@@ -100,16 +136,16 @@ def read_arrays(
         BadFile: there are no arrays of numbers, or too many numbers.
         BadSetting: there is no such part.
     """
-    groups = _grouped(items)
+    groups = _grouped(arrays.items)
     many = {group for group, *_ in groups if sum(group == other for other, *_ in groups) > 1}
     parts = [
         Part(_part_name(group, found, alone=group not in many), n, sum(_width(item, n) for item in found))
-        for (group, n, _), found in groups.items()
+        for (group, n), found in groups.items()
     ]
     chosen, said = choose_part(parts, wanted, name, "group of arrays of one length")
-    (group, n, _), found = list(groups.items())[chosen]
+    (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
-        found = [*groups.get(("", n, None), []), *found]
+        found = [*groups.get(("", n), []), *found]
     width = sum(_width(item, n) for item in found)
     if width > MAX_COLUMNS or n * width > MAX_NUMBERS:
         raise BadFile(
@@ -118,22 +154,36 @@ def read_arrays(
     require_memory_for_numbers(n * width, name)
     names: list[str] = []
     units: list[str] = []
+    dates: list[int] = []
     columns: list[Array] = []
     for i, item in enumerate(found):
         progress(i / len(found), "reading")
-        array = np.asarray(item.load(), dtype=np.float64)
+        progress.unpack(8 * math.prod(item.shape))  # any part of it may be packed
+        array = np.asarray(item.load())
+        dates += [len(names)] if array.dtype.kind == "M" else []
+        array = _numbers_of(array)
         if array.shape != item.shape:
             raise ValueError(f"{item.name} is not as large as announced")
         array = array.reshape(n, -1) if array.shape[0] == n else array.T
         width = array.shape[1]
-        names += [item.name if width == 1 else f"{item.name}[{k}]" for k in range(width)]
+        names += [item.name if width == 1 or not item.name else f"{item.name}[{k}]" for k in range(width)]
         units += [item.unit] * width
         columns += [np.ascontiguousarray(array[:, k]) for k in range(width)]
     period = next((item.period for item in found if item.period is not None), None)
     start = next((item.start for item in found if item.start is not None), None)
-    given = [period_from(key, value) for outer in _outer(group) for other, key, value in scalars if other == outer]
+    given = [
+        period_from(key, value) for outer in _outer(group) for other, key, value in arrays.scalars if other == outer
+    ]
     period = next((one for one in (period, *given) if one is not None), None)
-    return Table(tuple(names), tuple(units), tuple(columns), start=start, period=period, notes=(note, *said))
+    return Table(
+        names=tuple(names),
+        units=tuple(units),
+        columns=tuple(columns),
+        start=start,
+        period=period,
+        notes=(note, *said),
+        dates=frozenset(dates),
+    )
 
 
 def _outer(group: str) -> list[str]:
@@ -148,20 +198,13 @@ def _part_name(group: str, found: list[Item], *, alone: bool) -> str:
     return f"{group}/{found[0].name}" if group else found[0].name
 
 
-def _grouped(items: Sequence[Item]) -> dict[tuple[str, int, float | None], list[Item]]:
-    """The arrays of each group, number of samples and period; scalars and images are left out.
-
-    The period is None where the arrays of the group have one period at most: those without one share it.
-    """
+def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
+    """The arrays of each group and number of samples; scalars and images are left out."""
     lengths = {(item.group, max(item.shape)) for item in items if _is_vector(item.shape)}
-    sized = [(item, n) for item in items if (n := _samples(item, lengths)) > 1]
-    periods: dict[tuple[str, int], set[float]] = {}
-    for item, n in sized:
-        periods.setdefault((item.group, n), set()).update(() if item.period is None else (item.period,))
-    groups: dict[tuple[str, int, float | None], list[Item]] = {}
-    for item, n in sized:
-        period = item.period if len(periods[item.group, n]) > 1 else None
-        groups.setdefault((item.group, n, period), []).append(item)
+    groups: dict[tuple[str, int], list[Item]] = {}
+    for item in items:
+        if (n := _samples(item, lengths)) > 1:
+            groups.setdefault((item.group, n), []).append(item)
     return groups
 
 
@@ -190,8 +233,7 @@ def _width(item: Item, n: int) -> int:
 # HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read.
 
 
-_MAX_DATASETS = 2000
-_MAX_DEPTH = 12
+_MAX_DATASETS, _MAX_DEPTH = 2000, 12
 _UNITS = ("unit", "units", "Unit", "Units", "UNITS", "unit_string", "NI_UnitDescription")
 
 
@@ -203,77 +245,25 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
         BadSetting: there is no such part.
     """
     h5py = load_library("h5py", "h5py", name, "an HDF5 file")
+    found = Found()
+
+    def take(place: str, node: Any) -> bool | None:
+        progress(0.1, "reading")
+        group, _, key = place.rpartition("/")
+        if not isinstance(node, h5py.Dataset):
+            found.scalars.extend((place, name, value) for name, value in _numbers(node))
+        elif "#" in place or node.is_virtual or node.external is not None:
+            return None
+        elif _text(node.attrs.get("MATLAB_class")) not in ("char", "cell", "function_handle"):
+            unit = next((text for word in _UNITS if (text := _text(node.attrs.get(word)))), "")
+            periods = (period for name, value in _numbers(node) if (period := period_from(name, value)))
+            found.add(key, group, node, unit, next(periods, None))
+        return True if len(found.items) > _MAX_DATASETS or place.count("/") > _MAX_DEPTH else None  # True: stop
+
     with h5py.File(str(path), "r") as file:
-        items: list[Item] = []
-        scalars: list[tuple[str, str, float]] = []
-        for group, key, node in _nodes(h5py, file):
-            progress(0.1, "reading")
-            if key:
-                _take(group, key, node, items, scalars, progress)
-            else:
-                scalars += [(group, name, value) for name, value in _numbers(node)]
-        return read_arrays(items, scalars, part, name, "an HDF5 file", progress.part(0.2, 1.0))
-
-
-def _nodes(h5py: Any, file: Any) -> Iterator[tuple[str, str, Any]]:
-    """(group, "", its node) of all groups, (group, name, dataset) of the datasets in the file itself."""
-    waiting, count = [("", file, 0)], 0
-    while waiting and count < _MAX_DATASETS:
-        group, node, depth = waiting.pop(0)
-        yield group, "", node
-        for key in node:
-            # Hard links only: any other link may lead out of the file, or back into the same group.
-            if not isinstance(node.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
-                continue
-            child = node[key]
-            if isinstance(child, h5py.Group):
-                if depth < _MAX_DEPTH:
-                    waiting.append((f"{group}/{key}" if group else key, child, depth + 1))
-            elif isinstance(child, h5py.Dataset) and not child.is_virtual and child.external is None:
-                count += 1
-                yield group, key, child
-
-
-def _take(
-    group: str,
-    key: str,
-    dataset: Any,
-    items: list[Item],
-    scalars: list[tuple[str, str, float]],
-    progress: Progress,
-) -> None:
-    if _text(dataset.attrs.get("MATLAB_class")) in ("char", "cell", "function_handle"):
-        return
-    dtype, shape = dataset.dtype, tuple(int(n) for n in dataset.shape or ())
-    unit = next((text for word in _UNITS if (text := _text(dataset.attrs.get(word)))), "")
-    period = next((period for name, value in _numbers(dataset) if (period := period_from(name, value))), None)
-    if dtype.names:
-        _take_fields(f"{group}/{key}" if group else key, dataset, shape, items, progress)
-    elif is_numeric(dtype):
-        if int(np.prod(shape, dtype=np.float64)) == 1:
-            scalars.append((group, key, float(np.asarray(dataset[()]).reshape(-1)[0])))
-        elif 1 <= len(shape) <= 2:
-            items.append(Item(key, group, shape, _loader(dataset, (), shape, progress), unit, period))
-
-
-def _loader(dataset: Any, what: Any, shape: tuple[int, ...], progress: Progress) -> Callable[[], Any]:
-    """Reads a dataset, or one of its fields, and counts its numbers before: any part of them may be packed."""
-
-    def load() -> Any:
-        progress.unpack(8 * math.prod(shape))
-        return dataset[what]
-
-    return load
-
-
-def _take_fields(group: str, dataset: Any, shape: tuple[int, ...], items: list[Item], progress: Progress) -> None:
-    """The fields of a table, as pandas and PyTables write it; a field may itself hold several columns."""
-    for field in dataset.dtype.names if len(shape) == 1 else ():
-        base, inner = dataset.dtype[field].base, dataset.dtype[field].shape
-        if is_numeric(base) and len(inner) <= 1:
-            stamps = field == "index" and _text(dataset.attrs.get("index_kind")).startswith("datetime")
-            load = _loader(dataset, field, (*shape, *inner), progress)
-            items.append(Item("time" if stamps else str(field), group, (*shape, *inner), load))
+        take("", file)
+        file.visititems(take)  # by hard links only: any other link may lead out of the file
+        return read_arrays(found, part, name, "an HDF5 file", progress.part(0.2, 1.0))
 
 
 def _numbers(node: Any) -> Iterator[tuple[str, float]]:
@@ -293,7 +283,6 @@ def _text(value: Any) -> str:
 # MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
 
 
-_MAT_MAX_DEPTH = 8
 _MAX_STRUCTS = 256
 """Structs of one array that are read."""
 _COMPRESSED = 15
@@ -319,20 +308,15 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
     matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
     listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
     wanted = [key for key, _, kind in listed if kind in _CLASSES]
-    size = sum(int(np.prod([min(n, MAX_NUMBERS) for n in shape], dtype=np.float64)) for _, shape, _ in listed)
-    if size > MAX_NUMBERS:
-        raise BadFile(f"{name} must hold at most {MAX_NUMBERS} numbers (got {size})")
     # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
     _count_unpacked(path, progress)
-    require_memory_for_numbers(size, name)
     progress(0.1, "reading")
     held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
-    items: list[Item] = []
-    scalars: list[tuple[str, str, float]] = []
+    found = Found()
     for key in wanted:
         if key in held:
-            _collect(key, "", held[key], items, scalars)
-    return read_arrays(items, scalars, part, name, "a MATLAB file", progress.part(0.6, 1.0))
+            _collect(key, "", held[key], found)
+    return read_arrays(found, part, name, "a MATLAB file", progress.part(0.6, 1.0))
 
 
 def _count_unpacked(path: Path, progress: Progress) -> None:
@@ -356,33 +340,59 @@ def _count_unpacked(path: Path, progress: Progress) -> None:
                     packed = unpacker.unconsumed_tail
 
 
-def _collect(
-    key: str, group: str, value: Any, items: list[Item], scalars: list[tuple[str, str, float]], depth: int = 0
-) -> None:
+def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> None:
     if isinstance(value, dict):
         inner = f"{group}.{key}" if group else key
         for name, part in cast("dict[str, Any]", value).items():
-            if depth < _MAT_MAX_DEPTH:
-                _collect(name, inner, part, items, scalars, depth + 1)
+            if depth < _MAX_DEPTH:
+                _collect(name, inner, part, found, depth + 1)
         return
     array = np.asarray(value)
     if array.dtype == object and array.ndim == 1:  # an array of structs: each is a group of its own
         for i, part in enumerate(array[:_MAX_STRUCTS]):
             if isinstance(part, dict):
-                _collect(f"{key}[{i}]", group, part, items, scalars, depth + 1)
-        return
-    if not is_numeric(array.dtype):
-        return
-    if array.size == 1:
-        scalars.append((group, key, float(array.reshape(-1)[0])))
-    elif 1 <= array.ndim <= 2:
-        items.append(Item(key, group, array.shape, lambda: array))
+                _collect(f"{key}[{i}]", group, part, found, depth + 1)
+    else:
+        found.add(key, group, array)
+
+
+# NumPy files: an array, or a zip archive of several. Pickled objects are never loaded.
+
+
+def read_numpy(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a .npy or .npz file: vectors, matrices, tables of fields.
+
+    Raises:
+        BadFile: it holds no numbers or too many.
+        BadSetting: there is no such part.
+    """
+    found = Found()
+    progress(0.0, "reading")
+    if not zipfile.is_zipfile(path):
+        # A map of the file: an array cannot be larger than it.
+        found.add("", "", np.lib.format.open_memmap(path, mode="r"))
+        return read_arrays(found, part, name, "a NumPy array", progress)
+    with zipfile.ZipFile(path) as archive:
+        for info in archive.infolist():
+            progress.unpack(info.file_size)
+            data = archive.read(info)
+            if info.filename.endswith(".npy") and data[:6] == b"\x93NUMPY":
+                with suppress(ValueError):  # an array of objects
+                    found.add(info.filename.removesuffix(".npy"), "", _array_of(data))
+    return read_arrays(found, part, name, "an archive of NumPy arrays", replace(progress, unpacking=None))
+
+
+def _array_of(data: bytes) -> Any:
+    """The array in the bytes of a .npy file, which its header may exceed."""
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read(stream)
+    array = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
+    return array.reshape(shape, order="F" if is_fortran else "C")
 
 
 # LabVIEW TDMS files, read by npTDMS: the channels of a group, with their units and waveform properties.
-
-
-_EPOCH = np.datetime64(0, "us")
 
 
 def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Table:
@@ -397,7 +407,7 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     # An open file, not its path: else npTDMS would trust an index file beside it.
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
         items = list(_items(file, path.stat().st_size))
-        return read_arrays(items, (), part, name, "a TDMS file", progress)
+        return read_arrays(Found(items), part, name, "a TDMS file", progress)
 
 
 def _items(file: Any, size: int) -> Iterator[Item]:
@@ -407,25 +417,14 @@ def _items(file: Any, size: int) -> Iterator[Item]:
             # Raw data are stored as they are: no channel holds more samples than the file has bytes.
             if not 0 < n <= min(size, MAX_NUMBERS):
                 continue
-            is_time = channel.dtype.kind == "M"
-            if not is_time and not is_numeric(channel.dtype):
+            if not is_numeric(channel.dtype):
                 continue
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
             start = _seconds(properties.get("wf_start_time")) if period is not None else None
-            yield Item(
-                channel.name, group.name, (n,), _tdms_loader(channel, is_time=is_time), str(unit), period, start
-            )
-
-
-def _tdms_loader(channel: Any, *, is_time: bool) -> Any:
-    def load() -> Array:
-        data = channel[:]
-        # Stamps as seconds since 1970, recognised as the time by their name and size.
-        return (data - _EPOCH) / np.timedelta64(1, "s") if is_time else data
-
-    return load
+            load = partial(channel.__getitem__, slice(None))
+            yield Item(channel.name, group.name, (n,), load, str(unit), period, start)
 
 
 def _seconds(stamp: Any) -> float | None:
@@ -434,3 +433,31 @@ def _seconds(stamp: Any) -> float | None:
     except (TypeError, ValueError):  # no stamp
         return None
     return seconds if np.isfinite(seconds) else None
+
+
+# Parquet files, read by pyarrow: one row per sample, the file gives the column types.
+
+
+def read_parquet(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a Parquet file.
+
+    Raises:
+        BadFile: it holds no column of numbers, too many rows or columns, or pyarrow is not installed.
+        BadSetting: a part is wanted.
+    """
+    refuse_part(part, name)
+    progress(0.0, "reading")
+    parquet = load_library("pyarrow.parquet", "pyarrow", name, "a Parquet file")
+    types = importlib.import_module("pyarrow").types
+    with parquet.ParquetFile(str(path)) as file:
+        found, rows = Found(), int(file.metadata.num_rows)
+
+        def column(key: str) -> Any:
+            one = file.read(columns=[key]).column(0)
+            return (one.cast("float64", safe=False) if types.is_decimal(one.type) else one).to_numpy()
+
+        for one in file.schema_arrow:
+            is_number = types.is_integer(one.type) or types.is_floating(one.type) or types.is_decimal(one.type)
+            if is_number or types.is_timestamp(one.type) or types.is_date(one.type):
+                found.items.append(Item(one.name, "", (rows,), partial(column, one.name)))
+        return read_arrays(found, None, name, "a Parquet file", progress)

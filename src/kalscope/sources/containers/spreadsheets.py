@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator
+from functools import reduce
 from pathlib import Path
 
 from kalscope.common.files import temporary_folder
@@ -46,11 +46,7 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
         parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
         chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
         text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
-    return Text(_without_end(text), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
-
-
-def _without_end(text: str) -> Iterator[str]:
-    yield from text.removesuffix("\n").split("\n")
+    return Text(text.removesuffix("\n").split("\n"), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
 
 
 def _convert(path: Path, folder: Path, progress: Progress) -> None:
@@ -92,16 +88,10 @@ def _check_size(path: Path, name: str, progress: Progress) -> None:
                     progress(0.5, "unpacking")
                     progress.unpack(len(piece))
                     for letters, digits in _PLACE.findall(before + piece):
-                        rows, columns = max(rows, int(digits)), max(columns, _column_number(letters))
+                        rows = max(rows, int(digits))
+                        columns = max(columns, reduce(lambda n, letter: 26 * n + letter - 64, letters.upper(), 0))
                     before = piece[-64:]
             if rows * columns > convert.MAX_CELLS:
                 raise BadFile(
                     f"{name} must hold at most {convert.MAX_CELLS} cells in a sheet (got {rows} × {columns})"
                 )
-
-
-def _column_number(letters: bytes) -> int:
-    number = 0
-    for letter in letters.upper():
-        number = 26 * number + letter - 64
-    return number

@@ -10,7 +10,6 @@ from typing import Any
 from kalscope.common.numbers import Array
 from kalscope.common.text import count
 from kalscope.errors import BadFile, BadSetting
-from kalscope.recording import LineIssue
 
 # The libraries that read containers: optional, imported where a file needs one.
 
@@ -51,15 +50,13 @@ class Table:
     """Columns of one length, before the time axis is judged."""
 
     names: tuple[str, ...]
-    """Full name of each channel: the topic or group, and the field."""
+    """Name of each channel."""
     units: tuple[str, ...]
     """Unit of each channel; "" where none is given: its name may still hold one."""
     columns: tuple[Array, ...]
     """Samples of each channel, shape (n,), NaN where missing."""
     time: Array | None = None
     """Stamps in s, shape (n,), as the file gives them; None where it gives none: a column may still be the time."""
-    clock: str = ""
-    """A sentence that says where the stamps come from; "" where the file has only one clock."""
     start: float | None = None
     """Time of the stamp 0 in s since 1970, where the file gives it."""
     period: float | None = None
@@ -68,18 +65,6 @@ class Table:
     """What was decided, each a sentence: the format, the part that was chosen, the others."""
     dates: frozenset[int] = frozenset()
     """Columns, from 0, that are calendar stamps in µs since 1970."""
-    texts: tuple[str, ...] = ()
-    """Names of columns that hold no numbers and were left out."""
-    headers: int = 0
-    """Lines of the file that are not rows: headers, and blank lines between its parts."""
-    rejected: int = 0
-    """Lines that were rejected."""
-    bad_cells: int = 0
-    """Cells of rows that hold something other than a number: missing samples."""
-    issues: tuple[LineIssue, ...] = ()
-    """The first MAX_ISSUES of both, in file order."""
-    filled: int = 0
-    """Rows of missing samples that keep the places of rejected lines."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -101,7 +86,7 @@ class Text:
     """The part to choose within the text: a name of a long table."""
 
 
-# Which part of a file is read: one of its topics, sheets, groups or segments, all of one time axis.
+# Which part of a file is read: one of its sheets, groups or segments, all of one time axis.
 
 
 _MAX_NAMED = 12
@@ -128,7 +113,7 @@ def choose_part(parts: Sequence[Part], wanted: str | None, name: str, what: str)
         wanted: `ReadOptions.part`: the whole name of one, or the end of exactly one name; None for the part with
             most numbers.
         name: The file.
-        what: What a part is called there: "topic", "sheet", "group".
+        what: What a part is called there: "sheet", "group".
 
     Raises:
         BadFile: there is no part with numbers.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
 from collections import Counter
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers.table import Part, Text, choose_text_part
-from kalscope.sources.grammar.cells import is_number, split_fields, wide_encoding
+from kalscope.sources.grammar.cells import wide_encoding
 from kalscope.sources.grammar.line_format import load_json
 
 # One JSON document that holds the samples: its objects become lines of JSON, read by the ordinary rules.
@@ -93,7 +94,26 @@ def _objects(value: list[Any]) -> Rows:
         value = [inner for item in cast("list[list[Any]]", value) for inner in item]
     if not value or not all(isinstance(item, dict) for item in value):
         return []
-    return cast("Rows", value)
+    return _of_pairs(cast("Rows", value)) or cast("Rows", value)
+
+
+def _of_pairs(series: Rows) -> Rows:
+    """`[{"metric": {"name": "temp"}, "values": [[0, "5"], …]}, …]`, as Prometheus returns, as a long table."""
+    rows: Rows = []
+    for one in series:
+        lists = (cast("list[Any]", part) for part in one.values() if isinstance(part, list))
+        pairs = next((part for part in lists if all(map(_is_pair, part))), None)
+        if not pairs:
+            return []
+        metric = one.get("metric")
+        name = " ".join(map(str, cast("dict[str, Any]", metric).values() if isinstance(metric, dict) else ()))
+        rows += [{"name": name, "time": time, "value": value} for time, value in cast("list[list[Any]]", pairs)]
+    return rows
+
+
+def _is_pair(value: Any) -> bool:
+    parts = cast("list[Any]", value) if isinstance(value, list) else []
+    return len(parts) == 2 and all(isinstance(part, (int, float, str)) for part in parts)
 
 
 def _columns(value: dict[str, Any]) -> Rows:
@@ -128,7 +148,7 @@ _HEAD_BYTES = 8192
 _HEAD_LINES = 100
 """Lines used to count the columns."""
 _CHUNK = 1 << 20
-_DELIMITERS = "\t;, "
+_NUMBER = re.compile(r"(?<![^\s,;])[-+]?[0-9][0-9.]{0,30}(?:[eE][-+]?[0-9]{1,3})?(?![^\s,;])")
 
 
 def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Text:
@@ -182,18 +202,9 @@ def _measured(archive: zipfile.ZipFile, info: zipfile.ZipInfo, progress: Progres
             progress(0.5, "unpacking")
             rows += piece.count(b"\n")
     lines = head.decode(_encoding(head), "replace").splitlines()[:_HEAD_LINES]
-    numbers = Counter(count for line in lines if (count := _numbers(line)))
+    lines = [line.replace(",", ".") if ";" in line else line for line in lines]
+    numbers = Counter(count for line in lines if (count := len(_NUMBER.findall(line))))
     return Part(one_line(info.filename), rows, numbers.most_common(1)[0][0] if numbers else 0)
-
-
-def _numbers(line: str) -> int:
-    """Cells of a line that are numbers, however it is split."""
-    return max(
-        sum(is_number(cell, mark) for cell in split_fields(line, delimiter))
-        for delimiter in _DELIMITERS
-        for mark in ".,"
-        if delimiter != mark
-    )
 
 
 def _encoding(head: bytes) -> str:
@@ -209,6 +220,6 @@ def _encoding(head: bytes) -> str:
 def _lines(path: Path, table: zipfile.ZipInfo) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
         encoding = _encoding(stream.read(_HEAD_BYTES))
-    with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
+        stream.seek(0)
         for line in io.TextIOWrapper(stream, encoding, errors="replace"):
             yield line.removesuffix("\n")

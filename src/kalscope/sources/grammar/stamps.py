@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
+from datetime import UTC, date, datetime, time, timedelta
 from functools import lru_cache
 from typing import Literal
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.cells import parse_number
 
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
 
@@ -35,26 +34,27 @@ MONTHS = {name: number for number, names in enumerate(_NAMES, 1) for name in nam
 WEEKDAYS = frozenset("mo tu we th fr sa su di mi do so lu ma me je ve".split())  # noqa: SIM905
 """The first two letters of the weekdays, lower case."""
 
-ZONES_H = {
-    **dict.fromkeys(("Z", "UTC", "GMT", "UT", "WET", "LST"), 0.0),  # LST: local standard time, no zone is known
-    **dict.fromkeys(("CET", "MEZ", "BST", "WEST"), 1.0),
-    **dict.fromkeys(("CEST", "MESZ", "EET"), 2.0),
-    **dict.fromkeys(("EEST", "MSK"), 3.0),
-    **dict.fromkeys(("SGT", "HKT", "AWST"), 8.0),
-    **dict.fromkeys(("JST", "KST"), 9.0),
-    **dict.fromkeys(("AEST",), 10.0),
-    **dict.fromkeys(("AEDT",), 11.0),
-    **dict.fromkeys(("NZST",), 12.0),
-    **dict.fromkeys(("NZDT",), 13.0),
-    **dict.fromkeys(("IST",), 5.5),
-    **dict.fromkeys(("EDT",), -4.0),
-    **dict.fromkeys(("EST", "CDT"), -5.0),
-    **dict.fromkeys(("CST", "MDT"), -6.0),
-    **dict.fromkeys(("MST", "PDT"), -7.0),
-    **dict.fromkeys(("PST", "AKDT"), -8.0),
-    **dict.fromkeys(("AKST",), -9.0),
-    **dict.fromkeys(("HST",), -10.0),
-}
+_ZONES = (
+    (0.0, "Z UTC GMT UT WET LST"),  # LST: local standard time, no zone is known
+    (1.0, "CET MEZ BST WEST"),
+    (2.0, "CEST MESZ EET"),
+    (3.0, "EEST MSK"),
+    (5.5, "IST"),
+    (8.0, "SGT HKT AWST"),
+    (9.0, "JST KST"),
+    (10.0, "AEST"),
+    (11.0, "AEDT"),
+    (12.0, "NZST"),
+    (13.0, "NZDT"),
+    (-4.0, "EDT"),
+    (-5.0, "EST CDT"),
+    (-6.0, "CST MDT"),
+    (-7.0, "MST PDT"),
+    (-8.0, "PST AKDT"),
+    (-9.0, "AKST"),
+    (-10.0, "HST"),
+)
+ZONES_H = {name: hours for hours, names in _ZONES for name in names.split()}
 """Hours that a zone is ahead of UTC. Where a name is used twice (CST, IST), the changes of one log still come out
 right: winter and summer time differ by an hour."""
 
@@ -86,9 +86,8 @@ CLOCK = (
 """The pattern of a time of day. Groups: hour, mark, minute, mark, second, mark, fraction, letter of AM or PM."""
 
 _CLOCK = re.compile(CLOCK)
-_MINUTES = re.compile(r"([0-9]{1,4}):([0-5][0-9])(?:[.,]([0-9]{1,9}))?")
-_ELAPSED = re.compile(
-    r"([-+]?)(?:([0-9]{1,5})(?: days?,? |d |\.))?([0-9]{1,6}):([0-5][0-9]):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
+_COUNTED = re.compile(
+    r"([-+]?)(?:([0-9]{1,5})(?: days?,? |d |\.))?(?:([0-9]{1,6}):)?([0-9]{1,4}):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
 )
 
 
@@ -148,44 +147,39 @@ def fraction_us(digits: str | None, mark: str | None = ".") -> int:
 
 def parse_minutes(cell: str) -> float | None:
     """Microseconds of `56:36.147`, minutes and seconds."""
-    match = _MINUTES.fullmatch(cell)
-    if match is None:
-        return None
-    return (int(match[1]) * 60 + int(match[2])) * 1e6 + fraction_us(match[3])
+    match = _COUNTED.fullmatch(cell)
+    return None if match is None or match[1] or match[2] or match[3] else _counted(match)
 
 
 def parse_elapsed(cell: str) -> float | None:
     """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that may exceed 24, days, a sign."""
-    match = _ELAPSED.fullmatch(cell)
-    if match is None:
-        return None
+    match = _COUNTED.fullmatch(cell)
+    return None if match is None or not match[3] or len(match[4]) != 2 or match[4] > "59" else _counted(match)
+
+
+def _counted(match: re.Match[str]) -> float:
     sign, days, hour, minute, second, fraction = match.groups()
-    total = int(days or 0) * 86400 + int(hour) * 3600 + int(minute) * 60 + int(second)
+    total = int(days or 0) * 86400 + int(hour or 0) * 3600 + int(minute) * 60 + int(second)
     since = total * 1e6 + fraction_us(fraction)
     return -since if sign == "-" else since
 
 
 def parse_hhmm(cell: str) -> float | None:
     """Microseconds since midnight of `0544` or `544` as 05:44, `5` as 00:05; 2400 ends a day."""
-    return _digits(cell, 4, "")
+    return _in_digits(cell, 4, "")
 
 
 def parse_hhmmss(cell: str) -> float | None:
     """Microseconds since midnight of `054450`, `54450`, `54450.25` as 05:44:50; 240000 ends a day."""
-    whole, _, fraction = cell.partition(".")
-    return _digits(whole, 6, fraction)
+    whole, mark, fraction = cell.partition(".")
+    return _in_digits(whole, 6, mark + fraction)
 
 
-def _digits(whole: str, width: int, fraction: str) -> float | None:
+def _in_digits(whole: str, width: int, fraction: str) -> float | None:
     if not (whole.isascii() and whole.isdecimal() and len(whole) <= width):
         return None
-    if fraction and not (fraction.isascii() and fraction.isdecimal() and len(fraction) <= 9):
-        return None
     digits = whole.zfill(width)
-    h, m, s = int(digits[:2]), int(digits[2:4]), int(digits[4:] or 0)
-    if m > 59 or s > 59 or (h > 23 and (h, m, s) != (24, 0, 0)):
-        return None
-    return (h * 3600 + m * 60 + s) * 1e6 + fraction_us(fraction)
+    return parse_clock(":".join(digits[i : i + 2] for i in range(0, width, 2)) + fraction, midnight=24)
 
 
 CLOCK_PARSERS: dict[ClockForm, Callable[[str], float | None]] = {
@@ -200,10 +194,9 @@ CLOCK_PARSERS: dict[ClockForm, Callable[[str], float | None]] = {
 
 # Calendar stamps in one cell, in one order of day, month and year: pure functions on text.
 #
-# It reads numbers (`2022-02-23`, `23.02.22`), names of months (`23-Feb-2022`, `Feb 23, 2022`, `27. Mai 2021`),
-# digits alone (`20220223_071847`), the form of C and Java (`Wed Feb 23 07:18:47 GMT+08:00 2022`), a clock before
-# the date. A clock and a zone may follow. Each pattern has bounded repeats only; a cell above 64 characters is not
-# a stamp.
+# A day is three numbers (`2022-02-23`, `23.02.22`), has the name of a month (`23-Feb-2022`, `Feb 23, 2022`,
+# `27. Mai 2021`) or is digits alone (`20220223_071847`); a clock and a zone may follow. Other shapes are rewritten
+# as one of these: the clock before the day, the year at the end (`Wed Feb 23 07:18:47 GMT+08:00 2022`).
 
 
 DateOrder = Literal["ymd", "dmy", "mdy"]
@@ -217,21 +210,24 @@ _EPOCH_UTC = datetime(1970, 1, 1, tzinfo=UTC)
 _EPOCH_DAY = _EPOCH.toordinal()
 _DAY_US = 86400e6
 
-_NUMERIC = re.compile(r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})")
-_MONTH = re.compile(r"([12][0-9]{3})[-/]([0-9]{1,2})")
-_WORD = r"[^\W\d_]{3,10}"
-_NAMED = re.compile(
-    rf"(?:([^\W\d_]{{2,10}})[.,]{{0,2}} {{1,2}})?"
-    rf"(?:([0-9]{{1,4}})[-/., ]{{1,2}}({_WORD})[-/., ]{{1,2}}([0-9]{{1,4}})"
-    rf"|({_WORD})[-/., ]{{1,2}}([0-9]{{1,2}})[-/., ]{{1,2}}([0-9]{{1,4}}))"
+_WORD, _GAP = r"[^\W\d_]{3,10}", r"(?:st|nd|rd|th)?[-/., ]{1,2}(?:of )?"
+_DAY = re.compile(
+    r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})|(?:([^\W\d_]{2,10})[.,]{0,2} {1,2})?"
+    rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
 )
 _ZONE = (
     r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
     r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
 )
-_REST = re.compile(rf"[T _,;:-]{{1,3}}{CLOCK}{_ZONE}")
-_CTIME = re.compile(rf"(?:([^\W\d_]{{2,10}})[.,]? )?({_WORD}) {{1,2}}([0-9]{{1,2}}),? {CLOCK}{_ZONE} ([0-9]{{4}})")
-_COMPACT = re.compile(rf"([0-9]{{8}})(?:[T_ -]?([0-9]{{6}}|[0-9]{{4}}|[0-9]{{2}})(?:[.,]?([0-9]{{1,9}}))?{_ZONE})?")
+_REST = re.compile(rf"(?:[T _,;:-]{{1,3}}|,? at ){CLOCK}{_ZONE}")
+_YEAR_LAST = re.compile(
+    rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
+)
+_CLOCK_FIRST = re.compile(r"([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
+_CLOCK_IN_DIGITS = re.compile(
+    rf"[T_ -]?([0-9]{{2}})(?:([0-9]{{2}})(?:([0-9]{{2}})(?:[.,]?([0-9]{{1,9}}))?)?)?{_ZONE}"
+)
 
 
 def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
@@ -242,11 +238,23 @@ def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
     """
     if len(cell) > MAX_STAMP_LENGTH:
         return None
-    for form in CALENDAR_FORMS:
-        stamp = form(cell, order)
-        if stamp is not None:
-            return stamp
-    return None
+    stamp = parse_iso(cell, order)
+    if stamp is not None:
+        return stamp
+    has_half = cell[-1:] in ("M", "m")  # 2/23/2022 7:18:47 PM
+    head, _, tail = cell.partition(" ") if has_half else cell.rpartition(" ")
+    read = parse_clock if has_half else quick_clock
+    for text, clock in ((head, tail), (tail, head)):
+        if text and (since := read(clock)) is not None and (day := _whole_day(text, order)) is not None:
+            return day + since
+    return _parse_other(cell, order)
+
+
+@lru_cache(maxsize=4096)  # a log has few days and many stamps
+def _whole_day(text: str, order: DateOrder) -> float | None:
+    """Microseconds from 1970 to the day of a text without a clock; None for anything else."""
+    stamp = None if ":" in text else _parse_other(text, order)
+    return stamp if stamp is not None and stamp % _DAY_US == 0 else None
 
 
 def parse_iso(cell: str, order: DateOrder) -> float | None:
@@ -263,69 +271,39 @@ def parse_iso(cell: str, order: DateOrder) -> float | None:
     return (since.days * 86400 + since.seconds) * 1e6 + since.microseconds
 
 
-def parse_numeric(cell: str, order: DateOrder) -> float | None:
-    """`23.02.2022 07:18`, `2/23/22 7:18:47 PM`, `2022/02/23 07:18:47,5 UTC`."""
-    match = _NUMERIC.match(cell)
+def _parse_other(cell: str, order: DateOrder) -> float | None:
+    """A stamp in any other shape."""
+    if order == "ymd" and len(cell) >= 8 and cell.isascii() and cell[:8].isdecimal():
+        day = _day(cell[:4], cell[4:6], cell[6:8], "ymd")
+        match = _CLOCK_IN_DIGITS.fullmatch(cell, 8)
+        if day is None or match is None:
+            return None if day is None else _with_rest(day, cell[8:])
+        hour, minute, second, fraction, *zone = match.groups()
+        return _added(day, (hour, ":", minute or "00", ":", second, ".", fraction, None), tuple(zone))
+    cell = _rewritten(cell, order)
+    match = _DAY.match(cell)
+    if match is None or not is_weekday(match[4]) or (match[5] and order == "mdy") or (match[8] and order != "mdy"):
+        return None
+    first = 1 if match[1] else 5 if match[5] else 8
+    day = _day(match[first], match[first + 1], match[first + 2], order)
+    return None if day is None else _with_rest(day, cell[match.end() :])
+
+
+def _rewritten(cell: str, order: DateOrder) -> str:
+    """The day first, then the clock; a month has a first day."""
+    if cell[:1].isalpha():
+        return _YEAR_LAST.sub(r"\1 \3 \2", cell) if order == "mdy" else cell
+    if cell[1:2] == ":" or cell[2:3] == ":":
+        return _CLOCK_FIRST.sub(r"\2 \1", cell, 1)
+    return f"{cell}-1" if order == "ymd" and _MONTH.fullmatch(cell) else cell
+
+
+def _with_rest(day: float, rest: str) -> float | None:
+    """The stamp of a day with the clock and the zone after it."""
+    match = _REST.fullmatch(rest) if rest else None
     if match is None:
-        return None
-    day = _day(match[1], match[2], match[3], order)
-    return None if day is None else _with_rest(day, cell[match.end() :])
-
-
-def parse_named(cell: str, order: DateOrder) -> float | None:
-    """`23-Feb-2022 07:18:47.375`, `Feb 23, 2022`, `Wed, 23 Feb 2022 07:18:47 +0800`, `27. Mai 2021`."""
-    match = _NAMED.match(cell)
-    if match is None or not is_weekday(match[1]):
-        return None
-    parts = (match[2], match[3], match[4]) if match[2] else (match[5], match[6], match[7])
-    if (order == "mdy") != (match[5] is not None):
-        return None
-    day = _day(*parts, order)
-    return None if day is None else _with_rest(day, cell[match.end() :])
-
-
-def parse_ctime(cell: str, order: DateOrder) -> float | None:
-    """`Wed Feb 23 07:18:47 GMT+08:00 2022`, `Feb 23 07:18:47.5 2022`."""
-    match = _CTIME.fullmatch(cell) if order == "mdy" else None
-    if match is None or not is_weekday(match[1]):
-        return None
-    groups = match.groups()
-    day = _day(groups[1], groups[2], groups[-1], "mdy")
-    return None if day is None else _added(day, groups[3:-5], groups[-5:-1])
-
-
-def parse_compact(cell: str, order: DateOrder) -> float | None:
-    """`20220223`, `2022022307`, `20220223_071847`, `20220223T071847.5Z`, `20220223 07:18:47`."""
-    if order != "ymd" or len(cell) < 8 or not (cell.isascii() and cell[:8].isdecimal()):
-        return None
-    match, day = _COMPACT.fullmatch(cell), _day(cell[:4], cell[4:6], cell[6:8], "ymd")
-    if match is None or day is None:
-        return None if day is None else _with_rest(day, cell[8:])
-    _, digits, fraction, *zone = match.groups()
-    if digits is None:
-        return day
-    if fraction and len(digits) < 6:
-        return None
-    clock = (digits[:2], ":", digits[2:4] or "00", ":", digits[4:] or None, ".", fraction, None)
-    return _added(day, clock, tuple(zone))
-
-
-def parse_clock_first(cell: str, order: DateOrder) -> float | None:
-    """`07:18:47 23.02.2022`, `7:18 PM 2/23/2022`."""
-    if cell[1:2] != ":" and cell[2:3] != ":":
-        return None
-    clock, _, day = cell.rpartition(" ")
-    since = parse_clock(clock.rstrip(" ,"))
-    if since is None or ":" in day:
-        return None
-    start = parse_numeric(day, order)
-    return None if start is None else start + since
-
-
-def parse_month(cell: str, order: DateOrder) -> float | None:
-    """`2022-02` and `2022/2`: the first day of a month."""
-    match = _MONTH.fullmatch(cell) if order == "ymd" else None
-    return None if match is None else _day(match[1], match[2], "1", "ymd")
+        return None if rest else day
+    return _added(day, match.groups()[:-4], match.groups()[-4:])
 
 
 def parse_six_digits(cell: str, order: DateOrder) -> float | None:
@@ -333,18 +311,6 @@ def parse_six_digits(cell: str, order: DateOrder) -> float | None:
     if len(cell) != 6 or not (cell.isascii() and cell.isdecimal()):
         return None
     return _day(cell[:2], cell[2:4], cell[4:], order)
-
-
-CALENDAR_FORMS: tuple[Callable[[str, DateOrder], float | None], ...] = (
-    parse_iso,
-    parse_numeric,
-    parse_named,
-    parse_ctime,
-    parse_compact,
-    parse_clock_first,
-    parse_month,
-)
-"""The forms of a stamp. Where two of them read a cell, they agree."""
 
 
 def is_weekday(word: str | None) -> bool:
@@ -384,17 +350,6 @@ def _day(first: str, second: str, third: str, order: DateOrder) -> float | None:
     return day_us(full, number, int(day))
 
 
-def _with_rest(day: float, rest: str) -> float | None:
-    """The stamp of a day with the clock and the zone after it."""
-    if not rest:
-        return day
-    match = _REST.fullmatch(rest)
-    if match is None:
-        return None
-    groups = match.groups()
-    return _added(day, groups[:-4], groups[-4:])
-
-
 def _added(day: float, clock: tuple[str | None, ...], zone: tuple[str | None, ...]) -> float | None:
     """The sum of a day, a clock and a zone (word, sign, hours, minutes)."""
     since, ahead = clock_of(clock, midnight=24), 0.0
@@ -414,49 +369,15 @@ def _added(day: float, clock: tuple[str | None, ...], zone: tuple[str | None, ..
     return day + since - ahead
 
 
-# Stamps that our own forms do not read: a format that the user gives, a spreadsheet's day numbers, and dateutil.
+# Stamps that our own forms do not read: a format that the user gives, and dates of six digits.
 #
 # Which of them a column is in is decided once for the whole column, never cell by cell.
 
 
-# pyright: reportMissingModuleSource=false, reportMissingTypeStubs=false, reportUnknownMemberType=false
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
-# dateutil has no types of its own.
-
-
-EXCEL = "excel"
-"""Days since 1899-12-30, as spreadsheets count them."""
 SIX_DIGITS = "six digits"
 """A date of two digits each for the year, the month and the day."""
-DATEUTIL = "dateutil"
-"""Whatever python-dateutil reads as a whole date."""
 
-MIN_EXCEL, MAX_EXCEL = 20_000.0, 80_000.0
-"""Days of 1954 to 2119: a number outside is not a spreadsheet date."""
-
-_EXCEL_EPOCH_DAYS = 25569  # from 1899-12-30 to 1970-01-01
-_MICROSECOND = timedelta(microseconds=1)
 _DATE_CODES = frozenset("aAbBcdDGgjmuUVWwxyYFvhe")
-_INVERTED_ZONE = re.compile(r"\b(?:GMT|UTC)(?=[-+])")  # dateutil takes "GMT+8" for 8 hours behind
-
-
-def odd_parser(form: str, decimal: str, order: DateOrder) -> Callable[[str], float | None]:
-    """The function that reads a cell of an odd form as microseconds; None for a damaged stamp."""
-    if form == EXCEL:
-        return lambda cell: parse_excel(cell, decimal)
-    if form == SIX_DIGITS:
-        return lambda cell: parse_six_digits(cell, order)
-    if form == DATEUTIL:
-        return lambda cell: parse_with_dateutil(cell, order)
-    return lambda cell: parse_with_format(cell, form)
-
-
-def parse_excel(cell: str, decimal: str) -> float | None:
-    """Microseconds since 1970 of a spreadsheet's day number, `45123.5`."""
-    days = parse_number(cell, decimal)
-    if days is None or not MIN_EXCEL <= days <= MAX_EXCEL or cell[0] == "0":  # 030124 is a date in digits
-        return None
-    return round((days - _EXCEL_EPOCH_DAYS) * 86400e3) * 1e3  # spreadsheets resolve ms at best
 
 
 def parse_with_format(cell: str, form: str) -> float | None:
@@ -469,7 +390,8 @@ def parse_with_format(cell: str, form: str) -> float | None:
         return None
     if not has_date(form):
         stamp = stamp.replace(year=1970, month=1, day=1)
-    return _microseconds(stamp)
+    ahead = stamp.utcoffset() or timedelta()
+    return float((stamp.replace(tzinfo=None) - _EPOCH - ahead) // timedelta(microseconds=1))
 
 
 def has_date(form: str) -> bool:
@@ -490,37 +412,8 @@ def check_format(form: str) -> None:
         raise BadSetting(f'time_format must look like "%d.%m.%Y %H:%M:%S" (got {form!r})')
 
 
-def parse_with_dateutil(cell: str, order: DateOrder) -> float | None:
-    """Microseconds since 1970 of a whole date in any form that python-dateutil reads."""
-    if not 6 <= len(cell) <= MAX_STAMP_LENGTH or not any(c.isdigit() for c in cell):
-        return None
-    from dateutil import parser
-
-    text, found = _INVERTED_ZONE.sub("", cell), set[float]()
-    # A part that is missing would be taken from the default: two defaults must give one stamp.
-    for default in (datetime(2000, 1, 1), datetime(2011, 12, 28)):
-        try:
-            stamp: datetime = parser.parse(
-                text, default=default, dayfirst=order == "dmy", yearfirst=order == "ymd", tzinfos=_zone
-            )
-            found.add(_microseconds(stamp))
-        except (ValueError, OverflowError, TypeError, IndexError, AttributeError):  # what it raises on odd text
-            return None
-    return found.pop() if len(found) == 1 else None
-
-
 def _codes(form: str) -> list[tuple[str, str]]:
     return [("%", code) for code in re.findall(r"%[-#]?(.)", form)]
-
-
-def _zone(name: str | None, offset: int | None) -> tzinfo:
-    hours = ZONES_H.get((name or "").upper(), 0.0)
-    return timezone(timedelta(hours=hours) if offset is None else timedelta(seconds=offset))
-
-
-def _microseconds(stamp: datetime) -> float:
-    ahead = stamp.utcoffset() or timedelta()
-    return float((stamp.replace(tzinfo=None) - _EPOCH - ahead) // _MICROSECOND)
 
 
 # Whether a cell is a stamp at all, whatever its form.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -12,11 +12,9 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import (
-    CALENDAR_FORMS,
     CLOCK_PARSERS,
-    DATEUTIL,
-    EXCEL,
     MAX_STAMP_LENGTH,
     SIX_DIGITS,
     TURNS_S,
@@ -25,22 +23,18 @@ from kalscope.sources.grammar.stamps import (
     check_format,
     day_us,
     has_date,
-    odd_parser,
     parse_calendar,
     parse_clock,
-    parse_excel,
-    parse_iso,
-    parse_with_dateutil,
+    parse_six_digits,
     parse_with_format,
-    quick_clock,
     year_of,
 )
 
 # How the stamps of one column are written, decided once from many of its cells.
 
 
-_MAX_COUNTED = 300
-"""Cells used to tell the forms apart."""
+_SHEET_DAYS = (20_000.0, 80_000.0)
+"""Days of 1954 to 2119 in a spreadsheet, which counts from 1899-12-30."""
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
 _TOLERANCE = 0.15
 """Months of 28 to 31 days are even steps."""
@@ -53,22 +47,21 @@ _LIKELY_HOURS = ("19", "20")
 
 
 @dataclass(frozen=True)
-class StampHints:
-    """What is known about a column besides its cells."""
+class TimeName:
+    """What the name of a column says about time; a hint, which the cells must confirm."""
 
-    is_time: bool = False
-    """True where the name is one of a time: half of the cells are enough, and 202402291200 may be a stamp."""
+    strength: int = 0
+    """2: the name of a time and nothing else: half of the cells are enough, and 202402291200 may be a stamp; 1: a
+    word of it is, or it may be one if it rises; 0: none."""
+    unit: str = ""
+    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
     is_date: bool = False
-    """True where the name is one of a date: 19580329 may be one."""
-    may_be_spreadsheet: bool = False
-    """True where the name says date, not just day or timestamp: 240331 and a spreadsheet's 45123.5 may be one."""
-    day_first: bool | None = None
-    """`ReadOptions.day_first`."""
-    time_format: str | None = None
-    """`ReadOptions.time_format`."""
+    """True where the name says date: 19580329, 240331 and a spreadsheet's 45123.5 may be one."""
 
 
-def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> TimeColumn | None:
+def find_stamp_form(
+    cells: Sequence[str], decimal: str, name: TimeName = TimeName(), options: ReadOptions = DEFAULTS
+) -> TimeColumn | None:
     """The one reading that fits most of the cells that hold a digit, a few damaged ones ignored.
 
     Returns:
@@ -79,30 +72,35 @@ def find_stamp_form(cells: Sequence[str], decimal: str, hints: StampHints) -> Ti
     """
     present = [cell for cell in cells if len(cell) <= MAX_STAMP_LENGTH and cell.lower() not in MISSING]
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
-    counted = present if len(present) <= _MAX_COUNTED else _spread(present)
-    least = max((0.5 if hints.is_time else 0.9) * len(counted), 1)
+    least = max((0.5 if name.strength == 2 else 0.9) * len(present), 1)
 
     def fits(parse: StampParser) -> bool:
         # The first cells already show whether a column holds text.
-        first = counted[:8]
-        return any(parse(cell) is not None for cell in first) and _count(counted, parse) >= least
+        return any(parse(cell) is not None for cell in present[:8]) and _count(present, parse) >= least
 
-    if hints.time_format is not None:
-        return _by_format(hints.time_format, fits)
-    if hints.may_be_spreadsheet and fits(lambda cell: parse_excel(cell, decimal)):
-        return TimeColumn(0, "calendar", odd=EXCEL)
-    if _are_dates_in_digits(counted, hints):
-        return TimeColumn(0, "calendar")
-    short = _of_six_digits(counted, fits) if hints.may_be_spreadsheet else None
-    if short is not None:
-        return short
+    if options.time_format is not None:
+        check_format(options.time_format)
+        kind = "calendar" if has_date(options.time_format) else "clock"
+        given = TimeColumn(0, kind, odd=options.time_format)
+        return given if fits(stamp_parser(given, decimal)) else None
     number = TimeColumn(0, "number")
-    if fits(stamp_parser(number, decimal)):
+    numbers = stamp_parser(number, decimal)
+    if name.is_date and fits(lambda cell: _sheet_day(numbers(cell), cell)):
+        return replace(number, unit="day")
+    if _are_dates_in_digits(present, name):
+        return TimeColumn(0, "calendar")
+    if name.is_date and (short := _calendar(present, least, options, parse_six_digits)):
+        return replace(short, odd=SIX_DIGITS)
+    if fits(numbers):
         return number
     # In a column that is named as a date, 17.05.24 is not a clock.
-    calendar = _calendar(present, counted, least, hints.day_first) if hints.may_be_spreadsheet else None
-    found = calendar or _clock(counted, least) or _calendar(present, counted, least, hints.day_first)
-    return found or _with_dateutil(counted, hints, fits)
+    clock = None if name.is_date else _clock(present, least)
+    return clock or _calendar(present, least, options) or _clock(present, least)
+
+
+def _sheet_day(value: float | None, cell: str) -> float | None:
+    """The number of a day in a spreadsheet, `45123.5`; 030124 is a date in digits."""
+    return value if value is not None and _SHEET_DAYS[0] <= value <= _SHEET_DAYS[1] and cell[0] != "0" else None
 
 
 def _clock(counted: list[str], least: float) -> TimeColumn | None:
@@ -117,18 +115,7 @@ def _clock(counted: list[str], least: float) -> TimeColumn | None:
     return replace(column, notes=(Assumption(said),))
 
 
-def _of_six_digits(counted: list[str], fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A date such as 240331 in the order that reads most of the cells; of equals, the one that rises steadily."""
-    found: list[tuple[int, tuple[int, float, float], TimeColumn]] = []
-    for order in _ORDERS:
-        column = TimeColumn(0, "calendar", order=order, odd=SIX_DIGITS)
-        parse = stamp_parser(column, ".")
-        if fits(parse):
-            found.append((_count(counted, parse), _steadiness(_stamps(counted, parse)), column))
-    return max(found, key=lambda one: one[:2], default=(0, (), None))[2]
-
-
-def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
+def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
     """True for 20240229, 2024022912, 202402291200: the name allows it, or the steps are even only as dates.
 
     Numbers jump where a day or a month ends, 2024022923 to 2024030100. A number of ten digits may also be seconds
@@ -139,60 +126,41 @@ def _are_dates_in_digits(counted: list[str], hints: StampHints) -> bool:
     stamps = _stamps(cells, parse_calendar)
     if size not in _DIGITS or np.count_nonzero(np.isfinite(stamps)) < max(0.9 * len(counted), 1):
         return False
-    named = hints.is_date or (hints.is_time and size > 8)
+    named = name.is_date or (name.strength == 2 and size > 8)
     if named and (size != 10 or all(cell.startswith(_LIKELY_HOURS) for cell in cells)):
         return True
     return _steadiness(stamps) > _steadiness(np.array([float(cell) for cell in cells]))
 
 
-def _by_format(form: str, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    check_format(form)
-    if not fits(lambda cell: parse_with_format(cell, form)):
-        return None
-    return TimeColumn(0, "calendar" if has_date(form) else "clock", odd=form)
-
-
-def _with_dateutil(counted: list[str], hints: StampHints, fits: Callable[[StampParser], bool]) -> TimeColumn | None:
-    """A column that is named as a time, in words that only dateutil reads: it takes ten times as long per cell."""
-    order: DateOrder = "mdy" if hints.day_first is False else "dmy"
-    if not hints.is_time or not counted or not fits(lambda cell: parse_with_dateutil(cell, order)):
-        return None
-    return TimeColumn(0, "calendar", order=order, odd=DATEUTIL)
-
-
-def _calendar(present: list[str], counted: list[str], least: float, day_first: bool | None) -> TimeColumn | None:
-    orders = _ORDERS
-    if day_first is not None:
-        orders = ("ymd", "dmy") if day_first else ("ymd", "mdy")
-    if not any(parse_calendar(cell, order) is not None for cell in counted[:8] for order in orders):
-        return None
-    counts = {order: _count(counted, _in_order(order)) for order in orders}
-    likely: list[DateOrder] = [order for order in orders if counts[order] >= max(least, 0.9 * max(counts.values()))]
-    if not likely:
-        return None
-    if len(likely) == 1 or day_first is not None:
-        return TimeColumn(0, "calendar", order=max(likely, key=lambda order: counts[order]))
-    return _order_by_all(present, likely)
-
-
-def _order_by_all(cells: list[str], orders: list[DateOrder]) -> TimeColumn:
-    """Of orders that fit nearly all cells, the one that fits most; of equals, the one whose stamps rise steadily.
+def _calendar(
+    present: list[str],
+    least: float,
+    options: ReadOptions,
+    parse: Callable[[str, DateOrder], float | None] = parse_calendar,
+) -> TimeColumn | None:
+    """The order that fits most cells; of equals, the one whose stamps rise steadily.
 
     Where nothing decides, the day comes first, unless the log would then last many times longer.
     """
-    stamps = {order: _stamps(cells, _in_order(order)) for order in orders}
+    orders = _ORDERS
+    if options.day_first is not None:
+        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
+    if not any(parse(cell, order) is not None for cell in present[:8] for order in orders):
+        return None
+    stamps = {order: _stamps(present, _in_order(parse, order)) for order in orders}
     read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
     rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
+    if max(read.values()) < least:
+        return None
     quality = {order: _steadiness(stamps[order]) for order in rest}
     shortest = min(_span(stamps[order]) for order in rest)
     likely = {order: _span(stamps[order]) <= _MANY_TIMES * shortest for order in rest}
     best = max(rest, key=lambda order: (*quality[order], likely[order], order == "dmy", order == "ymd"))
-    column = TimeColumn(0, "calendar", order=best)
     # Where both orders mean the same day (05/05) there is nothing to decide.
-    for other in rest:
+    for other in rest if options.day_first is None else ():
         if quality[other] == quality[best] and not np.array_equal(stamps[other], stamps[best], equal_nan=True):
-            return replace(column, notes=(_order_note(cells[0], best, other),))
-    return column
+            return TimeColumn(0, "calendar", order=best, notes=(_order_note(present[0], best, other),))
+    return TimeColumn(0, "calendar", order=best)
 
 
 def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
@@ -221,8 +189,8 @@ def _steadiness(stamps: Array) -> tuple[int, float, float]:
     return -back, near, float(np.mean(np.abs(steps - usual) <= 0.001 * usual))
 
 
-def _in_order(order: DateOrder) -> StampParser:
-    return lambda cell: parse_calendar(cell, order)
+def _in_order(parse: Callable[[str, DateOrder], float | None], order: DateOrder) -> StampParser:
+    return lambda cell: parse(cell, order)
 
 
 def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
@@ -231,12 +199,6 @@ def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
 
 def _count(cells: Sequence[str], parse: StampParser) -> int:
     return sum(parse(cell) is not None for cell in cells)
-
-
-def _spread(cells: list[str]) -> list[str]:
-    """The first cells, and as many spread over the rest."""
-    half = _MAX_COUNTED // 2
-    return cells[:half] + cells[half :: max(1, (len(cells) - half) // half)]
 
 
 # Which columns of a log hold its time, and the function that reads the stamp of a row.
@@ -251,8 +213,6 @@ MAX_STAMP = 1e20
 
 MAX_YEAR, MIN_YEAR = 2200, 1800
 """Years that a column of years may hold."""
-
-_MAX_PARTS_LENGTH = 24
 
 
 @dataclass(frozen=True)
@@ -270,7 +230,7 @@ class TimeColumn:
     clock: ClockForm = "h:m:s"
     """How the clock is written, where one is alone or in a column of its own."""
     odd: str = ""
-    """How stamps that our own forms do not fit are read: "dateutil", "excel" (days since 1900), "six digits", or a
+    """How stamps that our own forms do not fit are read: "six digits", or a
     format of `datetime.strptime`; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time is in several columns; () where it is in one."""
@@ -317,10 +277,12 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
 
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     """The function that reads one cell of a time column; it returns None for a missing or damaged stamp."""
+    if column.odd == SIX_DIGITS:
+        return partial(parse_six_digits, order=column.order)
     if column.odd:
-        return odd_parser(column.odd, decimal, column.order)
+        return partial(parse_with_format, form=column.odd)
     if column.kind == "calendar":
-        return calendar_parser(column.order)
+        return partial(parse_calendar, order=column.order)
     if column.kind == "clock":
         return CLOCK_PARSERS[column.clock]
 
@@ -330,39 +292,6 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
         return value if value is not None and abs(value) <= MAX_STAMP else None
 
     return parse
-
-
-def calendar_parser(order: DateOrder) -> StampParser:
-    """As `parse_calendar`, but faster: days are remembered, and the form that read the last cell is tried first."""
-    forms = list(CALENDAR_FORMS)
-
-    def parse(cell: str) -> float | None:
-        if len(cell) > MAX_STAMP_LENGTH:
-            return None
-        stamp = parse_iso(cell, order)
-        if stamp is not None:
-            return stamp
-        head, _, tail = cell.rpartition(" ")
-        clock = quick_clock(tail)
-        day = None if clock is None or not head else _whole_day(head, order)
-        if clock is not None and day is not None:
-            return day + clock
-        for i, form in enumerate(forms):
-            stamp = form(cell, order)
-            if stamp is not None:
-                if i:
-                    forms.insert(0, forms.pop(i))
-                return stamp
-        return None
-
-    return parse
-
-
-@lru_cache(maxsize=4096)
-def _whole_day(text: str, order: DateOrder) -> float | None:
-    """Microseconds from 1970 to the day of a text without a clock; None for anything else."""
-    stamp = None if ":" in text else parse_calendar(text, order)
-    return stamp if stamp is not None and stamp % 86400e6 == 0 else None
 
 
 def _day_parser(
@@ -375,9 +304,7 @@ def _day_parser(
 
         def parse_date(cells: Sequence[str]) -> float | None:
             found = parse(cells[date])
-            last[0] = (
-                last[0] if found is None else found
-            )  # beside a good clock a broken date is that of the row before
+            last[0] = last[0] if found is None else found  # a broken date is that of the row before
             return last[0]
 
         return parse_date
@@ -387,13 +314,15 @@ def _day_parser(
     number = places.get("day of year")
 
     def parse_day(cells: Sequence[str]) -> float | None:
-        if number is not None:
-            parts = (cells[year], cells[number])
-        else:
-            parts = (cells[year], "1" if month is None else cells[month], "1" if day is None else cells[day])
-        if sum(map(len, parts)) > _MAX_PARTS_LENGTH:  # long texts are not remembered
+        digits = whole(cells[year])
+        full = None if digits is None else year_of(f"{digits:02}")
+        if full is None or not MIN_YEAR <= full <= MAX_YEAR:
             return None
-        return _numbered_day(*parts) if len(parts) == 2 else _written_day(*parts)
+        if number is not None:
+            count, start = whole(cells[number]), day_us(full, 1, 1)
+            return start + (count - 1) * 86400e6 if start is not None and count and count <= 366 else None
+        m, d = (1 if place is None else whole(cells[place]) for place in (month, day))
+        return None if m is None or d is None else day_us(full, m, d)
 
     return parse_day
 
@@ -420,21 +349,6 @@ def _clock_parser(
         return (h * 3600 + m * 60) * 1e6 + round(s * 1e6)
 
     return parse_three
-
-
-@lru_cache(maxsize=4096)
-def _written_day(year: str, month: str, day: str) -> float | None:
-    y, m, d = whole(year), whole(month), whole(day)
-    if y is None or m is None or d is None:
-        return None
-    full = year_of(str(y).zfill(2))
-    return None if full is None or not MIN_YEAR <= full <= MAX_YEAR else day_us(full, m, d)
-
-
-@lru_cache(maxsize=4096)
-def _numbered_day(year: str, day: str) -> float | None:
-    start, number = _written_day(year, "1", "1"), whole(day)
-    return None if start is None or number is None or not 1 <= number <= 366 else start + (number - 1) * 86400e6
 
 
 def whole(cell: str) -> int | None:

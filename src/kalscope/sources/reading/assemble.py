@@ -374,7 +374,6 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
     """
     columns = [_column(name, unit) for name, unit in zip(table.names, table.units, strict=True)]
     data = dict(enumerate(table.columns))
-    columns += [Column(name, role="text") for name in table.texts]
     notes = table.notes
     if table.time is not None and options.time_column is None:
         if options.time_unit is not None:
@@ -383,7 +382,7 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
         columns = [Column("time", "s", "time"), *columns]
         time = TimeColumn(0, "number", "s")
         columns, _, more = settle_roles(columns, time)
-        notes = (*notes, *([table.clock] if table.clock else []), *more[1:])
+        notes = (*notes, *more[1:])
     else:
         time = _find_time(table, columns, options)
         columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
@@ -416,8 +415,10 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         return TimeColumn(index, "calendar")
     few = [column[:_FEW_ROWS].tolist() for column in table.columns]
     cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
-    rows = [(*row, *[""] * len(table.texts)) for row in zip(*cells, strict=True)]
-    time = find_time(columns, rows, ".", named=True) if index is None else chosen_time(columns, rows, ".", index)
+    rows, is_named = list(zip(*cells, strict=True)), any(table.names)
+    time = (
+        find_time(columns, rows, ".", named=is_named) if index is None else chosen_time(columns, rows, ".", index)
+    )
     if time is None or time.kind != "number":
         return None
     column = table.columns[time.index]
@@ -427,7 +428,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
 
 def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
     """Rows without a stamp are rejected; infinite samples are missing ones, counted as bad cells."""
-    tally, rejected, n = Tally(bad_cells=table.bad_cells, issues=list(table.issues)), 0, table.shape[0]
+    tally, rejected, n = Tally(), 0, table.shape[0]
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])
         rejected = int(np.count_nonzero(~known))
@@ -438,5 +439,5 @@ def _counted(columns: dict[int, Array], layout: Layout, table: Table) -> Reading
         if infinite.any():
             tally.bad_cells += int(np.count_nonzero(infinite))
             columns[i] = np.where(infinite, np.nan, columns[i])
-    tally.lines.update(row=n - table.filled - rejected, rejected=rejected + table.rejected, header=table.headers)
+    tally.lines.update(row=n - rejected, rejected=rejected)
     return Reading(columns, tally, layout)

@@ -1,4 +1,4 @@
-"""From stamps to the time of the samples: seconds, wraps, bursts, coarse clocks, summer time, gaps."""
+"""From stamps to the time of the samples: seconds, wraps, bursts, coarse clocks, gaps."""
 
 from __future__ import annotations
 
@@ -7,24 +7,26 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from kalscope.common.numbers import PERIODS, Array, Indices, Mask
+from kalscope.common.numbers import PERIODS, Array, Indices
 from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption, Gaps, RateSource, Timing
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, Stretches, find_rate
+from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, find_rate, level
 
 # Seconds from the stamps of a column, their unit by magnitude, and the nominal period.
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DAY_NUMBERS = (
-    (40_000.0, 55_000.0, 25_569.0),  # spreadsheets: 2009 to 2050
+    (20_000.0, 80_000.0, 25_569.0),  # spreadsheets: 1954 to 2119
     (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
     (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
 )
 """Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
+_SHEETS_FROM = 40_000.0
+"""2009: smaller numbers without a name are no days."""
 _MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
 """Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
 _EXACT = 0.95
@@ -50,7 +52,7 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
         counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
         if size <= low and high < 4.2 * size and not counter:
             return unit
-    if not whole and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+    if not whole and low >= _SHEETS_FROM and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
         return "day"
     in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
     if not whole or step < 2:
@@ -221,144 +223,30 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
 
 _BLOCK = 8
 """Usual deliveries in one block, whose samples are placed around their mean stamp."""
-_BURST_SHARE = 2 / 3
-_MANY_REPEATS = 0.15
 
 
 def place_evenly(time: Array, rate: SampleRate) -> Array:
-    """Time of each sample, shape (n,): on the line through the stamps of its stretch.
+    """Time of each sample, shape (n,): on a line through the stamps, which pauses interrupt.
 
-    Where the true rate drifts, so that one line would miss the stamps by more than half a usual delivery, the
-    line bends: it goes through the mean stamp of each block of samples. Stretches with a step per sample keep
-    their stamps.
+    Where the true rate drifts, so that the line would miss the stamps by more than half a usual delivery, it bends:
+    it goes through the mean stamp of each block of samples.
     """
-    stretches, n = rate.stretches, len(time)
-    local = np.arange(n) - stretches.spread(stretches.starts)
-    means = _means(time, stretches)
-    slopes = _slopes(time, stretches, rate)
-    middle = (stretches.sizes - 1) / 2
-    placed = stretches.spread(means) + stretches.spread(slopes) * (local - stretches.spread(middle))
-    rows = max(2, round(_BLOCK * rate.longest / rate.period))
-    bent = _bent(time - placed, stretches, rows, rate.longest)
-    if bent.any():
-        chosen = stretches.spread(bent)
-        placed[chosen] += _followed(time - placed, stretches, bent, rows)[chosen]
-    kept = ~_crowded(rate)
-    if kept.any():
-        chosen = stretches.spread(kept)
-        placed[chosen] = time[chosen]
+    n = len(time)
+    placed = rate.period * np.arange(n, dtype=np.float64)
+    placed += level(time - placed, rate.runs)
+    late = time - placed
+    blocks = max(1, n // max(2, round(_BLOCK * rate.longest / rate.period)))
+    edges = np.linspace(0, n, blocks + 1).astype(np.int64)
+    means = np.add.reduceat(late, edges[:-1]) / np.diff(edges)
+    if blocks > 1 and np.abs(means).max() > 0.5 * rate.longest:
+        # Before the first middle and after the last one the line continues as between the nearest two.
+        middles = np.concatenate(([0], (edges[1:] + edges[:-1] - 1) / 2, [n - 1]))
+        ends = 1.5 * means[[0, -1]] - 0.5 * means[[1, -2]]
+        placed += np.interp(np.arange(n), middles, np.concatenate((ends[:1], means, ends[1:])))
     if rate.stamps == "coarse":
         # A clock shows its last step: the samples of a second lie after it.
         placed += max(0.0, rate.longest - rate.period) / 2
-    # Stretches end a little before the next begins, whatever their lines say.
     return np.maximum.accumulate(placed) if rate.steps.forward is rate.steps.all else placed
-
-
-def _means(values: Array, stretches: Stretches) -> Array:
-    origin = values[stretches.starts]
-    return origin + np.add.reduceat(values - stretches.spread(origin), stretches.starts) / stretches.sizes
-
-
-def _slopes(time: Array, stretches: Stretches, rate: SampleRate) -> Array:
-    """Slope of the line through each stretch, s per sample; a short one takes that of all."""
-    sizes = stretches.sizes.astype(np.float64)
-    x = np.arange(len(time)) - stretches.spread(stretches.starts + (sizes - 1) / 2)
-    t = time - stretches.spread(time[stretches.starts])
-    spread = np.add.reduceat(x * x, stretches.starts)
-    own = np.add.reduceat(x * t, stretches.starts) / np.where(spread > 0, spread, 1.0)
-    long = sizes * rate.period > 4 * _BLOCK * rate.longest
-    return np.where(long & (own > 0), own, rate.period)
-
-
-def _blocks(stretches: Stretches, rows: int) -> tuple[Indices, Indices]:
-    """First sample of each whole block of `rows` samples, and the stretch that it is in."""
-    local = np.arange(int(stretches.sizes.sum())) - stretches.spread(stretches.starts)
-    whole = stretches.spread(stretches.sizes // rows * rows)
-    first = np.flatnonzero((local < whole) & (local % rows == 0))
-    return first, stretches.spread(np.arange(len(stretches.sizes)))[first]
-
-
-def _block_means(values: Array, first: Indices, rows: int) -> Array:
-    total = np.concatenate(([0.0], np.cumsum(values)))
-    return (total[first + rows] - total[first]) / rows
-
-
-def _bent(residual: Array, stretches: Stretches, rows: int, longest: float) -> Mask:
-    """True for each stretch whose line misses the mean stamps of its blocks."""
-    first, run = _blocks(stretches, rows)
-    bent = np.zeros(len(stretches.sizes), dtype=bool)
-    bent[run[np.abs(_block_means(residual, first, rows)) > 0.5 * longest]] = True
-    return bent
-
-
-def _followed(residual: Array, stretches: Stretches, bent: Mask, rows: int) -> Array:
-    """How much later the stamps are than the line, between the middles of the blocks, shape (n,)."""
-    first, run = _blocks(stretches, rows)
-    # The last block of a stretch goes up to its end, so that no sample lies far from a middle.
-    ends = (stretches.starts + stretches.sizes - rows)[bent & (stretches.sizes >= rows)]
-    first = np.union1d(first[bent[run]], ends)
-    middle, late = first + (rows - 1) / 2, _block_means(residual, first, rows)
-    # Before the first middle and after the last one the line continues as between the nearest two.
-    starts, stops = stretches.starts[bent], (stretches.starts + stretches.sizes - 1)[bent]
-    lowest, highest = np.searchsorted(middle, starts), np.searchsorted(middle, stops) - 1
-    edges = np.concatenate((starts, stops))
-    outer = np.concatenate((lowest, highest))
-    inner = np.concatenate((np.minimum(lowest + 1, highest), np.maximum(highest - 1, lowest)))
-    apart = middle[inner] - middle[outer]
-    slope = (late[inner] - late[outer]) / np.where(apart == 0.0, 1.0, apart)
-    at = np.concatenate((middle, edges))
-    values = np.concatenate((late, late[outer] + slope * (edges - middle[outer])))
-    order = np.argsort(at, kind="stable")
-    return np.interp(np.arange(len(residual)), at[order], values[order])
-
-
-def _crowded(rate: SampleRate) -> Mask:
-    """True for each stretch with several samples per step: stamps that repeat, or most time in long steps."""
-    stretches, steps = rate.stretches, rate.steps.all
-    inside = np.append(steps, 0.0)
-    inside[stretches.starts[1:] - 1] = 0.0
-    repeats = np.add.reduceat((inside == 0.0).astype(np.float64), stretches.starts) - 1
-    positive = np.maximum(inside, 0.0)
-    waiting = np.where(positive > GAP_PERIODS * rate.period, positive, 0.0)
-    spent, waited = (np.add.reduceat(values, stretches.starts) for values in (positive, waiting))
-    many = repeats > _MANY_REPEATS * stretches.sizes
-    return many | (waited > _BURST_SHARE * spent) | (rate.stamps == "coarse")
-
-
-# Steps of a clock of local time that changes to summer time or back.
-
-
-_HOUR = 3600.0
-_WITHIN = 0.1
-"""Share of the sample period by which a step may miss the hour."""
-_MONTHS = (3, 4, 9, 10, 11)
-"""Months in which clocks change, in the north and in the south."""
-_LATEST_HOUR = 4
-"""Clocks change on a Sunday, before this hour."""
-
-
-def about_summer_time(stamps: Array, period: float) -> list[str]:
-    """A sentence about steps that are an hour too long or too short, on a Sunday night of spring or autumn.
-
-    Args:
-        stamps: Local time in µs since 1970, shape (n,).
-        period: Sample period in s.
-    """
-    off = np.diff(stamps) * 1e-6 - period
-    places = np.flatnonzero(np.abs(np.abs(off) - _HOUR) <= _WITHIN * period)
-    before = stamps[places].astype("datetime64[us]")
-    days = before.astype("datetime64[D]")
-    is_sunday = (days.astype(np.int64) + 4) % 7 == 0  # 1970 began on a Thursday
-    is_night = (before - days) < np.timedelta64(_LATEST_HOUR, "h")
-    in_season = np.isin(before.astype("datetime64[M]").astype(np.int64) % 12 + 1, _MONTHS)
-    found = places[is_sunday & is_night & in_season]
-    if not found.size:
-        return []
-    where = ", ".join(str(place + 1) for place in found[:4].tolist()) + (", …" if found.size > 4 else "")
-    return [
-        f"after sample {where} the clock is set by an hour, as for summer time: stamps in UTC, or with their zone,"
-        " show no such step"
-    ]
 
 
 # What is said about the sampling of a recording: its rate, how sure it is, its pauses.
@@ -376,19 +264,16 @@ _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
 
-def with_words(
-    timing: Timing, usual: tuple[float, float] | None, stated: float | None, gaps: Gaps, n: int
-) -> Timing:
+def with_words(timing: Timing, stated: float | None, gaps: Gaps, n: int) -> Timing:
     """The timing with its summary and its notes.
 
     Args:
         timing: The facts.
-        usual: Between which nine of ten steps lie, in s; None where nothing is said about them.
         stated: Sample period in s that the file states; None where it states none.
         gaps: How gaps are to be read.
         n: Samples, the missing ones left out.
     """
-    notes = [*_about_stamps(timing, usual), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
+    notes = [*_about_stamps(timing), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
     return replace(timing, summary=_summary(timing), notes=tuple(notes))
 
 
@@ -408,24 +293,19 @@ def _sure(timing: Timing) -> str:
     return f", standard error {percent(error)}" if error is not None and error > _SURE else ""
 
 
-def _about_stamps(timing: Timing, usual: tuple[float, float] | None) -> list[str]:
-    period, steps = timing.stamps_period, ""
-    if period is None:
+def _about_stamps(timing: Timing) -> list[str]:
+    if timing.stamps_period is None:
         return []
-    rate = f"{sample_rate(period)}{_sure(timing)}"
-    if usual is not None:
-        steps = f"nine of ten steps lie between {usual[0]:.6g} and {usual[1]:.6g} s"
+    rate = f"{sample_rate(timing.stamps_period)}{_sure(timing)}"
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
         return [f"{clock}: samples were placed evenly between its steps, {rate}"]
     if timing.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
-    said: list[str] = []
     if timing.error is None:
-        said = [f"the stamps show no steady rate: the sample period, {period:.6g} s, is the median step"]
-    elif timing.stamps == "uneven":
-        said = [f"the stamps are uneven, {rate}"]
-    return [": ".join((*said, steps))] if said and steps else said
+        period = f"{timing.stamps_period:.6g} s"
+        return [f"the stamps show no steady rate: the sample period, {period}, is the median step"]
+    return [f"the stamps are uneven, {rate}"] if timing.stamps == "uneven" else []
 
 
 def _about_stated(timing: Timing, stated: float | None) -> list[str]:
@@ -523,27 +403,15 @@ def read_time(
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:
         return _without_rate(time, given, backward, notes)
-    if _is_on_change(rate):
+    if (why := _no_time(rate)) is not None:
         axis = counted_time(len(time), given)
-        low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
-        said = f"the stamps have no rate, as where only changes are logged: eight of ten steps lie between {low}"
-        return replace(
-            axis, notes=(*notes, Assumption(f"{said} and {high}; the samples were counted"), *axis.notes)
-        )
-    if not PERIODS[0] <= rate.period <= PERIODS[1]:
-        axis = counted_time(len(time), given)
-        said = f"the stamps are {rate.period:.3g} s apart, which is not a time: the samples were counted"
-        return replace(axis, notes=(*notes, said, *axis.notes))
-    if column.kind == "calendar":
-        notes += about_summer_time(stamps, rate.period)
+        return replace(axis, notes=(*notes, Assumption(f"{why}: the samples were counted"), *axis.notes))
     pauses = rate.pauses
     if crowded:
         time = place_evenly(time, rate)
     elif given.option is not None:
         pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
-    timing = _timing(time, rate, pauses, given)
-    usual = None if rate.steps.even else (rate.steps.low, rate.steps.high)
-    timing = with_words(timing, usual, given.file, gaps, len(time))
+    timing = with_words(_timing(time, rate, pauses, given), given.file, gaps, len(time))
     return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), _unit_words(column, stated))
 
 
@@ -552,15 +420,18 @@ def _unit_words(column: TimeColumn, stated: str) -> str:
     return "" if column.kind != "number" else f"{unit}{'' if stated else ' (assumed)'}"
 
 
-def _is_on_change(rate: SampleRate) -> bool:
-    """True where the steps are of all sizes: of three powers of ten or more."""
-    if np.isfinite(rate.error):
-        return False
+def _no_time(rate: SampleRate) -> str | None:
+    """Why the stamps give no time: their steps are of all sizes, three powers of ten or more, or not of a time."""
+    if not PERIODS[0] <= rate.period <= PERIODS[1]:
+        return f"the stamps are {rate.period:.3g} s apart, which is not a time"
     positive = rate.steps.all[rate.steps.all > 0]
-    if positive.size < 20:
-        return False
+    if np.isfinite(rate.error) or positive.size < 20:
+        return None
     counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
-    return int(np.count_nonzero(counts >= 0.05 * positive.size)) > 2
+    if int(np.count_nonzero(counts >= 0.05 * positive.size)) <= 2:
+        return None
+    low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
+    return f"the stamps have no rate, as where only changes are logged (most steps lie between {low} and {high})"
 
 
 def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
@@ -577,7 +448,7 @@ def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float |
     if period is not None:
         time = offset + time * period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
-    timing = with_words(Timing("none", source, period), None, given.file, "rows", n)
+    timing = with_words(Timing("none", source, period), given.file, "rows", n)
     notes: list[str] = []
     if period is not None and start is not None:
         notes = [f"time counts from {date_text(start)}"]

@@ -4,140 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import percent, sample_rate
 from kalscope.recording import Recording, Stamps
-
-# Stretches of a recording without pauses: where they end, and the straight line through the stamps of each.
-
-
-_Value = TypeVar("_Value", bound=np.generic)
-
-_WINDOW_CELLS = 1 << 20
-_MAX_LATE_ROWS = 1024
-"""A delivery that is later than this many samples is a pause."""
-_MIN_BLOCKS = 8
-_BLOCKS = 32
-"""The error of a rate is judged by how much it differs between this many parts of the recording."""
-
-
-@dataclass(frozen=True)
-class Stretches:
-    """Runs of samples between pauses and steps back."""
-
-    starts: Indices
-    """First sample of each run, from 0, shape (runs,)."""
-    sizes: Indices
-    """Samples in each run, shape (runs,)."""
-
-    def spread(self, values: NDArray[_Value]) -> NDArray[_Value]:
-        """One value per run to one per sample, shape (n,)."""
-        return np.repeat(values, self.sizes)
-
-
-def split(n: int, ends: Indices) -> Stretches:
-    """Stretches of `n` samples of which those at `ends`, in rising order, are each the last of one."""
-    starts = np.concatenate(([0], ends + 1)).astype(np.int64)
-    return Stretches(starts, np.diff(np.append(starts, n)))
-
-
-def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float, rows: int) -> Indices:
-    """Those of the long steps that no later row makes up for, as a late delivery is made up for.
-
-    The rows after a late delivery come faster than the samples were taken. After a pause all rows are later.
-
-    Args:
-        time: Stamps in s, shape (n,).
-        steps: Length of each step in s, shape (n - 1,).
-        candidates: Steps to be judged, from 0 and in rising order, shape (k,).
-        period: Sample period in s.
-        rows: How many rows hold a usual delivery; after a longer step as many as are due are looked at.
-    """
-    if not candidates.size:
-        return candidates
-    time = np.maximum.accumulate(time)  # a row that is out of order makes up for nothing
-    # In all, no more rows are looked at than a few times those of the recording.
-    most = max(rows, min(_MAX_LATE_ROWS, 16 * len(time) // candidates.size))
-    due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, most)
-    # Steps of about the same length are judged together.
-    groups = np.ceil(np.log2(due)).astype(np.int64)
-    lasting = np.zeros(candidates.size, dtype=bool)
-    for group in range(int(groups.min()), int(groups.max()) + 1):
-        members = np.flatnonzero(groups == group)
-        part = max(1, _WINDOW_CELLS >> group)
-        for start in range(0, members.size, part):
-            some = members[start : start + part]
-            at = candidates[some, None]
-            before, after = at - np.arange(rows), at + 1 + np.arange(1 << group)
-            lasting[some] = _least(time, after, period) - _least(time, before, period) > 0.5 * (
-                steps[candidates[some]] - period
-            )
-    return candidates[lasting]
-
-
-def _least(time: Array, rows: Indices, period: float) -> Array:
-    """How little the stamps are late in each line of `rows`, s, shape (lines,)."""
-    rows = np.clip(rows, 0, len(time) - 1)
-    return np.min(time[rows] - period * rows, axis=1)
-
-
-def pooled_slope(time: Array, index: Indices, stretches: Stretches, usual_rows: float) -> float | None:
-    """Seconds per sample: the slopes of the lines through the stamps of each stretch, weighed by length.
-
-    Stretches shorter than a few times `usual_rows`, the rows of one delivery, weigh less still: their slope
-    depends on where they begin. `index` is the number of each sample, shape (n,).
-    """
-    starts, sizes = stretches.starts, stretches.sizes.astype(np.float64)
-    x = (index - stretches.spread(index[starts])).astype(np.float64)
-    t = time - stretches.spread(time[starts])
-    sum_x, sum_t = (np.add.reduceat(values, starts) for values in (x, t))
-    t *= x
-    together = np.add.reduceat(t, starts) - sum_x * sum_t / sizes
-    x *= x
-    spread = np.add.reduceat(x, starts) - sum_x * sum_x / sizes
-    known = spread > 0
-    if not known.any():
-        return None
-    slopes = together[known] / spread[known]
-    length = np.sqrt(12.0 * spread[known] / sizes[known])
-    weight = length**3 / (length**2 + (8.0 * usual_rows) ** 2)
-    return float(np.sum(weight * slopes) / np.sum(weight))
-
-
-def slope_error(time: Array, stretches: Stretches) -> float:
-    """Standard error of the slope in s, by how much it differs between parts of the stretches; inf if unknown."""
-    steps = int(stretches.sizes.sum()) - len(stretches.sizes)
-    usual = float(np.median(stretches.spread(stretches.sizes)))
-    rows = int(max(1, min(steps // _BLOCKS, usual // 3)))
-    while True:
-        parts = _block_steps(time, stretches, rows)
-        if parts.size >= _MIN_BLOCKS or rows == 1:
-            break
-        rows = max(1, rows // 2)
-    if parts.size < 2:
-        return np.inf
-    # Means of blocks of a random walk differ by 2/3 of what its end points do; a line through it loses 1.2.
-    return float(np.sqrt(1.2 * 1.5 * np.var(parts, ddof=1) / (rows * steps)))
-
-
-def _block_steps(time: Array, stretches: Stretches, rows: int) -> Array:
-    """Steps between the mean stamps of blocks of `rows` samples that follow each other in a stretch."""
-    local = np.arange(len(time)) - stretches.spread(stretches.starts)
-    whole = stretches.spread(stretches.sizes // rows * rows)
-    kept = np.flatnonzero(local < whole)
-    first = kept[local[kept] % rows == 0]
-    if not first.size:
-        return np.zeros(0)
-    origin = stretches.spread(time[stretches.starts])[kept]
-    means = (time[kept] - origin).reshape(-1, rows).mean(axis=1)
-    run = stretches.spread(np.arange(len(stretches.sizes)))[first]
-    return np.diff(means)[np.diff(run) == 0]
-
 
 # What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
 
@@ -146,7 +18,7 @@ GAP_PERIODS = 1.5 * (1 + 1e-6)
 """A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
 
 _SOME_STEPS = 200_000
-"""Spread and resolution are judged on at most this many steps, evenly chosen."""
+"""Spread is judged on at most this many steps, evenly chosen."""
 _EVEN = 0.01
 """Steps this close to each other, as a share of the median step, are even."""
 _MIN_RECURRENCES = 5
@@ -157,8 +29,6 @@ _MAX_BURST_ROWS = 64
 """More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
 _MAX_BURST_STEP = 0.1
 """Rows that come slower than this, s, do not come in a burst."""
-_GRID_TICKS = 10
-"""A step of at least this many clock ticks shows whether longer ones are its multiples."""
 _MIN_REPEATS = 0.15
 """Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly."""
 _FEW_REPEATS = 0.03
@@ -189,24 +59,17 @@ class Steps:
 def steps_of(time: Array) -> Steps | None:
     """The steps of `time`, shape (n,); None where none is positive."""
     steps = np.diff(time)
-    median = median_step(steps.copy())
-    if median is None:
+    positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
+    if positive.size == 0:
         return None
+    # The stamps were decimal text: 0.02 - 0.01 is 0.01 within 1e-9, not 0.010000000000000002.
+    median = float(f"{np.median(positive):.9g}")
     forward = steps
     if float(steps.min()) < 0:
         forward = time[1:] - np.maximum.accumulate(time)[:-1]
     some = np.sort(_some(steps))
     low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
     return Steps(steps, forward, median, low, high)
-
-
-def median_step(steps: Array) -> float | None:
-    """Median positive step in s; None where none is positive. Reorders `steps`."""
-    positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
-    if positive.size == 0:
-        return None
-    # The stamps were decimal text: 0.02 - 0.01 is 0.01 within 1e-9, not 0.010000000000000002.
-    return float(f"{np.median(positive, overwrite_input=True):.9g}")
 
 
 def is_coarse(steps: Steps) -> bool:
@@ -231,63 +94,19 @@ def one_sample_a_step(steps: Steps, share: float = 0.8) -> bool:
     near = np.count_nonzero((usual >= 0.5 * median) & (usual <= GAP_PERIODS * median))
     if near >= share * usual.size:
         return True
+    multiples = _some(usual[usual > 0]) / median
     few_back = bool(np.count_nonzero(usual <= 0) <= 0.05 * usual.size)
-    return few_back and _on_grid(usual[usual > 0], median)
-
-
-def returns_to_grid(steps: Steps) -> bool:
-    """True where most steps are alike and the others add up to them: single samples in between, or lost."""
-    median = steps.median
-    off = np.abs(steps.all - median) > _EVEN * median
-    if np.count_nonzero(off) > 0.25 * off.size or median < 1.5 * _resolution(steps):
-        return False
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], off, [False])).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    if not starts.size:
-        return True
-    total = np.concatenate(([0.0], np.cumsum(steps.all)))
-    sums = (total[ends] - total[starts]) / median
-    back = np.abs(sums - np.maximum(np.rint(sums), 1.0)) <= 2 * _EVEN
-    return bool(np.count_nonzero(back) >= 0.9 * back.size)
+    return few_back and bool(np.mean(np.abs(multiples - np.rint(multiples)) <= 0.15) >= 0.95)
 
 
 def long_steps_recur(steps: Steps) -> bool:
     """True where long steps come so regularly that they show how rows are delivered, not that some are missing."""
-    median = steps.median
-    long = steps.forward > GAP_PERIODS * median
-    where = np.flatnonzero(long)
+    where = np.flatnonzero(steps.forward > GAP_PERIODS * steps.median)
     if where.size < _MIN_RECURRENCES:
         return False
-    lengths, rows = steps.forward[where], np.diff(where)
-    usual, fine = float(np.median(lengths)), median >= _GRID_TICKS * _resolution(steps)
-    ordinary = np.where(steps.all > 2.5 * usual, median, np.maximum(steps.all, 0.0))
-    if _made_up_for(ordinary, 4 * float(np.median(rows))):
-        return not _sleeps(steps, long, rows, usual)
-    if fine and _on_grid(lengths, median):
-        return False  # lost samples of an even series
-    # Of samples lost at random some are neighbours; of a coarse clock's steps hardly any is two samples too long.
-    neighbours = where.size**2 / steps.all.size
-    if not fine and neighbours >= 10 and np.count_nonzero(lengths > 2.5 * median) < 0.3 * neighbours:
-        return True
-    share = float(lengths.sum()) / float(steps.forward[steps.forward > 0].sum())
-    recurs = _regular(rows) or (share > 0.5 and usual > 3 * median)
-    return recurs and not _sleeps(steps, long, rows, usual)
-
-
-def _sleeps(steps: Steps, long: Mask, rows: Indices, usual: float) -> bool:
-    """True for a logger that records for a while, evenly, and then sleeps."""
-    inner = np.sort(_some(steps.all[~long]))
-    width = inner[round(0.95 * (inner.size - 1))] - inner[round(0.05 * (inner.size - 1))]
-    slow = steps.median >= _MAX_BURST_STEP and usual >= 3 * steps.median
-    return bool(width <= _EVEN * steps.median and (np.median(rows) > _MAX_BURST_ROWS or slow))
-
-
-def _made_up_for(steps: Array, rows: float) -> bool:
-    """True where a long step comes after short ones, as on a coarse clock: lost samples come at random."""
-    size = int(max(8, min(rows, steps.size // 16)))
-    sums = steps[: steps.size // size * size].reshape(-1, size).sum(axis=1)
-    most = 0.3 if sums.size < 64 else 0.5
-    return sums.size >= 16 and float(np.var(sums)) < most * size * float(np.var(steps))
+    rows = np.diff(where)
+    sleeps = steps.median >= _MAX_BURST_STEP and float(np.median(steps.forward[where])) >= 3 * steps.median
+    return _regular(rows) and float(np.median(rows)) <= _MAX_BURST_ROWS and not sleeps
 
 
 def _regular(rows: Indices) -> bool:
@@ -295,27 +114,58 @@ def _regular(rows: Indices) -> bool:
     return bool(high - low <= max(1.0, _REGULAR * middle))
 
 
-def _on_grid(steps: Array, median: float) -> bool:
-    """True where nearly all steps are multiples of the median one."""
-    some = _some(steps) / median
-    return bool(np.count_nonzero(np.abs(some - np.rint(some)) <= 0.15) >= 0.95 * some.size)
-
-
-def _resolution(steps: Steps) -> float:
-    """Least difference between two steps that differ: the step of the clock, or less."""
-    unit = 1e-6 * steps.median
-    between = np.diff(np.sort(np.append(np.rint(_some(steps.all) / unit), 0.0)))
-    return float(np.min(between[between > 0], initial=np.inf)) * unit
-
-
 def _some(steps: Array) -> Array:
     return steps[:: max(1, steps.size // _SOME_STEPS)]
 
 
-# The sample period by the stamps, and the pauses: robust against jitter, bursts, coarse clocks and lost samples.
+# Pauses: long steps that no later row makes up for. Without them one line goes through all stamps.
+
+
+_WINDOW_CELLS = 1 << 20
+_MAX_LATE_ROWS = 1024
+"""A delivery that is later than this many samples is a pause."""
+
+
+def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float, rows: int) -> Indices:
+    """Those of the long steps that no later row makes up for, as a late delivery is made up for.
+
+    The rows after a late delivery come faster than the samples were taken. After a pause all rows are later.
+
+    Args:
+        time: Stamps in s, shape (n,).
+        steps: Length of each step in s, shape (n - 1,).
+        candidates: Steps to be judged, from 0 and in rising order, shape (k,).
+        period: Sample period in s.
+        rows: How many rows hold a usual delivery; after a longer step as many as are due are looked at.
+    """
+    if not candidates.size:
+        return candidates
+    excess = np.zeros(candidates.size)
+    time = np.maximum.accumulate(time)  # a row that is out of order makes up for nothing
+    # In all, no more rows are looked at than a few times those of the recording.
+    most = max(rows, min(_MAX_LATE_ROWS, 16 * len(time) // candidates.size))
+    due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, most)
+    # Steps of about the same length are judged together.
+    groups = np.ceil(np.log2(due)).astype(np.int64)
+    for group in range(int(groups.min()), int(groups.max()) + 1):
+        members, window = np.flatnonzero(groups == group), np.arange(1 << group)
+        for some in np.array_split(members, 1 + members.size * window.size // _WINDOW_CELLS):
+            at = candidates[some, None]
+            before, after = at - np.arange(rows), at + 1 + window
+            excess[some] = _least(time, after, period) - _least(time, before, period)
+    return candidates[excess > 0.5 * (steps[candidates] - period)]
+
+
+def _least(time: Array, rows: Indices, period: float) -> Array:
+    """How little the stamps are late in each line of `rows`, s, shape (lines,)."""
+    rows = np.clip(rows, 0, len(time) - 1)
+    return np.min(time[rows] - period * rows, axis=1)
+
+
+# The sample period: robust against jitter, bursts, coarse clocks, pauses and lost samples.
 #
 # A line through the stamps against the sample number is not bent by stamps that are late for a while: rows that
-# come in bursts, and clocks that show whole seconds, have its slope. Pauses bend it, so a recording is split there.
+# come in bursts, and clocks that show whole seconds, have its slope. After a pause it goes on at another level.
 
 
 _SANE = (1e-100, 1e100)
@@ -323,10 +173,14 @@ _SANE = (1e-100, 1e100)
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _MIN_CHANGES = 3
 """Fewest changes of a coarse clock that show its rate."""
+_MIN_BLOCKS, _BLOCKS = 8, 32
+"""The error of a rate is judged by how much it differs between parts of the recording."""
 _STEADY = 0.1
 """Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily."""
 _BURST_SHARE = 2 / 3
 """Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
+_NEARLY = 0.1
+"""Where the mean step is so close to the usual one, as a share, rows between the others explain the difference."""
 
 
 @dataclass(frozen=True)
@@ -341,12 +195,12 @@ class SampleRate:
     """Standard error of the period in s; 0 for even stamps, inf where it is not known."""
     pauses: Indices
     """Samples, from 0, after each of which samples are missing."""
-    stretches: Stretches
-    """The samples between pauses and steps back."""
     steps: Steps
     """The steps between the stamps."""
     longest: float
     """The longest usual step in s: that of a coarse clock, the time between two deliveries, or the period."""
+    runs: Indices
+    """How many pauses and steps back are before each sample, shape (n,)."""
 
 
 @dataclass(frozen=True)
@@ -362,43 +216,38 @@ class _Guess:
 
 
 def find_rate(time: Array) -> SampleRate | None:
-    """Sample period and pauses of the stamps `time` in s, shape (n,); None where no step is positive."""
+    """Sample period and pauses of the stamps `time` in s, shape (n,); None where no step is positive.
+
+    The period never exceeds the mean step by more than a tenth: so many rows may come between even ones.
+    """
     steps = steps_of(time)
     if steps is None:
         return None
-    median = steps.median
+    median, none = steps.median, np.zeros(len(time), dtype=np.int64)
+    # There may be no scale at which the rows come steadily: the usual step is all that is known.
+    unsteady = SampleRate("uneven", median, math.inf, _NO_PAUSES, steps, median, none)
     if not (_SANE[0] < median and float(np.max(np.abs(time))) < _SANE[1]):
-        return _unsteady(time, steps)
-    if (modal := _modal(time, steps)) is not None:
-        return SampleRate("uneven", modal, 0.0, _NO_PAUSES, split(len(time), _NO_PAUSES), steps, modal)
+        return unsteady
+    if not is_coarse(steps) and _is_modal(time, steps):
+        return SampleRate("uneven", median, 0.0, _NO_PAUSES, steps, median, none)
     recur = long_steps_recur(steps)
-    if not recur and (_is_even(steps) or returns_to_grid(steps)):
-        return _with_median(time, steps, "even" if steps.even else "uneven")
+    if not recur and _is_even(steps):
+        return _fitted(time, steps, _Guess("even", median, median, GAP_PERIODS * median))
     guess = _guess(time, steps, recur=recur)
-    if guess is None:
-        return _unsteady(time, steps)
-    return _fitted(time, steps, guess)
+    return unsteady if guess is None else _fitted(time, steps, guess)
 
 
-def _modal(time: Array, steps: Steps) -> float | None:
-    """The usual step, where rows that wait and then come at once make up for each other; None elsewhere.
+def _is_modal(time: Array, steps: Steps) -> bool:
+    """True where most steps are alike and a few short ones make up for longer ones, or lie between the others.
 
-    Most steps are it, hardly any is near it, which would be jitter, and so many steps explain the whole span.
+    Most steps are the usual one, hardly any is near it, which would be jitter, and so many steps explain the span.
     """
-    usual, span = steps.median, float(time[-1] - time[0]) / (len(time) - 1)
-    if steps.even or abs(span - usual) > 0.05 * usual:
-        return None
+    usual, mean = steps.median, float(time[-1] - time[0]) / (len(time) - 1)
+    if steps.even or not (1 - _NEARLY) * usual <= mean <= 1.05 * usual:
+        return False
     off = np.abs(steps.all - usual)
     exact, near = (float(np.mean(off <= share * usual)) for share in (0.02, 0.5))
-    if exact < 0.5 or near - exact > 0.05:
-        return None
-    return usual if float(np.mean(steps.all < 0.5 * usual)) > 0.02 else None
-
-
-def _unsteady(time: Array, steps: Steps) -> SampleRate:
-    """There is no scale at which the rows come steadily: the usual step is all that is known."""
-    whole = split(len(time), _NO_PAUSES)
-    return SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, whole, steps, steps.median)
+    return exact >= 0.5 and near - exact <= 0.1 and float(np.mean(steps.all < 0.5 * usual)) > 0.02
 
 
 def _is_even(steps: Steps) -> bool:
@@ -407,13 +256,6 @@ def _is_even(steps: Steps) -> bool:
         return False
     usual = steps.all[(steps.all >= 0) & (steps.all <= GAP_PERIODS * steps.median)]
     return abs(float(usual.mean()) - steps.median) <= 0.005 * steps.median
-
-
-def _with_median(time: Array, steps: Steps, stamps: Stamps) -> SampleRate:
-    median = steps.median
-    pauses = np.flatnonzero(steps.forward > GAP_PERIODS * median)
-    pauses = lasting_steps(time, steps.all, pauses, median, 4)
-    return SampleRate(stamps, median, 0.0, pauses, _stretches(steps, pauses, median), steps, median)
 
 
 def _guess(time: Array, steps: Steps, *, recur: bool) -> _Guess | None:
@@ -462,51 +304,63 @@ def _steady_scale(time: Array) -> tuple[float, int] | None:
 
 
 def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
-    """Refine the guess: find its pauses, then fit a line to the stamps of each stretch."""
+    """Refine the guess: take its pauses and the steps back out, then fit a line to the stamps."""
     rows = max(4, math.ceil(2 * guess.usual / guess.period))
     candidates = np.flatnonzero(steps.forward > guess.shortest_pause)
     pauses = lasting_steps(time, steps.all, candidates, guess.period, rows)
-    stretches = _stretches(steps, pauses, guess.usual)
-    usual_rows = guess.usual / guess.period
-    fitted = _slope_of_changes(time, steps, stretches) if guess.stamps == "coarse" else None
-    error = slope_error(time, stretches)
-    if fitted is not None:
-        slope, error = fitted[0], min(fitted[1], error)
-    else:
-        slope = pooled_slope(time, np.arange(len(time)), stretches, usual_rows)
-    if slope is None or slope <= 0:
+    back = np.flatnonzero(steps.all < -2 * guess.usual) if steps.forward is not steps.all else _NO_PAUSES
+    runs = np.zeros(len(time), dtype=np.int64)
+    runs[pauses + 1] = 1
+    runs[back + 1] = 1
+    runs = np.cumsum(runs)
+    if guess.stamps == "even":
+        return SampleRate("even", guess.period, 0.0, pauses, steps, guess.usual, runs)
+    stamps, (slope, late) = guess.stamps, _line(np.arange(len(time)), time, runs)
+    error = _slope_error(late)
+    # The row at which a coarse clock moves on is exact to a sample; after a pause it may have moved before.
+    moves = steps.all > 0
+    moves[pauses] = False
+    changes = np.flatnonzero(moves) + 1
+    if stamps == "coarse" and changes.size > _MIN_CHANGES:
+        slope, late = _line(changes, time[changes], runs[changes])
+        late = np.diff(late)[np.diff(runs[changes]) == 0]
+        spread = math.sqrt(1.2 * (float(late @ late) + slope**2))
+        error = min(error, spread / max(1.0, float(changes[-1] - changes[0])))
+    if slope <= 0:
         slope = guess.period
-    if guess.stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
+    if stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
         slope = steps.median  # the usual step agrees
-    stamps = guess.stamps
     if stamps == "bursts" and not _in_bursts(steps, pauses, slope):
         stamps = "uneven"
-    return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, stretches, steps, guess.usual)
+    return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, steps, guess.usual, runs)
 
 
-def _stretches(steps: Steps, pauses: Indices, usual: float) -> Stretches:
-    back = np.flatnonzero(steps.all < -2 * usual) if steps.forward is not steps.all else _NO_PAUSES
-    return split(steps.all.size + 1, np.union1d(pauses, back))
+def level(values: Array, runs: Indices) -> Array:
+    """The mean of the run of each value, shape (n,)."""
+    starts = np.flatnonzero(np.diff(runs, prepend=-1))
+    sizes = np.diff(np.append(starts, len(runs)))
+    origin = values[starts]
+    means = origin + np.add.reduceat(values - np.repeat(origin, sizes), starts) / sizes
+    return np.repeat(means, sizes)
 
 
-def _slope_of_changes(time: Array, steps: Steps, stretches: Stretches) -> tuple[float, float] | None:
-    """Seconds per sample and their standard error by the first rows of each new stamp; None where there are few.
+def _line(x: Indices, time: Array, runs: Indices) -> tuple[float, Array]:
+    """The common slope of the lines through the stamps of each run, and how late each stamp is."""
+    number, time = (values - level(values, runs) for values in (x.astype(np.float64), time))
+    spread = float(number @ number)
+    slope = float(number @ time) / spread if spread else 0.0
+    return slope, time - slope * number
 
-    The row at which a coarse clock moves on is exact to a sample.
-    """
-    first = np.concatenate(([False], steps.all > 0))
-    first[stretches.starts] = False  # after a pause a stamp may have begun before
-    at = np.flatnonzero(first)
-    if at.size < _MIN_CHANGES:
-        return None
-    run = stretches.spread(np.arange(len(stretches.sizes)))[at]
-    slope = pooled_slope(time[at], at, split(at.size, np.flatnonzero(np.diff(run))), 0.0)
-    same = np.diff(run) == 0
-    if slope is None or not same.any():
-        return None
-    rows = np.diff(at)[same]
-    late = np.diff(time[at])[same] - slope * rows
-    return slope, math.sqrt(1.2 * (float(np.mean(late**2)) * late.size + slope**2)) / float(rows.sum())
+
+def _slope_error(late: Array) -> float:
+    """Standard error of the slope in s, by how much it differs between parts of the recording; inf if unknown."""
+    steps = len(late) - 1
+    rows = max(1, steps // _BLOCKS)
+    parts = np.diff(late[: len(late) // rows * rows].reshape(-1, rows).mean(axis=1))
+    if parts.size < 2:
+        return math.inf
+    # Means of blocks of a random walk differ by 2/3 of what its end points do; a line through it loses 1.2.
+    return math.sqrt(1.2 * 1.5 * float(np.var(parts, ddof=1)) / (rows * steps))
 
 
 def _in_bursts(steps: Steps, pauses: Indices, period: float) -> bool:

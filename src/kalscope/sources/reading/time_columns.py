@@ -19,8 +19,8 @@ from kalscope.sources.grammar.timestamps import (
     MAX_YEAR,
     MIN_YEAR,
     PartRole,
-    StampHints,
     TimeColumn,
+    TimeName,
     find_stamp_form,
     row_stamp_parser,
     stamp_parser,
@@ -37,8 +37,7 @@ _TIME_WORDS = words(
     zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo
     """
 )
-_SPREADSHEET_WORDS = words("date dates datetime datum fecha")
-_DATE_WORDS = _SPREADSHEET_WORDS | words("day timestamp")
+_DATE_WORDS = words("date dates datetime datum fecha")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they mean years such as 1958.2027."""
 _DAY_COUNTS = words("jd hjd bjd")
@@ -60,20 +59,6 @@ _LONE_UNITS = words(
 _RISING_UNITS = words("day days year years yr hours minutes mins")
 _WORD = re.compile(r"[^\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
-
-
-@dataclass(frozen=True)
-class TimeName:
-    """What a name says; a hint, which the cells must confirm."""
-
-    strength: int
-    """2: the name of a time and nothing else; 1: a word of it is, or it may be one if it rises; 0: none."""
-    unit: str = ""
-    """Unit of time, a key of SECONDS_PER_UNIT; "" where none is given."""
-    is_date: bool = False
-    """True where 19580329 may be a date."""
-    may_be_spreadsheet: bool = False
-    """True where 45123.5 may be a date."""
 
 
 def time_name(column: Column) -> TimeName:
@@ -100,12 +85,7 @@ def time_name(column: Column) -> TimeName:
         strength = 2
     elif is_time or (is_alone and rest[0] in _RISING_UNITS):
         strength = 1
-    return TimeName(
-        strength,
-        unit if strength else "",
-        any(word in _DATE_WORDS for word in said),
-        any(word in _SPREADSHEET_WORDS for word in said),
-    )
+    return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
 
 
 def _unit_of(said: list[str]) -> str:
@@ -361,7 +341,7 @@ def find_candidates(
         if column.role in _NEVER:
             continue
         if name.strength or column.role == "text" or options.time_format is not None:
-            form = find_stamp_form([row[i] for row in rows], decimal, hints_of(name, options))
+            form = find_stamp_form([row[i] for row in rows], decimal, name, options)
             if form is not None and (name.strength or form.kind != "number"):
                 unit = name.unit if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
@@ -369,17 +349,6 @@ def find_candidates(
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
-
-
-def hints_of(name: TimeName, options: ReadOptions) -> StampHints:
-    """What a name and the options say about the stamps of a column."""
-    return StampHints(
-        is_time=name.strength == 2,
-        is_date=name.is_date,
-        may_be_spreadsheet=name.may_be_spreadsheet,
-        day_first=options.day_first,
-        time_format=options.time_format,
-    )
 
 
 def _joined(
@@ -393,26 +362,24 @@ def _joined(
     if not dates:
         return []
     clocks: dict[int, ClockForm] = {}
-    for i, form in forms.items():
-        digits = clock_form([row[i] for row in rows]) if form.kind == "number" and not form.unit else None
-        if form.kind == "clock" and not form.odd:
-            clocks[i] = form.clock
-        elif digits is not None:
-            clocks[i] = digits
     for i, column in enumerate(columns):
-        digits = (
-            clock_form([row[i] for row in rows]) if i not in forms and _role(column.name, {}) == "clock" else None
+        form = forms.get(i)
+        may_be_digits = (
+            _role(column.name, {}) == "clock" if form is None else form.kind == "number" and not form.unit
         )
-        if digits is not None:
+        if form is not None and form.kind == "clock" and not form.odd:
+            clocks[i] = form.clock
+        elif may_be_digits and (digits := clock_form([row[i] for row in rows])):
             clocks[i] = digits
     joined: list[TimeColumn] = []
     for i in dates:
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
         if beside:
-            clock = beside[0]
             days = stamps_of(forms[i], rows, decimal)
             day = float(days[np.isfinite(days)][0])
-            joined.append(replace(forms[i], clock=clocks[clock], parts=(("date", i), ("clock", clock)), day=day))
+            joined.append(
+                replace(forms[i], clock=clocks[beside[0]], parts=(("date", i), ("clock", beside[0])), day=day)
+            )
     return joined
 
 
@@ -472,31 +439,30 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     """Numbers with no name of a time: dates in digits, a first column without a name that rises, or since 1970."""
     if len(columns) < 2:
         return None
-    for i, column in enumerate(columns):
-        dated = _dates_in_digits([row[i] for row in rows], decimal) if column.role == "channel" else None
-        if dated is not None:
-            return replace(dated, index=i)
     unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
     others = columns[1:] if columns[0].name.lower() == "x" else []
-    lone_x = bool(unit) or any(column.unit or column.name.lower().startswith("ch") for column in others)
-    if (not named or lone_x) and _rises_steadily([row[0] for row in rows], decimal):
-        return TimeColumn(0, "number", unit)
-    channels = [i for i, column in enumerate(columns) if column.role == "channel" and not named]
-    numbers = {i: _numbers([row[i] for row in rows], decimal) for i in channels}
-    rising = {i for i in channels if bool(np.all(np.diff(numbers[i]) > 0))}
-    for i in channels if len(rising) < len(channels) else ():
-        cells = [row[i] for row in rows] if i in rising else []
-        if i and _rises_steadily(cells, decimal) and judge(numbers[i]).even >= _MIN_EVEN:
-            return TimeColumn(i, "number")
-    for i, column in enumerate(columns):
-        if column.role == "channel" and _counts_from_1970([row[i] for row in rows], decimal):
-            return TimeColumn(i, "number")
-    return None
+    may_lead = not named or unit or any(column.unit or column.name.lower().startswith("ch") for column in others)
+    table = [[row[i] for row in rows] for i in range(len(columns))]
+    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    all_rise = all(bool(np.all(np.diff(_numbers(table[i], decimal)) > 0)) for i in channels)
+    found: list[tuple[int, TimeColumn]] = []
+    for i, cells in enumerate(table):
+        if i in channels and (dated := _dates_in_digits(cells, decimal)):
+            found.append((4, replace(dated, index=i)))
+        elif i == 0 and may_lead and _rises_steadily(cells, decimal):
+            found.append((3, TimeColumn(0, "number", unit)))
+        elif i not in channels:
+            continue
+        elif not (named or all_rise) and _rises_steadily(cells, decimal, even=_MIN_EVEN):
+            found.append((2, TimeColumn(i, "number")))
+        elif _counts_from_1970(cells, decimal):
+            found.append((1, TimeColumn(i, "number")))
+    return max(found, key=lambda one: one[0], default=(0, None))[1]
 
 
 def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
     """2024022923, 2024030100: numbers whose steps are even only as dates, and that never step back."""
-    form = find_stamp_form(cells, decimal, StampHints())
+    form = find_stamp_form(cells, decimal)
     if form is None or form.kind != "calendar" or len(cells) < _MIN_DATES:
         return None
     parse = stamp_parser(form, decimal)
@@ -509,8 +475,8 @@ def _numbers(cells: list[str], decimal: str) -> Array:
     return stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
 
 
-def _rises_steadily(cells: list[str], decimal: str) -> bool:
-    """True for eight or more rising stamps of nearly even step; a counter 0, 1, 2, … is not one."""
+def _rises_steadily(cells: list[str], decimal: str, even: float = 0.0) -> bool:
+    """True for eight or more rising stamps, a share of them `even`; a counter 0, 1, 2, … is not one."""
     stamps = _numbers(cells, decimal)
     if stamps.size < 8 or stamps.size < 0.9 * len(cells):
         return False
@@ -518,7 +484,7 @@ def _rises_steadily(cells: list[str], decimal: str) -> bool:
     # Between rows of the head, the middle and the end the steps are longer, also those of a counter.
     few_long = np.count_nonzero(steps > 50 * np.median(steps)) <= max(2, 0.01 * steps.size)
     is_counter = np.count_nonzero(steps != 1) <= min(2, 0.02 * steps.size)
-    return bool(np.all(steps > 0) and few_long and not is_counter)
+    return bool(np.all(steps > 0) and few_long and not is_counter) and judge(stamps).even >= even
 
 
 def _counts_from_1970(cells: list[str], decimal: str) -> bool:
@@ -598,14 +564,15 @@ def chosen_time(
         raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
     rows = _sampled(rows)
     joined = [
-        c for c in find_candidates(columns, rows, decimal, options) if index in c.column.indices and c.column.parts
+        one
+        for one in find_candidates(columns, rows, decimal, options)
+        if one.column.parts and index in one.column.indices
     ]
     if joined:
-        best = max(joined, key=lambda candidate: candidate.points).column
-        return _with_repeated(best, columns, rows, decimal)
+        return _with_repeated(max(joined, key=lambda one: one.points).column, columns, rows, decimal)
     said = time_name(columns[index])
     cells = [row[index] for row in rows]
-    form = find_stamp_form(cells, decimal, hints_of(replace(said, strength=2), options))
+    form = find_stamp_form(cells, decimal, replace(said, strength=2), options)
     if form is None:
         example = next(filter(None, cells), "")[:40]
         if options.time_format is not None:

@@ -45,11 +45,6 @@ def name_of(named):
     return [list(named)[i] for i in time.indices] if time else []
 
 
-def test_a_date_with_a_clock_outranks_the_number_of_the_day():
-    day = [str(1 + i // 24) for i in range(N)]
-    assert name_of({"Day": day, "Date/Time": iso(3600), "Temp": NOISE}) == ["Date/Time"]
-
-
 @each(
     "bad",
     [
@@ -64,11 +59,6 @@ def test_a_full_rising_fine_column_outranks_a_better_name(bad, is_first):
     good = [f"{1551453301 + 0.02 * i:.3f}" for i in range(N)]
     named = {"t": bad, "timestamp": good, "a": NOISE}
     assert name_of(named if is_first else dict(reversed(named.items()))) == ["timestamp"]
-
-
-def test_a_fine_device_clock_outranks_a_host_clock_of_whole_seconds():
-    host = [(START + timedelta(seconds=i // 10)).isoformat(" ") for i in range(N)]
-    assert name_of({"host": host, "millis": [str(100 * i) for i in range(N)], "a": NOISE}) == ["millis"]
 
 
 def test_a_column_that_is_nearly_as_good_is_named():
@@ -98,11 +88,6 @@ def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
     parse = row_stamp_parser(time, ".")
     steps = {b - a for a, b in zip(map(parse, rows), map(parse, rows[1:]), strict=False)}
     assert steps == {700e6}
-
-
-def test_a_stamp_that_has_its_clock_takes_no_other():
-    named = {"Date/Time": iso(60), "Clock": stamps("%H:%M:%S", 60), "a": NOISE}
-    assert name_of(named) == ["Date/Time"]
 
 
 SIX = {"Year": "%Y", "Month": "%m", "Day": "%d", "Hour": "%H", "Minute": "%M", "Second": "%S"}
@@ -166,11 +151,6 @@ def test_the_chosen_column_is_read_as_its_name_says():
         assert (time.kind, time.unit) == ("number", "s")
 
 
-def test_choosing_a_part_chooses_the_whole():
-    columns, rows = made({**{name: stamps(code) for name, code in SIX.items()}, "a": NOISE})
-    assert chosen_time(columns, rows, ".", "Hour").indices == (0, 1, 2, 3, 4, 5)
-
-
 def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
     columns, rows = made({"x": NOISE, "place": ["here"] * N})
     assert chosen_time(columns, rows, ".", "x").index == 0
@@ -221,9 +201,3 @@ def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
     rows = list(zip(stamps(pattern, step), NOISE, strict=True))
     time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
     assert (time.index, time.kind) == (0, "calendar")
-
-
-def test_days_of_birth_are_not_the_time():
-    rng = random.Random(1)
-    births = [(START - timedelta(days=rng.randrange(20000))).strftime("%Y%m%d") for _ in range(N)]
-    assert time_of({"": births, "temp": NOISE}) is None
