@@ -266,10 +266,10 @@ def _described(
     """The columns with their units, roles and forms of numbers; sentences about forms that differ."""
     columns: list[Column] = []
     notes: list[str] = []
+    inside = sum(number <= size for number, _ in body.rows)
     for i, column in enumerate(header.columns):
         cells, kind = [row[i] for _, row in body.rows], body.types[i]
-        here = cells[: sum(number <= size for number, _ in body.rows)]
-        role = "metadata" if i in body.beside else role_of(column, here, i, kind, len(body.types))
+        role = "metadata" if i in body.beside else role_of(column, cells[:inside], i, kind, len(body.types))
         form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
         name, form = column.name or f"column {i + 1}", None if form == NumberForm(kinds.decimal) else form
         if form is not None:

@@ -124,8 +124,9 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
         return Body(tuple(rows), rows[0][0], (), types, beside)
     grid = _Grid(lines, table, types, beside, kinds)
     first = grid.first_row(least)
-    rows = grid.rows_from(first) or list(table.rows[:1])
-    return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
+    found, rows = rows, grid.rows_from(first) or list(table.rows[:1])
+    types = types if rows == found else _types(rows, table.width, kinds)
+    return Body(tuple(rows), first, grid.above(first), types, beside)
 
 
 def _types(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
@@ -256,10 +257,11 @@ class _Grid:
 
     def rows_from(self, first: int) -> list[tuple[int, Cells]]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
+        width = self._table.width
         return [
-            (number, cells + ("",) * (self._table.width - len(cells)))
-            for (number, cells), fit in zip(self._lines, self._fits, strict=True)
-            if number >= first and fit in ("row", "partial", "void")
+            (line[0], line[1] + ("",) * (width - len(line[1]))) if len(line[1]) < width else line
+            for line, fit in zip(self._lines, self._fits, strict=True)
+            if line[0] >= first and fit in ("row", "partial", "void")
         ]
 
     def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
@@ -389,7 +391,7 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     some = first_of_each_shape(lines)
     candidates = [] if plan.preface.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.preface.delimiter,) if plan.preface.delimiter else _delimiters(some):
+    for delimiter in (plan.preface.delimiter,) if plan.preface.delimiter else _delimiters(some, kinds):
         split = _SplitLines(lines, some, delimiter)
         for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
@@ -400,11 +402,12 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     return [table for table in candidates if table is not None]
 
 
-def _delimiters(shapes: Iterable[str]) -> list[str]:
-    """The delimiters that are between two cells of a line, and one that is not: there may be one column."""
-    found = {mark for shape in shapes for mark in DELIMITERS if mark in shape.strip(" ")}
+def _delimiters(some: Mapping[str, Sequence[str]], kinds: Mapping[str, CellKinds]) -> list[str]:
+    """The delimiters between two cells of a line, and one that is in none where some lines are a single number."""
+    found = {mark for shape in some for mark in DELIMITERS if mark in shape.strip(" ")}
     found |= {" "} if "\t" in found else set()
-    absent = [mark for mark in DELIMITERS if mark not in found][:1]
+    single = any(known[texts[0].strip(" \t")] in NUMERIC for known in kinds.values() for texts in some.values())
+    absent = [mark for mark in DELIMITERS if mark not in found][: single or not found]
     return [mark for mark in DELIMITERS if mark in found or mark in absent]
 
 
