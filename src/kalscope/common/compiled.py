@@ -46,7 +46,9 @@ def compiled(
         inner: only compiled loops call it, and keep it in their cache. One of its own would double its compilation.
         options: further options of numba's `njit`.
     """
-    return lambda function: Compiled(function, plain, {"cache": not inner, "nogil": True, **options})
+    # Both are set, else a loop takes them from the one that happens to call it first, and caches what comes of it.
+    defaults: dict[str, Any] = {"fastmath": False, "error_model": "python"}
+    return lambda function: Compiled(function, plain, {"cache": not inner, "nogil": True, **defaults, **options})
 
 
 @dataclass(frozen=True)
