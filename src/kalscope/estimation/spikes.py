@@ -63,16 +63,29 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         r: variance of the noise, unit².
         tau: momentum in sample periods, 0 for none.
     """
-    side = _refuse(z, steps, q, r, tau)
-    if not side[2].any():
-        return np.zeros(len(z))
+    found = np.zeros(len(z))
+    v, s, refused = _refuse(z, steps, q, r, tau)
+    if not refused.any():
+        return found
     back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
-    other = _refuse(z[::-1].copy(), back, q, r, tau)
-    both = side[2] & other[2][::-1]
-    if not both.any():
-        return np.zeros(len(z))
-    v, s = (np.stack([here, there[::-1]]) for here, there in zip(side[:2], other[:2], strict=True))
-    return _unlike_movement(z, v, s, r, both)
+    v_after, s_after, refused_after = _refuse(z[::-1].copy(), back, q, r, tau)
+    v_after, s_after = v_after[::-1], s_after[::-1]
+    refused &= refused_after[::-1]
+    at = np.flatnonzero(refused)
+    p, errors = np.stack([s[at], s_after[at]]) - r, np.stack([v[at], v_after[at]])
+    with np.errstate(invalid="ignore"):
+        least, most = p.min(axis=0), p.max(axis=0)
+        share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
+        first = np.where(p[0] == least, share, 1.0 - share)
+        found[at] = (first * errors[0] + (1.0 - first) * errors[1]) ** 2 / (r + share * least)
+    if found[at].max(initial=0.0) > SIGMAS**2:
+        v *= v  # in place: a long record has to fit the memory
+        v /= s
+        v_after *= v_after
+        v_after /= s_after
+        np.minimum(v, v_after, out=v)
+        _clear_movement(found, at, np.minimum(v, MOST, out=v), ~np.isnan(z), refused)
+    return found
 
 
 def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Array, Array, Mask]:
@@ -89,24 +102,17 @@ def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
     return _median(z[near]), r + q * float(span)
 
 
-def _unlike_movement(z: Array, v: Array, s: Array, r: float, refused: Mask) -> Array:
-    """`unpredicted` of the innovations and their variances on both sides, shape (2, n), refused on both."""
-    found, at = np.zeros(len(z)), np.flatnonzero(refused & ~np.isnan(z))
-    p = s[:, at] - r
-    least, most = p.min(axis=0), p.max(axis=0)
-    with np.errstate(invalid="ignore"):
-        share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
-        first = np.where(p[0] == least, share, 1.0 - share)
-        found[at] = (first * v[0, at] + (1.0 - first) * v[1, at]) ** 2 / (r + share * least)
-    if found.max() <= SIGMAS**2:
-        return found
-    present = ~np.isnan(z)
+def _clear_movement(found: Array, at: Indices, squares: Array, present: Mask, refused: Mask) -> None:
+    """Set those of `found` to 0 that may be movement: in a lively or crowded neighbourhood, or a lone pulse.
+
+    `at` are the places of those above 0, `squares` v²/s of all samples, which are changed here.
+    """
     counted = present & ~refused
-    squares = np.where(counted, np.minimum((v * v / s).min(axis=0), MOST), 0.0)
+    squares[~counted] = 0.0
     lively = _mean_near(squares, counted, at)
-    kept = np.zeros(len(z), np.bool_)
+    kept = np.zeros(len(found), np.bool_)
     kept[at] = found[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
-    crowded = (lively > VERY_LIVELY) & (_mean_near(kept.astype(np.float64), present, at) > CROWDED)
+    crowded = (lively > VERY_LIVELY) & (_mean_near(kept, present, at) > CROWDED)
     kept[at] &= ~crowded | (found[at] > SIGMAS**4 * lively)
     found[~kept] = 0.0
     starts, lengths = _runs(kept[present])
@@ -114,16 +120,14 @@ def _unlike_movement(z: Array, v: Array, s: Array, r: float, refused: Mask) -> A
         for start, length in zip(starts, lengths, strict=True):
             if length > 2:
                 found[np.flatnonzero(present)[start : start + length]] = 0.0
-    return found
 
 
-def _mean_near(values: Array, counted: Mask, at: Indices) -> Array:
-    """Mean of the values that count within NEAR samples of each place; 0 where there are none."""
-    low, high = np.maximum(at - NEAR, 0), np.minimum(at + NEAR + 1, len(values))
-    total, count = (
-        np.append(0.0, np.cumsum(np.where(counted, some, 0.0))) for some in (values, np.ones(len(values)))
-    )
-    return (total[high] - total[low]) / np.maximum(count[high] - count[low], 1.0)
+def _mean_near(values: Array | Mask, counted: Mask, at: Indices) -> Array:
+    """Mean of the values, 0 where not counted, within NEAR samples of each place; 0 where none is counted."""
+    low, high = np.maximum(at - NEAR, 0), np.minimum(at + NEAR, len(values) - 1)
+    total, count = np.cumsum(values), np.cumsum(counted)
+    near, many = (one[high] - np.where(low > 0, one[low - 1], 0) for one in (total, count))
+    return near / np.maximum(many, 1)
 
 
 def _median(values: Array) -> float:
