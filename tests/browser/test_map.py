@@ -130,7 +130,7 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map, capsys):
     drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
     first = starting_params(z)
     q, r = first.q, first.r
-    screen.wait_for_line("filtered", filtered(z, q, r)[drawn])
+    screen.wait_for_line("filtered", filtered(z, q, r)[drawn], tolerance=1e-9)
     screen.shot("map-drag-before")
     screen.page.evaluate(WATCH)
     beside = np.array([6, -5])  # a drag that begins near the mark takes hold of it, as it is
@@ -143,12 +143,12 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map, capsys):
         if step == 8:
             screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
             during = screen.values()
-            screen.wait_for_line("filtered", filtered(z, *during)[drawn], tolerance=1e-12)
+            screen.wait_for_line("filtered", filtered(z, *during)[drawn], tolerance=1e-9)
             assert np.log10(during) == pytest.approx(np.log10([10 * q, r / 30**0.5]), abs=0.1)
     screen.page.mouse.up()
     new = screen.settle(during)
     assert np.log10(new) == pytest.approx(np.log10([100 * q, r / 30]), abs=0.05)
-    screen.wait_for_line("filtered", filtered(z, *new)[drawn], tolerance=1e-12)
+    screen.wait_for_line("filtered", filtered(z, *new)[drawn], tolerance=1e-9)
     screen.shot("map-drag-after")
     moved, shown = screen.page.evaluate("() => [window.moved, window.drawn]")
     waits = [min(later - m for later in shown if later >= m) for m in moved if any(later >= m for later in shown)]
@@ -156,7 +156,7 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map, capsys):
     with capsys.disabled():
         print(f"\ndrag to changed chart: median {statistics.median(waits):.0f} ms, {len(shown)} charts drawn")
     screen.page.get_by_role("button", name="Undo").click()
-    screen.wait_for_line("filtered", filtered(z, q, r)[drawn])
+    screen.wait_for_line("filtered", filtered(z, q, r)[drawn], tolerance=1e-9)
 
 
 def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start_map):
@@ -167,7 +167,7 @@ def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start_map):
     screen.page.mouse.click(*screen.at(best.q, best.r))
     new = screen.settle(before)
     assert np.log10(new) == pytest.approx(np.log10([best.q, best.r]), abs=0.05)
-    screen.wait_for_line("filtered", filtered(z, *new), tolerance=1e-12)
+    screen.wait_for_line("filtered", filtered(z, *new), tolerance=1e-9)
 
 
 def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):

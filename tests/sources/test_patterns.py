@@ -32,6 +32,7 @@ OWN_TEXT = (
 
 CAPPED = {
     "kalscope.tuning.toml_text:_DEEP_KEY": "of at most 64 levels",
+    "kalscope.sources.reading.preface:_STATED": "of a line of at most 400 characters",
 }
 """Patterns that try again from every place, but only so far."""
 

@@ -84,6 +84,7 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         v_after *= v_after
         v_after /= s_after
         np.minimum(v, v_after, out=v)
+        del v_after, s, s_after
         _clear_movement(found, at, np.minimum(v, MOST, out=v), ~np.isnan(z), refused)
     return found
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kalscope.common.compiled import MAX_PLAIN
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
@@ -522,6 +523,7 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     rows, result = empty_rows(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
     is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
+    is_plain &= len(samples) > MAX_PLAIN  # fewer do not wait for the compiler
     first = picked = 0
     while first < len(samples):
         readings = checked_readings(samples[first : first + PIECE], params, first)

@@ -114,7 +114,7 @@ def load_tuning(path: str | os.PathLike[str]) -> Tuning:
 
 def dumps(tuning: Tuning) -> str:
     """The text of a new tuning file. Every float is read back bit for bit."""
-    return toml.fresh(_plain(tuning))
+    return toml.clean(toml.fresh(_plain(tuning)))
 
 
 def loads(text: str) -> Tuning:

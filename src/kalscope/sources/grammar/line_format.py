@@ -103,7 +103,7 @@ def find_labels(line: str) -> Pairs | None:
 
     None if anything else is on the line, such as a number that has no label, or a label is a number (`12:30:05`).
     """
-    is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t")) > MAX_PARTS
+    is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t:=")) > MAX_PARTS
     if is_endless or not any(mark in line for mark in (":", "=", "/", ">>")):
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():

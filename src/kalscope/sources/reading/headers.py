@@ -29,7 +29,7 @@ _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
-_SETTING = re.compile(r'[#%*; \t"]*([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*(\S.*)')
+_SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
 _LIST = re.compile(
     r"(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
 )

@@ -188,7 +188,7 @@ def _alternatives(keys: str) -> str:
     return "|".join(re.escape(key.strip()) for key in keys.split("|"))
 
 
-_SETTING = re.compile(
+_STATED = re.compile(
     rf"(?:^|[,;|\t:=#%/])[ \"']{{0,4}}(?:(?P<rate>{_alternatives(_RATES)})|(?P<step>{_alternatives(_INTERVALS)}))"
     r" {0,4}(?:[(\[](?P<unit>[^()\[\]]{0,24})[)\]])?[ \"':=,;|\t]{1,8}"
     r"(?:(?P<clock>[0-9]{1,3}:[0-9]{2}:[0-9]{2})|(?P<number>[-+]?[0-9]{1,20}(?:[.,][0-9]{1,20}){0,3}(?:e[-+]?[0-9]{1,3})?))"
@@ -208,7 +208,7 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
         if not is_comment(line) and NUMBER["."].match(text):
             break
         if sum(map(text.count, ",;|\t")) < _MAX_PARTS:
-            found += [setting for match in _SETTING.finditer(text) if (setting := _period(match))]
+            found += [setting for match in _STATED.finditer(text) if (setting := _period(match))]
     if not 0 < len(found) < 3 or len({period for period, _ in found}) > 1:
         return None
     period, key = found[0]
