@@ -203,8 +203,12 @@ def allan_variances(
 # The methods by their names, one way to call all of them.
 
 
-METHODS = ("ml", "moments", "allan")
-"""The methods of `estimate`, in the order in which `compare_methods` shows them."""
+METHODS = {
+    "ml": "maximum likelihood",
+    "moments": "moments of the differences",
+    "allan": "Allan variance",
+}
+"""The methods of `estimate` with their names on screen, in the order in which `compare_methods` shows them."""
 
 QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
 """The methods that use other properties of the record than its likelihood: from the record to a pair."""

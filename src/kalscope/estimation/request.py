@@ -30,13 +30,6 @@ from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
 
-METHOD_NAMES = {
-    "ml": "maximum likelihood",
-    "moments": "moments of the differences",
-    "allan": "Allan variance",
-}
-"""Names of the methods of `estimate` for users."""
-
 TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What can fix λ, as `ratio_for` names it."""
 
@@ -196,7 +189,7 @@ def find_parameters(
         if known is not None:
             return _fit_q(z, dt, *known, request)
         answer = estimate(z, request.method, dt, progress, cancelled, request.momentum, request.robust)
-        return Found(answer.params, METHOD_NAMES[request.method], answer.message, answer, request)
+        return Found(answer.params, METHODS[request.method], answer.message, answer, request)
     origin = f", r {request.noise.origin}" if known else ""
     if ratio is None:
         r, text = known or _noise_for_target(z, dt, request, Progress(progress, cancelled))

@@ -13,6 +13,7 @@ from kalscope.cli.tune_answer import answer_for
 from kalscope.cli.tune_options import TuneOptions
 from kalscope.common.progress import Progress
 from kalscope.common.text import percent
+from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import Found, find_parameters
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -263,7 +264,7 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
 def test_opinions_belong_to_their_channel(state):
     opinions = compare_methods(state.recording.channel("a"))
     asked = set_method_comparison(state.recording, "a", opinions)(state)
-    assert comparison_text(asked).count("\n|") >= 6
+    assert comparison_text(asked).count("\n|") == 2 + len(METHODS)
     assert "95 % interval of maximum likelihood" in comparison_text(asked)
     assert "without momentum" in comparison_text(asked)  # and so they may find no noise where the search does
     assert select_channel("b")(asked).answers.method_comparison == ()
