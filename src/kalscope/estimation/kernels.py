@@ -485,7 +485,7 @@ def refuse(
 #
 # A record is a list of readings: the value, which sensor it comes from, and the periods since the reading before
 # it, 0 within a row. Reading j of sensor i is b_i + c_i x plus noise of variance r_i; x moves as in
-# `filtering.momentum`, for τ = 0 as a random walk. Each reading is one scalar update; the first one sets the exact
+# `filtering.kernels`, for τ = 0 as a random walk. Each reading is one scalar update; the first one sets the exact
 # diffuse start and is not scored. Source: Durbin & Koopman (2012), section 6.4; the scores: Koopman & Shephard
 # (1992), Biometrika 79, 823.
 
@@ -506,7 +506,7 @@ SEARCH_KEPT = 9
 
 @compiled(inner=True, inline="always")
 def over_gap(gap: float, q: float, tau: float) -> Transition:
-    """What `gap` periods do to the state: e, f, a, b, c of `filtering.momentum`."""
+    """What `gap` periods do to the state: e, f, a, b, c of `filtering.kernels.transition`."""
     return transition(gap, q, tau) if tau > 0.0 else (0.0, 0.0, q * gap, 0.0, 0.0)
 
 
