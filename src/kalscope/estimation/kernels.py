@@ -510,8 +510,22 @@ def over_gap(gap: float, q: float, tau: float) -> Transition:
     return transition(gap, q, tau) if tau > 0.0 else (0.0, 0.0, q * gap, 0.0, 0.0)
 
 
+@compiled(inner=True, inline="always")
+def add_innovation(
+    i: int, c: float, place: Array, v: float, part: float, d: Array, matrix: Array, right: Array
+) -> None:
+    """Add the innovation v = v(0) + Σ d_l b_l of sensor i, variance 1/`part`, to the equations; `d` is filled."""
+    for k in range(d.shape[0]):
+        d[k] = -c * place[k]
+    d[i] -= 1.0
+    for k in range(d.shape[0]):
+        right[k] -= d[k] * v * part
+        for m in range(d.shape[0]):
+            matrix[k, m] += d[k] * d[m] * part
+
+
 @compiled(error_model="numpy")
-def filter_readings(  # noqa: PLR0912 - one loop for three purposes
+def filter_readings(
     value: Array,
     sensor: Whole,
     gap: Array,
@@ -572,20 +586,10 @@ def filter_readings(  # noqa: PLR0912 - one loop for three purposes
             kept[j, FUSION_X], kept[j, FUSION_V] = x, v
             kept[j, FUSION_P], kept[j, FUSION_G], kept[j, FUSION_W] = p, g, w
         if matrix is not None and right is not None:
-            for k in range(sensors):
-                d[k] = -c[i] * place[k]
-            d[i] -= 1.0
-            for k in range(sensors):
-                right[k] -= d[k] * innovation * part
-                for m in range(k + 1):
-                    matrix[k, m] += d[k] * d[m] * part
+            add_innovation(i, c[i], place, innovation, part, d, matrix, right)
             for k in range(sensors):
                 place[k] += kx * d[k]
                 speed[k] += kv * d[k]
-    if matrix is not None:
-        for k in range(sensors):
-            for m in range(k):
-                matrix[m, k] = matrix[k, m]
     return chi2, logdet + math.log(product)
 
 
