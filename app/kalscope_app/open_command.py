@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import tell_compiling
+from kalscope.cli.console import report_compiling
 from kalscope.cli.options import SamplePeriod, reads_source
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
@@ -81,7 +81,7 @@ def open_dashboard(
     def token(bound_port: int) -> str:
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
-    tell_compiling()
+    report_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
         state, board = first_state(followed(source) if follow else source, reading, config, sample_period)
         if not source and config is None and (last := KeptTunings().last()):

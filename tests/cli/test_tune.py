@@ -391,11 +391,11 @@ def test_a_terminal_shows_what_is_compiled_at_the_first_start(monkeypatch: pytes
     watching: list[Callable[[Compiling], None]] = []
     monkeypatch.setattr(compiled, "watch_compiling", watching.append)
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    console.tell_compiling()
+    console.report_compiling()
     assert watching == []
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    console.tell_compiling()
+    console.report_compiling()
     (show,) = watching
     for done in range(2):
         show(Compiling(done, is_busy=True))

@@ -9,7 +9,6 @@ from each import each
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import METHODS
 from kalscope.estimation.request import (
-    METHOD_NAMES,
     TARGETS,
     Noise,
     Request,
@@ -81,7 +80,7 @@ def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(targ
     assert (found.estimate.method if found.estimate else None) == by
     assert found.estimate is None or found.estimate.params == found.params
     if by in METHODS:
-        assert found.how == METHOD_NAMES[method]
+        assert found.how == METHODS[method]
 
 
 def expected_method(target, ratio, r, method):

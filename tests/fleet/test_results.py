@@ -67,7 +67,7 @@ def test_the_table_says_what_each_device_loses_also_by_a_goal(tmp_path):
     asked = FleetOptions(Request(target={"lag_s": 0.02}, momentum=0.0))
     answer = run_steps(tmp_path / "logs", tmp_path / "result", asked)
     rows = pq.read_table(tmp_path / "result" / TABLE).to_pylist()
-    assert "left" not in rows[0]
+    assert "loss_inputs" not in rows[0]
     fitted = [row for row in rows if not row["reason"]]
     assert {row["verdict"] for row in fitted} == {"chosen"}
     z = read_recording(tmp_path / "logs" / "dev00.csv").values[:, 0]

@@ -45,7 +45,7 @@ from kalscope_app.session.state import (
 )
 
 if TYPE_CHECKING:
-    from kalscope.estimation.request import Found
+    from kalscope.estimation.request import FitResult
     from kalscope.fleet.results import Fleet
 
 
@@ -140,7 +140,7 @@ def reset_parameters(state: State) -> State:
     return state.with_tuning(**values)
 
 
-def apply_found(recording: Recording, channel: str, found: Found) -> Change:
+def apply_found(recording: Recording, channel: str, found: FitResult) -> Change:
     """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
 
     def change(state: State) -> State:

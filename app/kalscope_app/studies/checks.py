@@ -16,7 +16,7 @@ from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
-from kalscope.estimation.request import METHOD_NAMES
+from kalscope.estimation.methods import METHODS
 from kalscope.estimation.still import find_still_stretch
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
@@ -288,7 +288,7 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
     z, dt = state.z, state.dt
     whole = diagnose_run(Run.of_samples(z, state.params, dt))
     # q and r that were fitted to the whole recording have seen the second half: estimate again, on the first.
-    estimated = state.tuning.how in METHOD_NAMES.values()
+    estimated = state.tuning.how in METHODS.values()
 
     def fit(first: Array, dt: Array | None) -> FilterParams:
         return estimate(first, dt=dt, momentum=state.tuning.momentum).params or state.params

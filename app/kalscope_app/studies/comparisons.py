@@ -15,7 +15,6 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
-from kalscope.estimation.request import METHOD_NAMES
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
@@ -325,7 +324,7 @@ def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
         return "They need not agree here: all of them look for a signal without momentum."
     if best.verdict == "below_resolution":
         return "They need not agree here: the sensor rounds its readings to steps larger than the noise."
-    within = {METHOD_NAMES[one.method]: is_within(one, best) for one in others}
+    within = {METHODS[one.method]: is_within(one, best) for one in others}
     outside = ", ".join(name for name, inside in within.items() if inside is False)
     if outside:
         return (

@@ -17,7 +17,8 @@ from kalscope.analysis.findings import Finding, as_sentences, times
 from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, lag_text, number, trimmed
-from kalscope.estimation.request import METHOD_NAMES, Noise, Request
+from kalscope.estimation.methods import METHODS
+from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -347,7 +348,7 @@ def comparison_text(state: State) -> str:
         lag = "–" if steady is None else lag_text(steady.lag_samples, period)
         inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
-        rows.append(f"| {METHOD_NAMES[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
+        rows.append(f"| {METHODS[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
     said = comparison(state.answers.method_comparison) or "No two of them can be compared."
     head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
     return f"{METHODS_COMPARED}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"

@@ -10,7 +10,8 @@ import viser
 
 from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, trimmed, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import METHOD_NAMES, Noise, Request, find_parameters
+from kalscope.estimation.methods import METHODS
+from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.frame import Frame
@@ -162,7 +163,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     "gain K": _target("gain", "gain K", "0.1"),
     "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
     "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
-    **{METHOD_NAMES[name]: _method(name) for name in ("moments", "allan")},
+    **{title: _method(name) for name, title in METHODS.items() if name != "ml"},
 }
 """Ways by the words on screen, the most useful first."""
 

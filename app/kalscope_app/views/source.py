@@ -21,6 +21,7 @@ from kalscope.common.progress import OnProgress
 from kalscope.common.text import count, one_line
 from kalscope.papers.reproduction import list_experiments
 from kalscope.recording import Recording
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.read_options import (
     OPTIONS,
     ReadOptions,
@@ -157,7 +158,7 @@ FOUND = "auto"
 """Detect it from the file."""
 
 MARKS = {FOUND: "", **{word: word for word in ("comma", "semicolon", "tab", "bar", "space")}}
-UNITS = {FOUND: "", **{word: word for word in ("s", "ms", "us", "ns", "min", "h", "day", "year")}}
+UNITS = {FOUND: "", **{word: word for word in SECONDS_PER_UNIT}}
 POINTS = {FOUND: "", "point": "point", "comma": "comma"}
 ORDERS = {FOUND: "", "day first": "day", "month first": "month"}
 GAPS = {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"}

@@ -460,7 +460,7 @@ def request_in(how: str, r: float) -> Request | None:
     """What a tuning says about the origin of its q and r, where the search is no longer known; None = no choice.
 
     Args:
-        how: as `Found.how` or a tuning file says it. Its numbers have four digits: for words, not for a search.
+        how: as `FitResult.how` or a tuning file says it. Its numbers have four digits: for words, not for a search.
         r: the r of the tuning, given where `how` says so.
     """
     given = any(f"r {origin}" in how for origin in (*TRUSTED, "as given"))

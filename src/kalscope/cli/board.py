@@ -21,7 +21,7 @@ from kalscope.cli.console import CHECK_FAILED, TerminalLine, progress_line, say
 from kalscope.cli.options import Source, number_option
 from kalscope.cli.options import number as cli_number
 from kalscope.common.progress import Progress
-from kalscope.common.stopping import said_at_stop, stop_signals
+from kalscope.common.stopping import message_at_stop, stop_signals
 from kalscope.common.text import escaped, number, one_line, plain
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.recording import Recording
@@ -228,7 +228,7 @@ def calibrate_command(
             print(plain(f"{one.answer.name}: {measured_text(one, '')}"), flush=True)
         refused = sum(isinstance(one.answer, NotCalibrated) for one in measured)
         if keep and not refused:
-            with said_at_stop(lambda: "the board may or may not have stored its values"):
+            with message_at_stop(lambda: "the board may or may not have stored its values"):
                 set_kept(live, kept=True)
     if not keep and refused < len(measured):
         print("Not kept: after a reset the board uses the values of its export. --keep stores these.")

@@ -158,7 +158,7 @@ def progress_line() -> Generator[OnProgress]:
         line.clear()
 
 
-def tell_compiling() -> None:
+def report_compiling() -> None:
     """Say on a terminal, from now on, when loops are compiled: the first start after an installation takes long."""
     from kalscope.common.compiled import Compiling, watch_compiling
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, BinaryIO
 
 import typer
 
-from kalscope.cli.console import open_stdout, progress_line, say, tell_compiling, write_output
+from kalscope.cli.console import open_stdout, progress_line, report_compiling, say, write_output
 from kalscope.cli.options import (
     SamplePeriod,
     number,
@@ -184,7 +184,7 @@ def filter_command(
     from kalscope.sources.reading.account import account, sample_period_conflict
     from kalscope.tuning.choose import filters_for
 
-    tell_compiling()
+    report_compiling()
     if source == "-":
         if report or output is not None:
             option = "--report" if report else "-o"
@@ -212,14 +212,14 @@ def filter_command(
 
 def _filter_stdin(lines: LineFilter, notes: list[str], options: ReadOptions) -> None:
     """Answer each line at once: the program that writes them may wait for the answer."""
-    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.stopping import message_at_stop
     from kalscope.common.text import count
     from kalscope.sources.reading.line_parser import LineParser, comma_line
 
     for note in notes:
         say(f"note: {note}")
     parser = LineParser(options)
-    with open_stdout() as out, said_at_stop(lambda: f"{count(lines.received)} lines answered"):
+    with open_stdout() as out, message_at_stop(lambda: f"{count(lines.received)} lines answered"):
         for line in _bounded_lines(sys.stdin.buffer):
             answer, note = lines.answer(comma_line(parser, line))
             out.write(f"{answer}\n".encode())

@@ -45,7 +45,7 @@ def fleet_command(
     Writes a table with one row per recording, also for those that cannot be read, and one filter for all.
     """
     from kalscope.cli.console import TerminalLine, write_output
-    from kalscope.common.stopping import said_at_stop
+    from kalscope.common.stopping import message_at_stop
     from kalscope.fleet.store import LIBRARIES, library
 
     for module in LIBRARIES:
@@ -70,7 +70,7 @@ def fleet_command(
 
     try:
         line.show("looking for recordings")
-        with said_at_stop(lambda: f"{kept}: run the same command again to continue"):
+        with message_at_stop(lambda: f"{kept}: run the same command again to continue"):
             tally, answer = run_fleet(sources, options, output, cluster, show)
     finally:
         line.clear()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.console import CHECK_FAILED, progress_line, say, tell_compiling, write_output
+from kalscope.cli.console import CHECK_FAILED, progress_line, report_compiling, say, write_output
 from kalscope.cli.options import SamplePeriod, Source, reads_source
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -48,7 +48,7 @@ def report_command(
     from kalscope.tuning.choose import adapt_tuning, filters_for
     from kalscope.tuning.file import load_tuning
 
-    tell_compiling()
+    report_compiling()
     if output.suffix.lower() not in (".html", ".htm"):
         raise BadSetting(f"-o must end with .html (got {str(output)!r})")
     tuning = load_tuning(config)

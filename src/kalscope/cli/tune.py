@@ -38,10 +38,10 @@ def tune_command(
     """
     from kalscope.catalogue import open_source
     from kalscope.cli import tune_answer
-    from kalscope.cli.console import progress_line, say, tell_compiling, write_output
+    from kalscope.cli.console import progress_line, report_compiling, say, write_output
     from kalscope.sources.reading.account import sample_period_conflict
 
-    tell_compiling()
+    report_compiling()
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
     options.refuse_others(channel, every)

@@ -45,7 +45,7 @@ from kalscope.common.text import (
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
-from kalscope.estimation.request import Found, Noise, Request, find_parameters, shows_no_noise
+from kalscope.estimation.request import FitResult, Noise, Request, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import find_still_stretch
 from kalscope.filtering.params import FilterParams, scalar
@@ -83,7 +83,7 @@ class Answer:
     """The unit of the filtered value, "" where unknown."""
     request: Request
     """What the user wants and knows."""
-    found: Found
+    found: FitResult
     """The filter or why there is none."""
     range: Estimate
     """The estimate whose intervals say what the record allows."""
@@ -249,7 +249,7 @@ def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Pr
     noise = (options.r, options.sigma, options.density) != (None, None, None)
     origin = "r given" if noise else "r from a still stretch" if options.still is not None else ""
     how = ", ".join(filter(None, ("fused", request.goal, origin, "" if request.goal else "maximum likelihood")))
-    return Answer(recording, sensors, unit, request, Found(params, how, message, fit, request), fit, judgement)
+    return Answer(recording, sensors, unit, request, FitResult(params, how, message, fit, request), fit, judgement)
 
 
 def _known_noise(options: FusionOptions, recording: Recording, sensors: tuple[str, ...]) -> list[float]:

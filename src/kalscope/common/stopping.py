@@ -115,7 +115,7 @@ def stop_signals(kept: Callable[[], str] | None = None) -> Generator[Stop]:
         return
     previous = _handle_signals()
     _ending.stop = stop
-    with said_at_stop(kept or _ending.kept):
+    with message_at_stop(kept or _ending.kept):
         if _ending.number:
             stop.by(_ending.number)
         try:
@@ -154,7 +154,7 @@ def is_ending() -> bool:
 
 
 @contextmanager
-def said_at_stop(kept: Callable[[], str]) -> Generator[None]:
+def message_at_stop(kept: Callable[[], str]) -> Generator[None]:
     """While the block runs, a signal that ends the program prints this about its work: one line of plain text."""
     before, _ending.kept = _ending.kept, kept
     try:

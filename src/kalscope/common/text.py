@@ -112,7 +112,7 @@ def duration(seconds: float | None) -> str:
     return f"{written} {unit.rstrip('s') if written == '1' and len(unit) > 3 else unit}"
 
 
-def asked_delay(seconds: float) -> str:
+def goal_delay(seconds: float) -> str:
     """A delay as a goal names it, in ASCII digits that can be read back: 50 ms, 2000 ms, 25 min, 1 day."""
     value, unit = (seconds * 1e3, "ms") if 1e-3 <= seconds < 10.0 else _in_unit(seconds, DURATIONS)
     written = f"{value:.4g}"

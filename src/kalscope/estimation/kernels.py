@@ -485,7 +485,7 @@ def refuse(
 #
 # A record is a list of readings: the value, which sensor it comes from, and the periods since the reading before
 # it, 0 within a row. Reading j of sensor i is b_i + c_i x plus noise of variance r_i; x moves as in
-# `filtering.momentum`, for τ = 0 as a random walk. Each reading is one scalar update; the first one sets the exact
+# `filtering.kernels`, for τ = 0 as a random walk. Each reading is one scalar update; the first one sets the exact
 # diffuse start and is not scored. Source: Durbin & Koopman (2012), section 6.4; the scores: Koopman & Shephard
 # (1992), Biometrika 79, 823.
 
@@ -506,12 +506,26 @@ SEARCH_KEPT = 9
 
 @compiled(inner=True, inline="always")
 def over_gap(gap: float, q: float, tau: float) -> Transition:
-    """What `gap` periods do to the state: e, f, a, b, c of `filtering.momentum`."""
+    """What `gap` periods do to the state: e, f, a, b, c of `filtering.kernels.transition`."""
     return transition(gap, q, tau) if tau > 0.0 else (0.0, 0.0, q * gap, 0.0, 0.0)
 
 
+@compiled(inner=True, inline="always")
+def add_innovation(
+    i: int, c: float, place: Array, v: float, part: float, d: Array, matrix: Array, right: Array
+) -> None:
+    """Add the innovation v = v(0) + Σ d_l b_l of sensor i, variance 1/`part`, to the equations; `d` is filled."""
+    for k in range(d.shape[0]):
+        d[k] = -c * place[k]
+    d[i] -= 1.0
+    for k in range(d.shape[0]):
+        right[k] -= d[k] * v * part
+        for m in range(d.shape[0]):
+            matrix[k, m] += d[k] * d[m] * part
+
+
 @compiled(error_model="numpy")
-def filter_readings(  # noqa: PLR0912 - one loop for three purposes
+def filter_readings(
     value: Array,
     sensor: Whole,
     gap: Array,
@@ -572,20 +586,10 @@ def filter_readings(  # noqa: PLR0912 - one loop for three purposes
             kept[j, FUSION_X], kept[j, FUSION_V] = x, v
             kept[j, FUSION_P], kept[j, FUSION_G], kept[j, FUSION_W] = p, g, w
         if matrix is not None and right is not None:
-            for k in range(sensors):
-                d[k] = -c[i] * place[k]
-            d[i] -= 1.0
-            for k in range(sensors):
-                right[k] -= d[k] * innovation * part
-                for m in range(k + 1):
-                    matrix[k, m] += d[k] * d[m] * part
+            add_innovation(i, c[i], place, innovation, part, d, matrix, right)
             for k in range(sensors):
                 place[k] += kx * d[k]
                 speed[k] += kv * d[k]
-    if matrix is not None:
-        for k in range(sensors):
-            for m in range(k):
-                matrix[m, k] = matrix[k, m]
     return chi2, logdet + math.log(product)
 
 

@@ -251,7 +251,7 @@ def _check(series: Series) -> None:
         raise BadSetting("steps of a Series must be empty or one float64 a sample (got something else)")
 
 
-# Which series that look spiky have no spikes after all: the loop of `robust.fit`, for many series at once.
+# Which series that look spiky have no spikes after all: the loop of `spikes.spike_proof`, for many series at once.
 #
 # A signal that moves far more than the noise looks spiky to the centred median. Each round fits all such series in
 # one compiled call, so that only those with true spikes are left to the fit of a single one.

@@ -89,7 +89,7 @@ def fit_by_moments(data: Differences) -> Pair:
     var0, var1, cov = 2.0 * (g0**2 + 2.0 * g1**2) / m, (g0**2 + 3.0 * g1**2) / m, 4.0 * g0 * g1 / m
     r, q = -g1, (g0 + 2.0 * g1) / gap if gap > 0.0 else 0.0
     r_se, q_se = math.sqrt(var1), math.sqrt(max(var0 + 4.0 * var1 + 4.0 * cov, 0.0)) / max(gap, 1e-150)
-    note = what_differences_say(data)
+    note = note_on_differences(data)
     if r <= 0.0:
         return Pair(g0 / gap if gap > 0.0 else 0.0, 0.0, q_se, r_se, note=note)
     if q <= 0.0:
@@ -97,7 +97,7 @@ def fit_by_moments(data: Differences) -> Pair:
     return Pair(q, r, q_se, r_se, note=note)
 
 
-def what_differences_say(data: Differences) -> str:
+def note_on_differences(data: Differences) -> str:
     """How the differences of neighbouring samples contradict the model; "" where they do not."""
     m = data.m
     g0, g1, g2 = _products(data)
@@ -203,8 +203,12 @@ def allan_variances(
 # The methods by their names, one way to call all of them.
 
 
-METHODS = ("ml", "moments", "allan")
-"""The methods of `estimate`, in the order in which `compare_methods` shows them."""
+METHODS = {
+    "ml": "maximum likelihood",
+    "moments": "moments of the differences",
+    "allan": "Allan variance",
+}
+"""The methods of `estimate` with their names on screen, in the order in which `compare_methods` shows them."""
 
 QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
 """The methods that use other properties of the record than its likelihood: from the record to a pair."""
@@ -213,6 +217,6 @@ QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
 def fit_by_name(method: str, data: Differences, peak: Peak, progress: Progress) -> Pair:
     """The pair that a method of METHODS finds; `peak` is that of the likelihood."""
     if method == "ml":
-        return replace(fit_maximum_likelihood(data, peak), note=what_differences_say(data))
+        return replace(fit_maximum_likelihood(data, peak), note=note_on_differences(data))
     progress(0.0, method)
     return QUICK[method](data)

@@ -50,10 +50,10 @@ from kalscope.filtering.steady import SteadyState, steady_state
 
 # The likelihood of q, r and τ, the scale concentrated out: over ln of the step variance by r, and over ln τ.
 #
-# As in `likelihood.profile` the first sample sets the exact diffuse start and is not scored, so the values compare
-# with those of the random walk. The pair is measured by the variance of one step of the signal over that of the
-# noise: on that scale the likelihood of every τ has its maximum near the same place, where q/r would run away as
-# τ².
+# As in `likelihood.search_records` the first sample sets the exact diffuse start and is not scored, so the values
+# compare with those of the random walk. The pair is measured by the variance of one step of the signal over that of
+# the noise: on that scale the likelihood of every τ has its maximum near the same place, where q/r would run away
+# as τ².
 
 
 def moving_sums(data: Differences, q: Array, r: Array, tau: Array) -> tuple[Array, Array]:

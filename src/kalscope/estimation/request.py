@@ -14,7 +14,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import asked_delay, count, lag_in_full, lag_text, number, plural, trimmed
+from kalscope.common.text import count, goal_delay, lag_in_full, lag_text, number, plural, trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import (
     checked_momentum,
@@ -29,13 +29,6 @@ from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.filtering.steady import steady_state
-
-METHOD_NAMES = {
-    "ml": "maximum likelihood",
-    "moments": "moments of the differences",
-    "allan": "Allan variance",
-}
-"""Names of the methods of `estimate` for users."""
 
 TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What can fix λ, as `ratio_for` names it."""
@@ -152,7 +145,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Found:
+class FitResult:
     """The result of `find_parameters`, with or without parameters."""
 
     params: FilterParams | None
@@ -175,7 +168,7 @@ def find_parameters(
     sample_period: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
-) -> Found:
+) -> FitResult:
     """Find q, r and momentum of one channel.
 
     Args:
@@ -196,7 +189,7 @@ def find_parameters(
         if known is not None:
             return _fit_q(z, dt, *known, request)
         answer = estimate(z, request.method, dt, progress, cancelled, request.momentum, request.robust)
-        return Found(answer.params, METHOD_NAMES[request.method], answer.message, answer, request)
+        return FitResult(answer.params, METHODS[request.method], answer.message, answer, request)
     origin = f", r {request.noise.origin}" if known else ""
     if ratio is None:
         r, text = known or _noise_for_target(z, dt, request, Progress(progress, cancelled))
@@ -205,14 +198,14 @@ def find_parameters(
         )
         keeps = f" with a momentum of {plural(params.momentum, 'sample')}" if params.momentum else ""
         text = f"q/r = {number(params.ratio, 4)}{keeps} has {request.goal}. {text}"
-        result = Found(params, f"{request.goal}{origin}", text, request=request)
+        result = FitResult(params, f"{request.goal}{origin}", text, request=request)
     elif known:
         params, text = FilterParams(q=ratio * known[0], r=known[0]), f"q = {ratio:g} · r. {known[1]}"
-        result = Found(params, f"q/r = {ratio:g}{origin}", text, request=request)
+        result = FitResult(params, f"q/r = {ratio:g}{origin}", text, request=request)
     else:
         answer = estimate_fixed_ratio(z, ratio, dt, request.robust)
         how = f"q/r = {ratio:g}, r by maximum likelihood"
-        result = Found(answer.params, how, answer.message, answer, request)
+        result = FitResult(answer.params, how, answer.message, answer, request)
     if result.params is not None:
         _check_lag(result.params, len(z), sample_period)
     return result
@@ -231,7 +224,7 @@ def _check_lag(params: FilterParams, samples: int, sample_period: float | None) 
         )
 
 
-def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) -> Found:
+def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) -> FitResult:
     """The pair where r is known; with a special message where that r explains all changes."""
     answer = estimate_fixed_r(z, r, dt, request.robust)
     message = answer.message
@@ -242,7 +235,7 @@ def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) 
             "moves, or choose the lag or the cut-off that you can accept."
         )
     how = f"r {request.noise.origin}, q by maximum likelihood"
-    return Found(answer.params, how, f"{origin} {message}", answer, request)
+    return FitResult(answer.params, how, f"{origin} {message}", answer, request)
 
 
 def _noise_for_target(z: Array, dt: Array | None, request: Request, progress: Progress) -> tuple[float, str]:
@@ -270,7 +263,7 @@ def shows_no_noise(z: Array) -> bool:
 
 def _target_text(name: str, value: float, overshoot: float | None) -> str:
     words = {
-        "lag_s": f"a lag of {asked_delay(value)}",
+        "lag_s": f"a lag of {goal_delay(value)}",
         "lag_samples": f"a lag of {value:.4g} samples",
         "cutoff_hz": f"a −3 dB cut-off at {value:.4g} Hz",
         "noise_reduction_db": f"{value:.4g} dB less noise",

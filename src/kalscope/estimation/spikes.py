@@ -326,7 +326,7 @@ def _settle(
     """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes.
 
     Returns:
-        The fit to the samples that are left, those set aside, and its scores, of `kernels.unpredicted`.
+        The fit to the samples that are left, those set aside, and its scores, of `unpredicted`.
     """
     seen: list[bytes] = []
     tau, start = float(plain.momentum), away

@@ -533,6 +533,8 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
         for name, row in piece.rows.items():
             kept[name][picked:end] = row[at[picked:end] - first + len(piece.x)]
         result, picked = _added(result, piece.loglik, piece.m, piece.rejected), end
+        if first == len(samples):  # a short record needs no compiled loop
+            break
         p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
         if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]

@@ -130,6 +130,68 @@ def step(  # noqa: PLR0911 - one for each that can happen
     return (x + k * e, 0.0, k * r, 0.0, 0.0), k, 0.0, e, s, UPDATED
 
 
+@compiled(plain=True, inner=True)
+def filter_settled_rows(
+    z: Array,
+    i: int,
+    over: Transition,
+    tau: float | None,
+    scales: Scales | None,
+    gate: float,
+    gains: tuple[float, float, float],
+    ells: Array,
+    x: float,
+    v: float,
+    states: States,
+    readings: Readings,
+    chi2: float,
+    keep: bool | None,
+) -> tuple[int, float, float, float]:
+    """The rows of z from row i on, for `filter_rows`, with the variances and gains of the row before.
+
+    `gains` are k, ell and s of its last sensor. Returns the first row that misses a reading or holds one for the
+    gate, x and v before it, and `chi2` with Σ v²/s of the rows added.
+    """
+    out_x, out_v, out_p, out_g, out_w = states
+    out_k, out_e, out_s = readings
+    k, ell, s = gains
+    row, limit, total = i - 1, gate * s, 0.0
+    while i < z.shape[0]:
+        x_next, v_next = x, v
+        if tau is not None:
+            x_next, v_next = x + over[1] * v, over[0] * v
+        if scales is None:
+            e = z[i, 0] - x_next
+            if not e * e <= limit:  # a missing reading, or one for the gate
+                break
+            x_next = x_next + k * e
+            if tau is not None:
+                v_next = v_next + ell * e
+            if keep is not None:
+                total += e * e
+                out_k[i, 0], out_e[i, 0], out_s[i, 0] = k, e, s
+        else:
+            good = True
+            for j in range(z.shape[1]):
+                e = (z[i, j] - scales[0][j]) / scales[1][j] - x_next
+                good = good and e * e <= gate * out_s[row, j]
+                x_next = x_next + out_k[row, j] * e
+                if tau is not None:
+                    v_next = v_next + ells[j] * e
+                out_e[i, j] = e
+            if not good:
+                break
+            for j in range(z.shape[1]):
+                chi2 += out_e[i, j] / out_s[row, j] * out_e[i, j]
+                out_k[i, j], out_s[i, j] = out_k[row, j], out_s[row, j]
+        x, v = x_next, v_next
+        out_x[i], out_p[i] = x, out_p[row]
+        if tau is not None:
+            out_v[i], out_g[i], out_w[i] = v, out_g[row], out_w[row]
+        i += 1
+    return i, x, v, chi2 + total / s
+
+
 @compiled(plain=True)
 def filter_rows(  # noqa: PLR0912, PLR0915 - one loop in place of six
     z: Array,
@@ -198,49 +260,17 @@ def filter_rows(  # noqa: PLR0912, PLR0915 - one loop in place of six
             out_v[i], out_g[i], out_w[i] = v, g, w
         m += updates
         i += 1
-        settled = p == before[2] and g == before[3] and w == before[4]
-        if regular and updates == width and settled:
-            first, row, limit, total = i, i - 1, gate * s, 0.0
-            while i < n:
-                x_next, v_next = x, v
-                if tau is not None:
-                    x_next, v_next = x + over[1] * v, over[0] * v
-                if scales is None:
-                    e = z[i, 0] - x_next
-                    if not e * e <= limit:  # a missing reading, or one for the gate
-                        break
-                    x_next = x_next + k * e
-                    if tau is not None:
-                        v_next = v_next + ell * e
-                    if keep is not None:
-                        total += e * e
-                        out_k[i, 0], out_e[i, 0], out_s[i, 0] = k, e, s
-                else:
-                    good = True
-                    for j in range(width):
-                        e = (z[i, j] - scales[0][j]) / scales[1][j] - x_next
-                        good = good and e * e <= gate * out_s[row, j]
-                        x_next = x_next + out_k[row, j] * e
-                        if tau is not None:
-                            v_next = v_next + ells[j] * e
-                        out_e[i, j] = e
-                    if not good:
-                        break
-                    for j in range(width):
-                        chi2 += out_e[i, j] / out_s[row, j] * out_e[i, j]
-                        out_k[i, j], out_s[i, j] = out_k[row, j], out_s[row, j]
-                x, v = x_next, v_next
-                out_x[i], out_p[i] = x, p
-                if tau is not None:
-                    out_v[i], out_g[i], out_w[i] = v, g, w
-                i += 1
+        if regular and updates == width and p == before[2] and g == before[3] and w == before[4]:
+            first, gains = i, (k, ell, s)
+            i, x, v, chi2 = filter_settled_rows(
+                z, i, over, tau, scales, gate, gains, ells, x, v, states, readings, chi2, keep
+            )
             state = x, v, p, g, w
             m += width * (i - first)
-            chi2 += total / s
             for j in range(width):
                 scored[j] += i - first
                 if keep is not None:
-                    logdet += (i - first) * math.log(out_s[row, j])
+                    logdet += (i - first) * math.log(out_s[first - 1, j])
     return state, -0.5 * (m * math.log(2.0 * math.pi) + logdet + chi2)
 
 

@@ -111,7 +111,7 @@ class Row:
     """How much more noise it passes, dB."""
     error_growth: float | None = None
     """By which share its error of predicting samples that no fit has seen is larger."""
-    left: bytes | None = None
+    loss_inputs: bytes | None = None
     """What the three are computed from, a row of `loss_inputs`; only in the database."""
 
 
@@ -209,8 +209,8 @@ class Store:
                 for content, cell in (units[key] for key in some):
                     rows += msgspec.msgpack.decode(content)
                     pool = pool if cell is None else pool + _pool_from(cell)
-                *columns, left = zip(*rows, strict=True) if rows else [()] * len(COLUMNS)
-                inputs += [cell or _NOTHING for cell in left]
+                *columns, last = zip(*rows, strict=True) if rows else [()] * len(COLUMNS)
+                inputs += [cell or _NOTHING for cell in last]
                 arrays = [pa.array(column, one.type) for one, column in zip(schema(), columns, strict=True)]
                 tables.append(pa.table(arrays, schema=schema()))
             numbers = np.frombuffer(b"".join(inputs), "<f4").astype(np.float64)

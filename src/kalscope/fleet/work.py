@@ -204,7 +204,7 @@ def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Po
         momentum=params.momentum,
         gate=params.gate,
         lag_samples=steady_state(params).lag_samples,
-        left=loss_inputs(ratio, np.array([tau]), growth).astype("<f4").tobytes(),
+        loss_inputs=loss_inputs(ratio, np.array([tau]), growth).astype("<f4").tobytes(),
     )
     return row, pool_of(many)
 
@@ -270,7 +270,8 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
         if table.usable[i]:
             known |= dict(zip(names, numbers[i], strict=True))
             gate = float(table.gate[i]) ** 2 if table.gate[i] < math.inf else None
-            known |= {"momentum": 0.0, "gate": gate, "left": inputs[i].tobytes(), "spikes": int(table.spikes[i])}
+            known |= {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i])}
+            known["loss_inputs"] = inputs[i].tobytes()
         else:
             known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))

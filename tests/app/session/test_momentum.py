@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, save_tuning
-from kalscope.estimation.request import Found
+from kalscope.estimation.request import FitResult
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -145,7 +145,7 @@ def test_a_point_of_the_map_leaves_the_momentum(state):
 
 @pytest.mark.parametrize("momentum", [0.0, 33.5])
 def test_a_search_sets_the_momentum_it_found(state, momentum):
-    found = Found(FilterParams(2.0, 3.0, momentum=momentum), "maximum likelihood", "")
+    found = FitResult(FilterParams(2.0, 3.0, momentum=momentum), "maximum likelihood", "")
     after = apply_found(state.recording, "a", found)(with_momentum(state, 12.0))
     assert (after.tuning.q, after.tuning.r, after.tuning.momentum) == (2.0, 3.0, momentum)
     outcome = after.answers.outcome

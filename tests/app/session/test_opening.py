@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, open_source, steady_state
-from kalscope.estimation.request import Found
+from kalscope.estimation.request import FitResult
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.papers.reproduction import list_experiments, open_experiment
 from kalscope_app.engine.filter_runs import choose_samples
@@ -61,7 +61,7 @@ def test_its_gain_is_told_in_the_words_of_the_five_lines(state):
 
 def test_finding_q_and_r_returns_to_the_five_lines(state):
     chosen = set_variant_of_eq3("printed")(state)
-    found = apply_found(state.recording, "z", Found(FilterParams(1.0, 2.0), "x", "y"))(chosen)
+    found = apply_found(state.recording, "z", FitResult(FilterParams(1.0, 2.0), "x", "y"))(chosen)
     assert found.filter.is_standard
     assert frame_of(found).steady == steady_state(FilterParams(1.0, 2.0), 1.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
-from kalscope.estimation.request import Found
+from kalscope.estimation.request import FitResult
 from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
@@ -95,7 +95,7 @@ def test_the_same_lag_holds_for_channels_of_any_scale(state):
 
 
 def test_a_search_sets_all_that_go_together(state):
-    found = Found(FilterParams(0.5, 2.0), "maximum likelihood", "")
+    found = FitResult(FilterParams(0.5, 2.0), "maximum likelihood", "")
     together = apply_found(state.recording, "c0", found)(set_link(SAME_NUMBERS)(state))
     assert {(tuning.q, tuning.r) for tuning in together.settings.tunings} == {(0.5, 2.0)}
 

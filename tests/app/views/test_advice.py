@@ -13,7 +13,7 @@ from kalscope import Recording, estimate
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.request import Found, Noise, Request
+from kalscope.estimation.request import FitResult, Noise, Request
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
@@ -120,7 +120,7 @@ def test_the_still_stretch_is_searched_with_and_its_ends_are_typed(state):
 def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
     lost = estimate(np.arange(200.0) ** 2)
     assert lost.verdict == "no_noise"
-    failed = apply_found(state.recording, "a", Found(None, "maximum likelihood", "No noise.", lost))(state)
+    failed = apply_found(state.recording, "a", FitResult(None, "maximum likelihood", "No noise.", lost))(state)
     checks = compute_checks(failed, lambda _state: (100, 301))
     assert checks.urgent is checks.search
     assert checks.urgent.status == "no_pair"
