@@ -154,16 +154,6 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
 
 
 @pytest.mark.slow
-def test_the_predicted_errors_are_those_of_the_known_truth(capsys: Captured) -> None:
-    long = WALK.replace("n=1200", "n=12000")
-    said, recording = tuned(capsys, long, "--fuse", "a,b,c"), open_source(long)
-    assert recording.truth is not None
-    params = FilterParams(said["q"], said["r"], offset=said["offset"])
-    error = fuse(recording.values, params).x - recording.truth[:, 0]
-    assert error[100:].std() == pytest.approx(said["judgement"]["error"], rel=0.05)
-
-
-@pytest.mark.slow
 def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "fusion.md").read_text(encoding="utf-8")
     example = page[page.index("    $ kalscope") : page.index("![Three level")]
@@ -275,10 +265,3 @@ def test_the_report_of_a_fusion_shows_its_sensors_and_says_what_it_brings(tmp_pa
     text = page.read_text(encoding="utf-8")
     assert all(words in text for words in ("a + b + c", "noise σ", "What does fusing bring?", "RMSE to the truth"))
     assert all(f">{name}<" in text for name in ("a", "b", "c", "level"))
-
-
-@pytest.mark.slow
-def test_the_report_of_one_of_its_channels_is_the_page_of_a_channel(tmp_path: Path, config: Path) -> None:
-    page = tmp_path / "report.html"
-    assert run(["report", SOURCE, "--config", str(config), "-o", str(page), "--channel", "b"]) == 0
-    assert "Does the filter fit?" in page.read_text(encoding="utf-8")

@@ -262,13 +262,6 @@ def test_a_recording_that_was_killed_can_be_gone_on_with(tmp_path):
     assert "\n# gap restart " in path.read_text()
 
 
-def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path, capsys):
-    path = tmp_path / "run.csv"
-    path.write_text("mine")
-    assert (run(["record", "/dev/none", "-o", str(path)]), path.read_text()) == (2, "mine")
-    assert "run_2.csv" in capsys.readouterr().err
-
-
 def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents_nothing(tmp_path):
     rate, moments, lost = 1000, random.Random(5), list[int]()
     with Board(rate) as board:

@@ -23,5 +23,3 @@ def test_the_constants_of_a_board_are_exact_to_a_few_steps_of_float32():
         assert {type(value) for value in vars(own).values()} == {F}
 
 
-def test_without_momentum_there_is_nothing_to_compute():
-    assert momentum_on_board(F(0.7), F(0.0)) is None
