@@ -1,4 +1,4 @@
-"""Hostile files and names: each file is one row, the counts add up, and all text that is said or written is plain."""
+"""Hostile files and names: each file is one row, the counts add up, and all that is said or written is plain."""
 
 from __future__ import annotations
 
