@@ -40,8 +40,6 @@ class Shared:
         return list(self.recording.names)
 
 
-
-
 def textbook(channel, z):
     """x and k after each sample: the five lines, a missing sample, the three starts and the gate.
 

@@ -108,8 +108,6 @@ def test_our_reader_reopens_it_unchanged(tmp_path: Path, period: float | None) -
     assert again.report.bad_cells == 0
 
 
-
-
 def test_true_time_between_samples_counts_where_it_was_chosen() -> None:
     time_s = np.array([0.0, 1.0, 5.0, 4.5, 6.0])
     source = replace(recording([1.0, 2.0, 3.0, 4.0, 5.0], period=1.0), time=time_s, gaps="dt")

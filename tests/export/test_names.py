@@ -160,8 +160,6 @@ def test_identifiers_stay_readable_and_avoid_words_of_the_languages():
     assert identifiers(["a filtered", "a"]) == ("a_filtered", "a_2")
 
 
-
-
 @given(st.text(max_size=400))
 def test_a_comment_is_one_harmless_line(text):
     shown = comment_text(text)

@@ -248,8 +248,6 @@ def test_one_sensor_on_a_board_is_the_single_filter():
 # ---- parameters
 
 
-
-
 @EACH
 def test_json_holds_the_tuned_numbers(case):
     fusion = CASES[case]
@@ -265,8 +263,6 @@ def test_json_holds_the_tuned_numbers(case):
     assert {name: fused.get("momentum", {}).get(name) for name in list(named)[1:]} == {
         name: value for name, value in named.items() if name != "momentum"
     }
-
-
 
 
 @pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])

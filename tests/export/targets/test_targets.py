@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shutil
 import subprocess
@@ -99,10 +98,6 @@ def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_
     np.testing.assert_array_equal([float(word) for word in out], [100, 0, *expected])
 
 
-
-
-
-
 def test_json_holds_the_tuned_numbers_and_the_constants_of_a_momentum(either):
     (text,) = export_tuning(either.tuning, "json").values()
     document = json.loads(text, parse_constant=pytest.fail)
@@ -163,8 +158,6 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
     np.testing.assert_array_equal(k, either.k)
 
 
-
-
 @pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
 def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, load):
     names = ["diffuse", "holes", "late diffuse", "r zero", "tiny", "large"]
@@ -216,8 +209,6 @@ def test_a_target_that_lacks_a_filter_names_those_that_have_it(target, channel, 
     plain = ChannelTuning("plain", "V", 0.01, 0.25)
     with pytest.raises(BadSetting, match=f"^target must support .*{words}"):
         export_tuning(Tuning((plain, channel), sample_period=0.01), target)
-
-
 
 
 @pytest.mark.parametrize("target", list(TARGETS))
