@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 
@@ -12,7 +11,8 @@ import numpy as np
 import pytest
 import yaml
 from esphome import esphome
-from required import REQUIRE_ALL, node
+from exported_program import build, program
+from required import node
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
@@ -20,12 +20,6 @@ from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_fi
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 from kalscope.filtering.classic import Chain, Exponential
-
-
-def needs(program):
-    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
-    missing = shutil.which(program) is None and not REQUIRE_ALL
-    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def run(*command, stdin="", cwd=None):
@@ -70,7 +64,6 @@ def test_python_is_the_same_filter_in_a_bare_interpreter(either, tmp_path):
     np.testing.assert_array_equal(k, either.k)
 
 
-@needs("octave-cli")
 def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
     files = export_tuning(either.tuning, "matlab")
     write(files, tmp_path)
@@ -81,19 +74,18 @@ def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
         driver.append(f"z = all_z(:, {i}); run('{name}'); out = [out, buff_xk, buff_Kk];")
     driver.append("f = fopen('out.bin', 'w'); fwrite(f, out, 'double'); fclose(f);")
     script = "\n".join(driver).replace("ROWS", str(rows)).replace("N]", f"{channels}]")
-    run("octave-cli", "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
+    run(program("octave-cli"), "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
     out = np.fromfile(tmp_path / "out.bin", "<f8").reshape(channels, 2, rows)
     np.testing.assert_array_equal(out[:, 0].T, either.x)
     np.testing.assert_array_equal(out[:, 1].T, either.k)
 
 
-@needs("octave-cli")
 def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_whole_counts(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     z = [100, 103, 101, 106, 99]
     script = "no_plot = true; kalman_diffuse; printf('%d %d ', numel(buff_xk), any(isnan(buff_xk)));"
     script += f" z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
-    out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
+    out = run(program("octave-cli"), "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
     expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
     np.testing.assert_array_equal([float(word) for word in out], [100, 0, *expected])
 
@@ -118,23 +110,18 @@ def test_json_holds_the_tuned_numbers_and_the_constants_of_a_momentum(either):
             }
 
 
-@needs("gcc")
 def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     """In double; tests/export/targets/test_compiled.py has float and other processors."""
-    write(export_tuning(either.tuning, "c"), tmp_path)
-    names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    files = export_tuning(either.tuning, "c")
+    names = re.findall(r"extern const kalscope_tuning (\w+);", files["kalscope_filter.h"])
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
     step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
     step += ' printf("%a %a\\n", f[j].x, f[j].k);'
     loops = f"for (int i = 0; i < {len(either.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
     head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
-    (tmp_path / "main.c").write_text(
-        f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
-    )
-    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
-    run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
-    out = run(tmp_path / "main", stdin=lines_of(either.recording))
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*either.x.shape, 2)
+    main = f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
+    out = build(tmp_path, "gcc", files, main, "-std=c99", "-O2")(lines_of(either.recording).encode())
+    numbers = np.array([float.fromhex(word.decode()) for word in out.split()]).reshape(*either.x.shape, 2)
     np.testing.assert_array_equal(numbers[..., 0], either.x)
     np.testing.assert_array_equal(numbers[..., 1], either.k)
 
