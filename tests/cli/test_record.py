@@ -213,17 +213,6 @@ def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
     assert path.read_bytes().endswith(b"\n")
 
 
-def test_a_file_that_another_program_truncates_is_an_error(tmp_path):
-    path = tmp_path / "run.csv"
-    with Board(500) as board, recording(board, path) as process:
-        wait_until(lambda: len(rows_in(path)) > 100, "rows to cut off", pause=0.02)
-        os.truncate(path, path.stat().st_size // 2)
-        next(line for line in process.stderr if "run.csv was deleted or cut short by another program" in line)
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [

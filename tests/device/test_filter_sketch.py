@@ -213,10 +213,3 @@ def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, 
     updates, reads = "x = running ? filter.update(z) : z;", "if (running) z = analogRead(A0);"
     for step, stated in ((updates, us), (reads, 112)):
         assert step_us(start_board, workshop, sketch, step, declared) == pytest.approx(stated, rel=0.05)
-
-
-def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():
-    parser = LineParser(skip_first=True)
-    parser.feed(b"".join(b"%d.000,%.3f\r\n" % (z, 500 + z / 100) for z in range(500, 520)))
-    assert [event.rows[0][0] for event in parser] == list(range(501, 520))
-    assert [column.name for column in parser.layout.columns] == ["value 1", "value 2"]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_program import spiky
 from processor import PROCESSORS, Processor
 from required import not_here
 
@@ -68,19 +69,9 @@ def compiled(processor, folder, texts, *flags):
     return processor.compile(folder / "kalscope_filter.c", "-DKALSCOPE_FLOAT", *flags)
 
 
-def samples():
-    rng = np.random.default_rng(12)
-    z = 500 + np.cumsum(rng.normal(0, 2, 3000)) + rng.normal(0, 5, 3000)
-    z[rng.random(3000) < 0.02] += 900.0
-    z[1000:1020] += 400.0  # a step: the gate gives in
-    z[rng.random(3000) < 0.02] = np.nan
-    z[:3] = np.nan
-    return z.astype(np.float32)
-
-
 @pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
 def test_c_and_cpp_compile_without_a_warning_and_c_answers_the_same_bits(processor, tmp_path, channels):
-    job, z = ExportJob(channels), samples()
+    job, z = ExportJob(channels), spiky(3000, np.float32)
     sketch = tmp_path / "sketch.cpp"
     (tmp_path / "KalscopeFilter.h").write_text(arduino.files(job)["KalscopeFilter.h"])
     sketch.write_text(CPP)
@@ -93,7 +84,7 @@ def test_c_and_cpp_compile_without_a_warning_and_c_answers_the_same_bits(process
 
 
 def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
-    job, z = ExportJob(CHAINS), samples()[600:1200]
+    job, z = ExportJob(CHAINS), spiky(3000, np.float32)[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
     fusion = ExportJob((FUSION,))
     for name, text in c.files(fusion).items():
@@ -128,6 +119,6 @@ def cost(processor: Processor, folder: Path, channel: ChannelTuning) -> list[flo
     if not processor.machine:
         return [processor.size(made)]
     _, (instructions,) = processor.emulate(
-        made, ("kalscope_tuning_" + ExportJob((channel,)).identifiers[0],), samples()
+        made, ("kalscope_tuning_" + ExportJob((channel,)).identifiers[0],), spiky(3000, np.float32)
     )
     return [processor.size(made), instructions]
