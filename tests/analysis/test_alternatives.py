@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+import signals
 
 from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
 from kalscope.analysis import candidates
@@ -231,13 +232,7 @@ def test_a_constant_stays_constant_and_a_wrong_argument_is_refused():
 
 def moving(n=60_000, tau=60.0, q=0.3):
     """A signal that keeps its direction, and noise of variance 1."""
-    fade = math.exp(-1.0 / tau)
-    kicks = RNG.normal(size=n) * math.sqrt(0.5 * q / tau * (1.0 - fade * fade))
-    v = np.empty(n)
-    v[0] = 0.0
-    for i in range(1, n):
-        v[i] = fade * v[i - 1] + kicks[i]
-    truth = np.cumsum(v)
+    truth = signals.moving(n, tau, q, r=0.0)
     return truth, truth + RNG.normal(size=n), FilterParams(q, 1.0, momentum=tau)
 
 

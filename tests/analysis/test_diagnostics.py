@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from each import each
+from signals import moving
 
 from kalscope import BadSetting, FilterParams, kalman_filter, starting_params
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
@@ -334,23 +335,11 @@ def test_lags_must_be_a_whole_number_of_at_least_one(nile):
 # ---- momentum
 
 
-def moving(tau, q=1.0, r=1.0, n=6000, seed=3):
-    """A signal that keeps its direction for `tau` samples, and white noise."""
-    rng = np.random.default_rng(seed)
-    fade = math.exp(-1.0 / tau)
-    kicks = rng.normal(size=n) * math.sqrt(0.5 * q / tau * (1.0 - fade * fade))
-    v = np.empty(n)
-    v[0] = kicks[0]
-    for i in range(1, n):
-        v[i] = fade * v[i - 1] + kicks[i]
-    return np.cumsum(v) + math.sqrt(r) * rng.normal(size=n)
-
-
 @pytest.mark.slow
 @each(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
 @each("ratio", [0.01, 1.0])
 def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
-    z = moving(tau, r=r)
+    z = moving(6000, tau, q=1.0, r=r, seed=2)
     said = diagnose(kalman_filter(z, FilterParams(ratio, r))).advice
     assert said.endswith("; estimate q, r and momentum together")
     tried = diagnose(kalman_filter(z, FilterParams(1.0, r, momentum=tau)))
@@ -359,7 +348,7 @@ def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
 
 @each(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4), (0.0, 1.0), (1.0, 0.0)])
 def test_with_momentum_the_best_pair_is_that_at_this_momentum(q, r):
-    judged = diagnose(kalman_filter(moving(30.0), FilterParams(q, r, momentum=30.0)))
+    judged = diagnose(kalman_filter(moving(6000, 30.0, q=1.0, seed=3), FilterParams(q, r, momentum=30.0)))
     if q * r:
         assert (q * judged.q_factor, r * judged.r_factor) == pytest.approx((1.0, 1.0), rel=0.05)
     else:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, FilterParams, kalman_filter, ratio_for, steady_state
+from kalscope import BadSetting, FilterParams, kalman_filter, steady_state
 from kalscope.analysis.spectrum import (
     allan_deviation,
     allan_model,
@@ -48,23 +48,11 @@ def transfer(gain, frequency):
     return gain / (1 - (1 - gain) * np.exp(-2j * np.pi * frequency))
 
 
-@each("gain", [1e-3, 0.0951, 0.5, 0.99, 1.0])
-def test_the_response_is_the_fourier_transform_of_the_impulse_response(gain):
-    n = 1 << 15
-    impulse = gain * (1 - gain) ** np.arange(n)
-    dense = np.abs(np.fft.rfft(impulse))
-    frequency = np.arange(len(dense)) / n
-    params = FilterParams(q=ratio_for(gain=gain), r=1.0) if gain < 1.0 else FilterParams(q=1.0, r=0.0)
-    assert np.allclose(magnitude_response(params, frequency), dense, rtol=0, atol=1e-9 + (1 - gain) ** n)
-    assert magnitude_response(params, 0.0) == 1.0
-    assert np.all(magnitude_response(FilterParams(q=0.0, r=1.0), frequency) == 0.0)
-
-
 MOVING = [(0.01, 0.0), (0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
 
 
-@each(("q", "momentum"), MOVING)
-def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_answers(q, momentum):
+@each(("q", "momentum"), [(1e-6, 0.0), (1e4, 0.0), *MOVING])
+def test_the_response_is_the_fourier_transform_of_what_the_filter_answers(q, momentum):
     params = FilterParams(q=q, r=1.0, p0=1.0, x0=0.0, momentum=momentum)
     start, n = 1 << 15, 1 << 15
     z = np.zeros(start + n)
@@ -73,6 +61,7 @@ def test_with_momentum_the_response_is_the_fourier_transform_of_what_the_filter_
     frequency = np.arange(len(dense)) / n
     assert np.allclose(magnitude_response(params, frequency), dense, rtol=0, atol=2e-6)
     assert magnitude_response(params, 0.0) == pytest.approx(1.0, abs=1e-12)
+    assert np.all(magnitude_response(FilterParams(q=0.0, r=1.0), frequency) == 0.0)
     cutoff = steady_state(params, 1.0).cutoff_hz
     if not math.isnan(cutoff):
         assert magnitude_response(params, cutoff) == pytest.approx(math.sqrt(0.5), rel=1e-9)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from kalscope.estimation.request import Noise, Request, find_parameters
 pytestmark = pytest.mark.slow
 
 row = cache(row_of)
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 
 CHANCE = 3.29
 """Standard errors: once in a thousand."""

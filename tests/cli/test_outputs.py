@@ -76,11 +76,14 @@ def test_force_overwrites(folder, command, name):
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such limit")
 @pytest.mark.parametrize(("command", "name"), [FILTER, REPORT, EXPORT, REPRODUCE, TUNE])
-def test_a_full_disk_leaves_no_part_of_a_file(folder, capsys, command, name):
+def test_a_full_disk_leaves_no_part_of_a_file_and_the_old_one_whole(folder, capsys, command, name):
+    force = [] if name == "saved.toml" else ["--force"]
+    if force:
+        (folder / name).write_text("mine")
     before = contents(folder)
     capsys.readouterr()
     with small_files():
-        assert call(command, folder) == 2
+        assert call(command, folder, *force) == 2
     err = capsys.readouterr().err
     assert name in err
     assert err.count("\n") == 1 + err.count("note: ")

@@ -15,7 +15,6 @@ from line_sender import line_sender
 
 from kalscope.cli import board
 from kalscope.cli.app import run
-from kalscope.cli.board import ports_text
 from kalscope.cli.console import plain_diagnostics
 from kalscope.common.text import CONTROL
 from kalscope.sources.port.serial_port import PortInfo
@@ -50,11 +49,6 @@ def test_names_of_files_channels_and_options_are_plain(tmp_path, capsys):
         said[command] = "".join(capsys.readouterr())
     assert sum("]52;c;ZXZpbA==" in text for text in said.values()) > 6
     assert [command for command, text in said.items() if CONTROL.search(text)] == []
-
-
-def test_what_a_usb_device_says_of_itself_is_plain():
-    port = PortInfo("/dev/tty" + HOSTILE, HOSTILE, HOSTILE)
-    assert not CONTROL.search(ports_text((port,)))
 
 
 def test_the_ports_as_json_are_plain_and_whole(capsys, monkeypatch):

@@ -213,17 +213,6 @@ def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
     assert path.read_bytes().endswith(b"\n")
 
 
-def test_a_file_that_another_program_truncates_is_an_error(tmp_path):
-    path = tmp_path / "run.csv"
-    with Board(500) as board, recording(board, path) as process:
-        wait_until(lambda: len(rows_in(path)) > 100, "rows to cut off", pause=0.02)
-        os.truncate(path, path.stat().st_size // 2)
-        next(line for line in process.stderr if "run.csv was deleted or cut short by another program" in line)
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -260,13 +249,6 @@ def test_a_recording_that_was_killed_can_be_gone_on_with(tmp_path):
     assert [host for host, _, _ in rows] == sorted(host for host, _, _ in rows)
     assert (tmp_path / "run.torn").read_bytes() == b"0.5,77\n"
     assert "\n# gap restart " in path.read_text()
-
-
-def test_a_file_that_is_there_is_left_alone_and_the_port_unopened(tmp_path, capsys):
-    path = tmp_path / "run.csv"
-    path.write_text("mine")
-    assert (run(["record", "/dev/none", "-o", str(path)]), path.read_text()) == (2, "mine")
-    assert "run_2.csv" in capsys.readouterr().err
 
 
 def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents_nothing(tmp_path):

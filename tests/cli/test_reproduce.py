@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from hostile_names import TERMINAL
+from html_page import Page
 from program import command
 from waiting import PATIENCE
 
@@ -53,34 +53,9 @@ def test_results_hold_table_1_and_every_check(reproduced):
     assert {"generalized", "lis302dl", "disagreements"} <= set(results)
 
 
-class Reader(HTMLParser):
-    """Collects tags, attributes and text; void tags aside, everything must be closed in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.tags, self.attributes, self.text = [], [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-        if tag not in ("meta", "br"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
-
-
 def test_the_page_is_whole_and_needs_nothing_else(reproduced):
     html = (reproduced[0] / "index.html").read_text(encoding="utf-8")
-    reader = Reader()
-    reader.feed(html)
+    reader = Page(html)
     assert reader.open == []
     assert not {"script", "link", "img", "iframe"} & set(reader.tags)
     assert not [(key, value) for key, value in reader.attributes if key in ("src", "onload", "onclick")]
@@ -178,6 +153,4 @@ def test_the_page_escapes_every_word():
     chapter = Chapter("key", evil, evil, (evil,), tuple(blocks), (Check(evil, 9.0, 1.0, 0.1),))
     html = page([chapter], evil)
     assert "<script" not in html
-    reader = Reader()
-    reader.feed(html)
-    assert reader.open == []
+    assert Page(html).open == []

@@ -5,7 +5,6 @@ import json
 import math
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -114,31 +113,11 @@ def test_the_answer_stands_in_a_few_lines(words: str, log: Path, bare: Path, los
 
 
 @pytest.mark.slow
-def test_the_details_say_q_r_and_why(capsys: Captured) -> None:
-    assert run(["tune", "sample:nile"]) == 0
-    summary = capsys.readouterr().out
-    assert run(["tune", "sample:nile", "--details"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert out.startswith(summary)
-    assert "how: maximum likelihood" in out
-    assert "lag               2.74 years (2.74 samples)\n" in out
-    assert "The record allows (95 %): q/r 0.0137 to 0.557" in out
-    assert "Second half, by a filter that has not seen it: squared errors are" in out
-    assert max(map(len, out.removeprefix(summary).splitlines())) <= 96
-
-
-@pytest.mark.slow
 def test_the_first_channel_is_tuned_and_the_others_are_named(log: Path, capsys: Captured) -> None:
     assert run(["tune", str(log)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("log.csv: 500 rows, 3 channels, 100 Hz\nRead as 500 rows over 4.99 s; ")
     assert out.endswith("Other channels (--channel, --all): smooth, stuck (constant)\n")
-    assert run(["tune", str(log), "--all", "--details"]) == 0
-    out = capsys.readouterr().out
-    assert [name for name in ("noisy", "smooth", "stuck") if f"\n{name}: " in out] == ["noisy", "smooth", "stuck"]
-    assert out.count("500 rows, readings: 500 ") == 3
-    assert "Other channels" not in out
 
 
 @pytest.fixture
@@ -168,12 +147,6 @@ def test_a_given_momentum_is_kept_and_none_is_the_random_walk(moving: Path, caps
         said, best = tuned(capsys, str(moving), "--momentum", text), estimate(z, momentum=momentum)
         assert (said["q"], said["r"], said["momentum"]) == (best.q, best.r, momentum)
     assert tuned(capsys, str(moving), "--momentum", "auto") == tuned(capsys, str(moving))
-
-
-@pytest.mark.parametrize("options", [["--method", "allan"], ["--ratio", "0.1"], ["--sigma", "1"]])
-def test_what_knows_no_momentum_says_so(moving: Path, capsys: Captured, options: list[str]) -> None:
-    assert run(["tune", str(moving), "--momentum", "5", *options]) != 0
-    assert 'momentum must be "auto" or 0' in capsys.readouterr().err
 
 
 # ---- JSON
@@ -215,12 +188,9 @@ def test_a_wish_is_met_exactly(wish: str, log: Path, capsys: Captured) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("overshoot", ["8", "8%"])
-def test_an_overshoot_is_met_together_with_the_lag_and_saved(
-    overshoot: str, log: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_an_overshoot_is_met_together_with_the_lag_and_saved(log: Path, tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "t.toml"
-    asked = (str(log), "--lag-ms", "150", "--overshoot", overshoot, "--channel", "noisy")
+    asked = (str(log), "--lag-ms", "150", "--overshoot", "8%", "--channel", "noisy")
     said = tuned(capsys, *asked, "-o", str(path))
     assert said["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
     assert said["steady"]["overshoot"] == pytest.approx(0.08, rel=1e-6)
@@ -228,10 +198,7 @@ def test_an_overshoot_is_met_together_with_the_lag_and_saved(
     saved = load_tuning(path).channel("noisy")
     assert (saved.q, saved.r, saved.momentum) == (said["q"], said["r"], said["momentum"])
     assert run(["tune", *asked, "--details"]) == 0
-    out = capsys.readouterr().out
-    assert ", momentum " in out
-    assert "overshoot (step)  8.0 %" in out
-    assert "The best statistical fit would" not in out  # with momentum the record names no faster one
+    assert "overshoot (step)  8.0 %" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -302,13 +269,6 @@ def test_an_edge_is_not_saved(channel: str, log: Path, tmp_path: Path, capsys: C
     assert not path.exists()
 
 
-def test_the_recording_is_never_written_over(log: Path, capsys: Captured) -> None:
-    before = log.read_bytes()
-    assert run(["tune", str(log), "-o", str(log)]) == 2
-    assert "must be a tuning file to be overwritten" in capsys.readouterr().err
-    assert log.read_bytes() == before
-
-
 # ---- errors
 
 
@@ -318,7 +278,6 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["serial:COM3@9600"], "a board that streams"),
     (["demo", "--channel", "zz"], "channel must be one of flex (got 'zz')"),
     (["demo", "--channel", "flex", "--all"], "--all must be used without --channel"),
-    (["demo", "--method", "magic"], "method must be one of ml"),
     (["demo", "--lag-ms", "x"], "--lag-ms must be a number above 0 (got 'x')"),
     (["demo", "--sigma", "nan"], "--sigma must be a number above 0"),
     (["demo", "--sample-period", "0"], "--sample-period must be a number above 0"),
@@ -328,11 +287,8 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--r", "1", "--sigma", "1"], "can give r (got --sigma and --r)"),
     (["demo", "--density", "1"], "given together (got only --density)"),
     (["demo", "--method", "allan", "--r", "1"], "--method allan must be used without --r"),
-    (["demo", "--still", "0:0.1"], "still stretch must hold at least 8 samples"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
-    (["demo", "--overshoot", "5"], "overshoot needs a target such as a lag, and no momentum"),
     (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage of at least 0 and"),
-    (["demo", "--overshoot", "30", "--lag-ms", "90"], "overshoot must be at most 20.56 % of a step with this"),
     (["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"], "overshoot needs a target such as a lag"),
     (["demo", "-o", "missing/t.toml"], "'missing/t.toml': No such file or directory"),
 ]
@@ -419,25 +375,6 @@ def test_ctrl_c_ends_the_program_in_the_middle_of_a_search() -> None:
             "",
             "kalscope: stopped by Ctrl+C: no file is left half-written\n",
         )
-
-
-def test_a_reader_that_leaves_is_no_error() -> None:
-    with command("tune", "demo") as program:
-        program.stdout.close()
-        assert program.stderr.read() == ""
-        assert program.wait(PATIENCE) == 0
-
-
-def test_help_answers_at_once() -> None:
-    probe = (
-        "import sys; from kalscope.cli.app import run; run(['tune', '--help'])\n"
-        "heavy = 'kalscope.estimation.request', 'kalscope.cli.tune_answer', 'scipy.stats'\n"
-        "print([n for n in heavy if n in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
-    *page, heavy = done.stdout.splitlines()
-    assert any("--noise-reduction-db" in line for line in page)
-    assert heavy == "[]"
 
 
 # ---- the world

@@ -6,32 +6,22 @@ import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from exported_sketch import FAST, MISSING, exported, saved
 from waiting import PATIENCE
 
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_tuning
-from kalscope.export.job import ExportJob
-from kalscope.export.targets.arduino import files
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
 
-FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
-MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
 CHANNELS = (
     ChannelTuning("flex", "", 0.3, 40.0, gate=9.0, momentum=30.0, chain=Chain(5)),
     ChannelTuning("tilt", "", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 2e-4, 0.05))),
     ChannelTuning("hum", "", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
     ChannelTuning("light", "", 0.01, 40.0, 1000.0),
 )
-
-
-def saved(folder, channels):
-    """The sketch of an export, as it leaves."""
-    for name, text in files(ExportJob(channels, sample_period=0.005)).items():
-        (folder / name).write_text(text, encoding="ascii")
-    return folder / "kalscope_filter.ino"
 
 
 def counts(n, channels):
@@ -65,11 +55,9 @@ class Heard:
         return self.follow(answers=len(CHANNELS))
 
 
-def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(
-    start_board, workshop, tmp_path
-):
+def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(start_board, workshop):
     z = counts(1200, len(CHANNELS))
-    firmware = workshop.sketch(saved(tmp_path, CHANNELS), *FAST, MISSING)
+    firmware = exported(workshop, *CHANNELS, edits=(*FAST, MISSING))
     board = start_board(firmware, z, *FLAT_OUT)
     with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
         heard = Heard(port)
@@ -96,12 +84,12 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
         assert (check.different, check.rows > 100, params.q) == (0, True, np.float32(0.7))
 
 
-def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop, tmp_path):
+def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop):
     channels = (
         ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342))),
     )  # the longest that fits
     z = counts(200, 1)
-    firmware = workshop.sketch(saved(tmp_path, channels), *FAST, MISSING)
+    firmware = exported(workshop, *channels, edits=(*FAST, MISSING))
     assert firmware.flash == pytest.approx(4972, rel=0.05)
     assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)
     board = start_board(firmware, z, *FLAT_OUT)
@@ -149,7 +137,7 @@ void loop() {}
 def test_the_time_of_each_filter_is_about_what_we_say(start_board, workshop, tmp_path, monkeypatch):
     monkeypatch.setattr("kalscope.export.targets.arduino.ANALOGUE_PINS", len(TIMED))
     channels = tuple(ChannelTuning(name, "", 0.01, 4.0, chain=chain) for name, chain in TIMED.items())
-    saved(tmp_path, channels)
+    saved(tmp_path, *channels)
     names = ", ".join(f"KALSCOPE_TUNING_{channel.name.upper()}" for channel in channels)
     (tmp_path / "timing.ino").write_text(TIMING.replace("TUNINGS", names))
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)

@@ -9,23 +9,18 @@ import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from exported_sketch import FAST, MISSING, exported, saved, step_us
 from float32_by_hand import ByHand
 from waiting import PATIENCE
 
 from kalscope import FilterParams
 from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params
-from kalscope.export.job import ExportJob
-from kalscope.export.targets.arduino import files
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
 
-FAST = (
-    (r"(?<=BAUD = )115200", "1000000"),
-    (r"(?<=PERIOD_US = )\d+", "1000"),
-)
 TRIPLES = [
     (0.01, 4.0, None),
     (1e-3, 25.0, 1000.0),
@@ -51,20 +46,6 @@ def noisy_counts(n, seed=8):
 
 OTHER_UNIT = (r"#ifndef KALSCOPE_UNITS_DONE\n#error .*\n#endif\n", "")
 """What the user deletes once readSensor() returns the unit of the tuning."""
-
-
-def exported(workshop, *channels, edits=FAST):
-    """The firmware of an export, with the line made faster and samples as dense as the board can filter."""
-    return workshop.sketch(saved(workshop, *channels), *edits)
-
-
-def saved(workshop, *channels):
-    """The sketch of an export, as it leaves."""
-    folder = workshop.folder / f"export-{abs(hash(channels)):x}"
-    folder.mkdir(exist_ok=True)
-    for name, text in files(ExportJob(tuple(channels), sample_period=0.005)).items():
-        (folder / name).write_text(text, encoding="ascii")
-    return folder / "kalscope_filter.ino"
 
 
 class Conversation:
@@ -150,8 +131,7 @@ def test_gate_start_and_missing_samples_on_three_channels(start_board, workshop,
     counts[100:130, 0] = 1000  # a step: the gate gives in after five
     counts[rng.random(counts.shape) < 0.01] = 0  # no sample
     counts[:4, 1] = 0
-    missing = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
-    firmware = exported(workshop, *channels, edits=(*FAST, missing, OTHER_UNIT))
+    firmware = exported(workshop, *channels, edits=(*FAST, MISSING, OTHER_UNIT))
     board = start_board(firmware, counts, *FLAT_OUT)
     lines = [line for line in read_lines(board.port, 800, 1_000_000) if not line.startswith(b"#")]
     board.stop()
@@ -179,8 +159,8 @@ def test_every_float_from_a_sixteenth_up_is_printed_so_that_it_is_read_back(star
     np.testing.assert_array_equal(printed, sent)
 
 
-def test_a_sketch_for_another_unit_compiles_only_when_its_sensor_is_written(workshop):
-    sketch = saved(workshop, ChannelTuning("tilt", "g", 0.1, 4.0))
+def test_a_sketch_for_another_unit_compiles_only_when_its_sensor_is_written(workshop, tmp_path):
+    sketch = saved(tmp_path, ChannelTuning("tilt", "g", 0.1, 4.0))
     with pytest.raises(RuntimeError, match=r"#error .*analogRead\(\) returns counts"):
         workshop.sketch(sketch)
     in_g = (r"return analogRead\((.*)\);", "return analogRead(PINS[channel]) * (2.0f / 1023);")
@@ -223,46 +203,13 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, momentu
             assert (answer, refusals) == (used, int(line != "")), line
 
 
-TIMING = r"""
-#include "KalscopeFilter.h"
-KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);
-volatile float z, x;
-unsigned long spent(bool filtering) {
-  const unsigned long start = micros();
-  for (int i = 0; i < 1000; i++) {
-    z = 500 + (i & 31);
-    x = filtering ? filter.update(z) : z;
-  }
-  return micros() - start;
-}
-void setup() {
-  Serial.begin(115200);
-  Serial.println(spent(true) - spent(false));
-  const unsigned long start = micros();
-  for (int i = 0; i < 100; i++) z = analogRead(A0);
-  Serial.println(micros() - start);
-}
-void loop() {}
-"""
-
-
 @pytest.mark.parametrize(("momentum", "flash", "ram", "us"), [(0.0, 7648, 311, 109), (20.0, 9774, 379, 305)])
 def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, flash, ram, us):
     channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
     firmware = exported(workshop, channel, edits=())
     assert firmware.flash == pytest.approx(flash, rel=0.05)
     assert firmware.ram == pytest.approx(ram, rel=0.05)
-    header = files(ExportJob((channel,)))["KalscopeFilter.h"]
-    (tmp_path / "KalscopeFilter.h").write_text(header)
-    (tmp_path / "timing.ino").write_text(TIMING)
-    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    thousand_updates_us, hundred_reads_us = map(int, read_lines(board.port, 2))
-    assert thousand_updates_us / 1000 == pytest.approx(us, rel=0.05)
-    assert hundred_reads_us / 100 == pytest.approx(112, rel=0.05)
-
-
-def test_the_lines_of_the_first_papers_own_sketch_are_two_channels_without_names():
-    parser = LineParser(skip_first=True)
-    parser.feed(b"".join(b"%d.000,%.3f\r\n" % (z, 500 + z / 100) for z in range(500, 520)))
-    assert [event.rows[0][0] for event in parser] == list(range(501, 520))
-    assert [column.name for column in parser.layout.columns] == ["value 1", "value 2"]
+    sketch, declared = saved(tmp_path, channel), "KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);"
+    updates, reads = "x = running ? filter.update(z) : z;", "if (running) z = analogRead(A0);"
+    for step, stated in ((updates, us), (reads, 112)):
+        assert step_us(start_board, workshop, sketch, step, declared) == pytest.approx(stated, rel=0.05)

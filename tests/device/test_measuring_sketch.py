@@ -7,34 +7,22 @@ import re
 import numpy as np
 import pytest
 import serial
-from board import EEPROM, FLAT_OUT, read_lines
+from board import FLAT_OUT
 from exported_rule import compiled_rule, rows_of
+from exported_sketch import FAST, MISSING, exported, saved, step_us
 from waiting import PATIENCE
 
 from kalscope.cli.app import run
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
-from kalscope.export.job import ExportJob
-from kalscope.export.targets.arduino import files
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
 
-FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
-MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
 COUNTS = (1.0, 0.0, 1023.0)
 SECONDS = 0.4
 ROWS = rows_of(SECONDS, 0.001)
-
-
-def measuring(workshop, *channels, edits=FAST):
-    """The firmware of a sketch that measures."""
-    folder = workshop.folder / f"measuring-{abs(hash(channels)):x}"
-    folder.mkdir(exist_ok=True)
-    for name, text in files(ExportJob(tuple(channels), sample_period=0.005), calibration=True).items():
-        (folder / name).write_text(text, encoding="ascii")
-    return workshop.sketch(folder / "kalscope_filter.ino", *edits, include=[EEPROM])
 
 
 class Talk:
@@ -104,7 +92,7 @@ def four_channels(workshop):
     spiky = noise(7.0, seed=3)
     spiky[200::97], spiky[150::61] = 900.0, 0.0
     counts = as_counts(noise(0.2, 500.45), noise(2.0) + np.arange(2000) / 800, spiky, noise(80.0, seed=4))
-    return measuring(workshop, *FOUR, edits=(*FAST, MISSING)), counts
+    return exported(workshop, *FOUR, edits=(*FAST, MISSING), calibration=True), counts
 
 
 def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts_figure_within_one_percent(
@@ -162,7 +150,7 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(ta
     )
     names = ("drift", "unplugged", "saturated", "hum", "jump", "shaken")
     channels = [ChannelTuning(name, "", 0.25, 4.0) for name in names]
-    board, _ = talk(measuring(workshop, *channels, edits=(*FAST, MISSING)), counts)
+    board, _ = talk(exported(workshop, *channels, edits=(*FAST, MISSING), calibration=True), counts)
     board.ask(f"c {SECONDS}", " not calibrated: ", 6)
     said = {
         answer.name: answer.reason
@@ -203,9 +191,8 @@ SPOILED = (
 
 def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothers(talk, workshop):
     channel = ChannelTuning("light", "", 0.25, 4.0, momentum=20.0)
-    board, uno = talk(
-        measuring(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED)), as_counts(noise(3.0)), "--low", 2
-    )
+    firmware = exported(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED), calibration=True)
+    board, uno = talk(firmware, as_counts(noise(3.0)), "--low", 2)
 
     def started():
         """What it says from a reset to the names of its columns."""
@@ -238,35 +225,11 @@ def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothe
     assert board.values(1)[0].r == 4.0
 
 
-TIMING = r"""
-#include "KalscopeCalibration.h"
-KalscopeCalibration one;
-volatile float z;
-unsigned long spent(bool measuring) {
-  const unsigned long start = micros();
-  for (int i = 0; i < 1000; i++) {
-    z = 500 + (i & 31);
-    if (measuring) one.take(z);
-  }
-  return micros() - start;
-}
-void setup() {
-  const KalscopeReadings readings = {1, 0, 1023};
-  Serial.begin(115200);
-  one.start(20000, readings);
-  Serial.println(spent(true) - spent(false));
-}
-void loop() {}
-"""
-
-
 def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start_board, workshop, tmp_path):
     channel = ChannelTuning("light", "", 0.01, 4.0)
-    firmware = measuring(workshop, channel, edits=())
+    firmware = exported(workshop, channel, edits=(), calibration=True)
     assert firmware.flash == pytest.approx(14972, rel=0.05)
     assert firmware.ram == pytest.approx(487, rel=0.05)
-    header = files(ExportJob((channel,)), calibration=True)["KalscopeCalibration.h"]
-    (tmp_path / "KalscopeCalibration.h").write_text(header)
-    (tmp_path / "timing.ino").write_text(TIMING)
-    board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
-    assert 109 + int(read_lines(board.port, 1)[0]) / 1000 == pytest.approx(490, rel=0.05)
+    step, declared = "if (running) one.take(z);", "KalscopeCalibration one;"
+    sketch, start = saved(tmp_path, channel, calibration=True), "one.start(20000, KalscopeReadings{1, 0, 1023});"
+    assert 109 + step_us(start_board, workshop, sketch, step, declared, start) == pytest.approx(490, rel=0.05)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_program import spiky
 from processor import PROCESSORS, Processor
 from required import not_here
 
@@ -45,6 +46,12 @@ FUSION = ChannelTuning(
     gate=9.0,
     momentum=20.0,
 )
+CPP = """\
+#include "KalscopeFilter.h"
+KalscopeFilter filter(KALSCOPE_TUNING_PLAIN);
+float update(float z);
+float update(float z) { return filter.update(z); }
+"""
 DOCS = Path(__file__).parents[2] / "docs/boards/devices.md"
 
 
@@ -62,19 +69,13 @@ def compiled(processor, folder, texts, *flags):
     return processor.compile(folder / "kalscope_filter.c", "-DKALSCOPE_FLOAT", *flags)
 
 
-def samples():
-    rng = np.random.default_rng(12)
-    z = 500 + np.cumsum(rng.normal(0, 2, 3000)) + rng.normal(0, 5, 3000)
-    z[rng.random(3000) < 0.02] += 900.0
-    z[1000:1020] += 400.0  # a step: the gate gives in
-    z[rng.random(3000) < 0.02] = np.nan
-    z[:3] = np.nan
-    return z.astype(np.float32)
-
-
 @pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
-def test_the_c_filter_compiles_without_a_warning_and_answers_the_same_bits(processor, tmp_path, channels):
-    job, z = ExportJob(channels), samples()
+def test_c_and_cpp_compile_without_a_warning_and_c_answers_the_same_bits(processor, tmp_path, channels):
+    job, z = ExportJob(channels), spiky(3000, np.float32)
+    sketch = tmp_path / "sketch.cpp"
+    (tmp_path / "KalscopeFilter.h").write_text(arduino.files(job)["KalscopeFilter.h"])
+    sketch.write_text(CPP)
+    processor.compile(sketch)
     made = compiled(processor, tmp_path, c.files(job))
     if processor.machine:
         answers, _ = processor.emulate(made, tuple(f"kalscope_tuning_{name}" for name in job.identifiers), z)
@@ -83,7 +84,7 @@ def test_the_c_filter_compiles_without_a_warning_and_answers_the_same_bits(proce
 
 
 def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
-    job, z = ExportJob(CHAINS), samples()[600:1200]
+    job, z = ExportJob(CHAINS), spiky(3000, np.float32)[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
     fusion = ExportJob((FUSION,))
     for name, text in c.files(fusion).items():
@@ -91,7 +92,7 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
     fused = processor.compile(tmp_path / "kalscope_fusion.c", "-DKALSCOPE_FLOAT")
     sketch = tmp_path / "sketch.cpp"
     (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(CHAINS[:3]))["KalscopeFilter.h"])
-    sketch.write_text('#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_FLEX);\n')
+    sketch.write_text(CPP.replace("PLAIN", "FLEX"))
     processor.compile(sketch)
     if processor.machine:
         names = tuple(f"kalscope_tuning_{name}" for name in job.identifiers)
@@ -101,17 +102,6 @@ def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(
             np.testing.assert_array_equal(answer, filter_float32(z, channel), err_msg=channel.name)
         rows = np.column_stack([np.roll(z, -sensor) for sensor in range(len(FUSION.sensors))])
         np.testing.assert_array_equal(answers[-1], filter_float32(rows, FUSION.params))
-
-
-@pytest.mark.parametrize("channels", [CHANNELS, WITH_MOMENTUM], ids=["five lines", "momentum"])
-def test_the_cpp_class_compiles_without_a_warning(processor, tmp_path, channels):
-    sketch = tmp_path / "sketch.cpp"
-    (tmp_path / "KalscopeFilter.h").write_text(arduino.files(ExportJob(channels))["KalscopeFilter.h"])
-    sketch.write_text(
-        '#include "KalscopeFilter.h"\nKalscopeFilter filter(KALSCOPE_TUNING_PLAIN);\n'
-        "float update(float z);\nfloat update(float z) { return filter.update(z); }\n"
-    )
-    processor.compile(sketch)
 
 
 def test_the_stated_costs_are_true(processor, tmp_path):
@@ -129,6 +119,6 @@ def cost(processor: Processor, folder: Path, channel: ChannelTuning) -> list[flo
     if not processor.machine:
         return [processor.size(made)]
     _, (instructions,) = processor.emulate(
-        made, ("kalscope_tuning_" + ExportJob((channel,)).identifiers[0],), samples()
+        made, ("kalscope_tuning_" + ExportJob((channel,)).identifiers[0],), spiky(3000, np.float32)
     )
     return [processor.size(made), instructions]

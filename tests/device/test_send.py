@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from board import read_lines
+from exported_sketch import exported
 from waiting import wait_until
 
-from kalscope import export_tuning
 from kalscope.export.board import check_board
 from kalscope.export.float32 import float32_params
 from kalscope.sources.live.source import LiveSource
-from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.live import send_setting
 from kalscope_app.session.live_changes import opened_live, refreshed, set_sent
 from kalscope_app.session.state import BoardId
@@ -34,11 +34,8 @@ def grown(source, state, condition):
     return state
 
 
-def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(start_board, workshop, tmp_path):
-    tuning = Tuning((ChannelTuning("light", "counts", 0.5, 20.0),), sample_period=0.005)
-    for name, text in export_tuning(tuning, "arduino").items():
-        (tmp_path / name).write_text(text)
-    firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
+def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(start_board, workshop):
+    firmware = exported(workshop, ChannelTuning("light", "counts", 0.5, 20.0), edits=())
     board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
     read_lines(board.port, 3)  # its header has gone
     with LiveSource(board.port) as source:
@@ -55,14 +52,10 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (20.0, 5.0), (20.0, 0.0)])
-def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(
-    start_board, workshop, tmp_path, before, after
-):
+def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(start_board, workshop, before, after):
     light = ChannelTuning("light", "counts", 0.5, 20.0)
     temp = ChannelTuning("temp", "counts", 0.01, 9.0, 4.0, momentum=before)
-    for name, text in export_tuning(Tuning((light, temp), sample_period=0.005), "arduino").items():
-        (tmp_path / name).write_text(text)
-    firmware = workshop.sketch(tmp_path / "kalscope_filter.ino", include=[tmp_path])
+    firmware = exported(workshop, light, temp, edits=())
     counts = np.random.default_rng(8).integers(300, 700, (4000, 2))
     board = start_board(firmware, counts, "--wait-open")
     with LiveSource(board.port) as source:

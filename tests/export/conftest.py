@@ -41,33 +41,16 @@ class Shared:
 
 
 def textbook(channel, z):
-    """x and k after each sample: the five lines, a missing sample, the three starts and the gate."""
-    x = MISSING if channel.x0 is None else channel.x0
-    p = math.inf if channel.p0 is None else channel.p0
-    refused, answers = 0, []
-    for sample in z:
-        p, k = p + channel.q, 0.0
-        if not math.isnan(sample):
-            s = p + channel.r
-            if math.isinf(p):
-                x, p, k, refused = sample, channel.r, 1.0, 0
-            elif math.isnan(x):
-                k = p / s
-                x, p, refused = sample, k * channel.r, 0
-            elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
-                refused += 1
-            else:
-                k = p / s
-                x, p, refused = x + k * (sample - x), k * channel.r, 0
-        answers.append((x, k))
-    return np.array(answers)
+    """x and k after each sample: the five lines, a missing sample, the three starts and the gate.
 
-
-def textbook_with_momentum(channel, z):
-    """The same with a second state, the velocity v, whose variance is w; g is its covariance with x."""
-    e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
+    A second state is the velocity v, whose variance is w and its covariance with x is g: without momentum all 0.
+    """
+    e, f, q11, q12, q22, w = 0.0, 0.0, channel.q, 0.0, 0.0, 0.0
+    if channel.momentum:
+        e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
+        w = 0.5 * channel.q / channel.momentum
     x, v = (MISSING if channel.x0 is None else channel.x0), 0.0
-    p, g, w = (math.inf if channel.p0 is None else channel.p0), 0.0, 0.5 * channel.q / channel.momentum
+    p, g = (math.inf if channel.p0 is None else channel.p0), 0.0
     refused, answers = 0, []
     for sample in z:
         x, v = x + f * v, e * v
@@ -164,9 +147,7 @@ def answered(cases):
     """The cases with what the textbook answers."""
     channels = tuple(channel for channel, _ in cases)
     z = np.array([samples for _, samples in cases]).T
-    answers = np.array(
-        [(textbook_with_momentum if channel.momentum else textbook)(channel, samples) for channel, samples in cases]
-    )
+    answers = np.array([textbook(channel, samples) for channel, samples in cases])
     names = tuple(channel.name for channel in channels)
     recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
     return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)

@@ -155,9 +155,7 @@ def test_identifiers_stay_readable_and_avoid_words_of_the_languages():
     assert identifier("9 DOF") == "ch_9_dof"
     assert identifier("温度") == "channel"
     assert identifiers(["Temp", "temp", "TEMP", "temp_2"]) == ("temp", "temp_2", "temp_3", "temp_2_2")
-
-
-def test_no_channel_is_called_what_a_sketch_calls_the_filtered_column_of_another():
+    # As a sketch calls the filtered column of another channel.
     assert identifiers(["a", "a filtered"]) == ("a", "a_filtered_2")
     assert identifiers(["a filtered", "a"]) == ("a_filtered", "a_2")
 

@@ -51,13 +51,6 @@ def test_a_vector_file_reads_back_bit_for_bit(either):
             np.testing.assert_array_equal(columns[:, 4], velocity)
 
 
-def test_every_export_can_carry_vectors(shared):
-    plain = export_tuning(shared.tuning, "json", channel="holes")
-    files = export_tuning(shared.tuning, "json", channel="holes", vectors=shared.recording)
-    assert set(files) - set(plain) == {"groundtruth.csv"}
-    assert np.isnan(read(files["groundtruth.csv"])[0, 1])
-
-
 def test_vectors_are_the_start_of_a_long_recording():
     z = np.linspace(0.0, 1.0, 5000)[:, None]
     recording = Recording(np.arange(5000.0), ("a",), ("",), z, 1.0)

@@ -75,16 +75,6 @@ def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
         assert_same_bits(seen, wanted)
 
 
-def test_dt_zero_puts_the_prior_at_the_first_sample(nile):
-    """MARSS user guide, KFAS columns Cs206…: a1 = 0, P1 = 1000, q = 15210.195, r = 33874.59."""
-    dt = np.ones(len(nile))
-    dt[0] = 0.0
-    result = kalman_filter(nile, FilterParams(15210.195, 33874.59, p0=1000.0, x0=0.0), dt)
-    assert result.x[:5] == pytest.approx([32.11507, 396.72378, 643.48197, 909.42338, 1029.38565], abs=1e-5)
-    assert result.innovation[:5] == pytest.approx([1120, 1127.8849, 566.2762, 566.5180, 250.5766], abs=5e-5)
-    assert result.loglik == pytest.approx(-697.8576, abs=5e-5)
-
-
 # --- momentum -----------------------------------------------------------------------------------------
 
 

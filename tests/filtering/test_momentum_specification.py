@@ -11,7 +11,7 @@ from each import each
 from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
 
 T = 0.02
-MOMENTA = (1e-9, 0.05, 0.7, 5.0, 60.0, 3e3, 1e5)
+MOMENTA = (0.0, 1e-9, 0.05, 0.7, 5.0, 60.0, 3e3, 1e5)
 TARGETS = [
     *(("lag_samples", value) for value in (1e-3, 0.3, 2.0, 11.0, 400.0, 1e6)),
     *(("lag_s", value) for value in (1e-3, 0.05, 30.0)),

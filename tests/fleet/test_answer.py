@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +13,11 @@ from fleet_folder import devices_with, table_of
 from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request
-from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.fleet.read import FleetOptions
 from kalscope.fleet.results import Tally, answer_for, save_answer, summary
 from kalscope.fleet.store import SUMMARY, TUNING, open_store
-from kalscope.tuning.file import load_tuning
 
 RNG = np.random.default_rng(2)
 TALLY = Tally(units=500, kept=0, done=500, seconds=2.0)
@@ -72,25 +69,6 @@ def test_one_filter_for_all_is_that_of_the_many_and_names_those_it_does_not_serv
     assert shared.served >= 0.98
 
 
-def test_what_is_lost_is_lag_noise_and_error_on_samples_that_no_fit_has_seen(fleet):
-    devices, _ = fleet
-    shared = answered(*fleet).shared
-    alone = [steady_state(FilterParams(q, r)) for q, r in zip(devices.q, devices.r, strict=True)]
-    lag, own = ([getattr(one, name) for one in alone] for name in ("lag_samples", "noise_reduction_db"))
-    settled = steady_state(shared.params)
-    np.testing.assert_allclose(shared.losses.lag_samples, settled.lag_samples - np.array(lag), rtol=1e-9)
-    np.testing.assert_allclose(shared.losses.noise_db, np.array(own) - settled.noise_reduction_db, atol=1e-9)
-    assert abs(np.median(shared.losses.error)) < 0.005
-    one_alone = growth_of_long_record(1.2, 0.04)
-    assert np.median(shared.losses.error[list(DRIFTING)]) == pytest.approx(one_alone, abs=0.06)
-
-
-def growth_of_long_record(own, given):
-    z = np.cumsum(math.sqrt(own) * RNG.normal(size=100_000)) + RNG.normal(size=100_000)
-    errors = [kalman_filter(z, FilterParams(ratio, 1.0)).innovation[1000:] for ratio in (given, own)]
-    return math.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)) - 1.0
-
-
 def test_a_goal_holds_for_the_filter_of_all(fleet):
     shared = answered(*fleet, target={"lag_s": 0.05}).shared
     assert steady_state(shared.params, 0.01).lag_s == pytest.approx(0.05)
@@ -107,18 +85,6 @@ def own_lag(devices, i):
 def save(answer, folder):
     with open_store(folder) as store:
         save_answer(answer, table_of(answer.devices), store)
-
-
-def test_the_answer_is_saved_as_a_tuning_and_for_programs(fleet, tmp_path):
-    answer = answered(*fleet)
-    save(answer, tmp_path)
-    (channel,) = load_tuning(tmp_path / TUNING).channels
-    assert (channel.name, channel.unit) == ("light", "lx")
-    assert channel.params == answer.shared.params
-    assert load_tuning(tmp_path / TUNING).sample_period == pytest.approx(0.01)
-    plain = json.loads((tmp_path / SUMMARY).read_text())
-    assert (plain["one_filter"]["q"], plain["one_filter"]["r"]) == (channel.q, channel.r)
-    assert set(plain["unlike"]["r"]) == {f"dev{i:03d}" for i in NOISY}
 
 
 def test_the_report_says_it_in_words(fleet, tmp_path):

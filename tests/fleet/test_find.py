@@ -45,13 +45,6 @@ def test_a_pattern_stands_for_the_files_and_folders_that_it_meets(tree):
     assert set(reasons(tree / "*.csv")) == {"a.csv", "link.csv", "pipe.csv", "x.csv/b.csv"}
 
 
-def test_the_folder_of_the_results_is_no_source(tree):
-    (tree / "out").mkdir()
-    (tree / "out" / "fleet.parquet").write_bytes(b"PAR1")
-    assert "out/fleet.parquet" not in found(tree, output=tree / "out")
-    assert "out/fleet.parquet" in found(tree)
-
-
 def test_a_loop_of_links_ends(tree):
     os.symlink(tree, tree / "x.csv" / "again")
     assert "x.csv/again" in found(tree)
@@ -63,20 +56,17 @@ def test_a_source_that_names_nothing_is_refused(tmp_path, source):
         find_units([str(tmp_path / source) if source else ""], tmp_path)
 
 
-def test_a_list_names_files_each_once(tree):
-    (tree.parent / "list.txt").write_text("# devices\nlogs/a.csv\nlogs/a.csv\n\nlogs/x.csv\n")
-    assert set(found(f"@{tree.parent / 'list.txt'}", tree / "x.csv" / "b.csv")) == {"a.csv", "x.csv/b.csv"}
+def test_a_list_names_files_each_once_and_one_that_is_gone_has_a_reason(tree):
+    (tree.parent / "list.txt").write_text("# devices\nlogs/a.csv\nlogs/a.csv\n\nlogs/x.csv\nlogs/gone.csv\n")
+    named = reasons(f"@{tree.parent / 'list.txt'}", tree / "x.csv" / "b.csv")
+    assert set(named) == {"a.csv", "gone.csv", "x.csv/b.csv"}
+    assert named["gone.csv"].endswith("No such file or directory")
 
 
 def test_only_the_end_of_a_line_ends_the_path_in_a_list(tree):
     names = ["form\ffeed.csv", "line\u2028separator.csv", "a, b.csv", "group\x1dmark.csv"]
     (tree / "list.txt").write_bytes("\r\n".join(names).encode() + b"\nlast.csv\n")
     assert read_list(str(tree / "list.txt")) == [str(tree / name) for name in (*names, "last.csv")]
-
-
-def test_a_file_that_a_list_names_and_that_is_gone_has_a_reason(tree):
-    (tree / "list.txt").write_text("a.csv\ngone.csv\n")
-    assert reasons(f"@{tree / 'list.txt'}")["gone.csv"].endswith("No such file or directory")
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n"])
@@ -97,9 +87,10 @@ def test_a_key_changes_with_all_that_the_result_depends_on(tree):
     assert len(keys) == 4
 
 
-def test_a_pattern_leaves_out_the_results_of_an_earlier_run(tmp_path):
+def test_folders_and_patterns_leave_out_the_results_of_an_earlier_run(tmp_path):
     for name in ("logs/a.csv", "logs/out/fleet.json", "logs/out/parts/x.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1\n2\n3\n")
-    units = find_units([str(tmp_path / "logs" / "*")], tmp_path / "logs" / "out")
-    assert [unit.id for unit in units] == ["a.csv"]
+    for source in (tmp_path / "logs", tmp_path / "logs" / "*"):
+        assert list(found(source, output=tmp_path / "logs" / "out")) == ["a.csv"]
+        assert "out/fleet.json" in found(source)

@@ -41,6 +41,7 @@ def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
     assert (len(fleet), fleet.note) == (13, RunNote(DEFAULTS, None))
     answer = json.loads((folder / SUMMARY).read_text())["one_filter"]
     assert (fleet.shared.params.q, fleet.shared.params.r) == (answer["q"], answer["r"])
+    assert set(json.loads((folder / SUMMARY).read_text())["unlike"]["r"]) == {"dev03.csv"}
     assert np.flatnonzero(fleet.outlier).tolist() == [NOISY]
     assert np.nanargmax(fleet.distance) == NOISY
     assert all(source.endswith(name) for source, name in zip(fleet.devices.sources, fleet.devices.ids, strict=True))

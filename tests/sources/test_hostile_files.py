@@ -81,8 +81,3 @@ def fail(_: Path) -> None:
 
 def end(_: Path) -> None:
     os._exit(3)
-
-
-def test_every_case_has_a_name_of_its_own():
-    names = [case.name for case in CASES]
-    assert len(set(names)) == len(names) > 70

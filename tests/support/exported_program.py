@@ -59,6 +59,17 @@ int main() {
 """
 
 
+def spiky(rows, dtype=np.float64):
+    """A walk in noise, with spikes, a step after which the gate gives in, and missing samples."""
+    rng = np.random.default_rng(12)
+    z = 500 + np.cumsum(rng.normal(0, 2, rows)) + rng.normal(0, 5, rows)
+    z[rng.random(rows) < 0.02] += 900.0
+    z[1000:1020] += 400.0
+    z[rng.random(rows) < 0.02] = np.nan
+    z[:3] = np.nan
+    return z.astype(dtype)
+
+
 def program(name):
     """Where a compiler or an interpreter is."""
     return shutil.which(name) or not_here(f"{name} is not installed")

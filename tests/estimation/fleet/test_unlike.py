@@ -18,17 +18,6 @@ def logs(values, interval):
         return np.log(values), tuple(np.log(end) for end in interval)
 
 
-def test_five_drifting_and_five_noisy_devices_of_five_hundred_are_found():
-    q, r = np.full(500, 0.01), np.ones(500)
-    q[:5], r[5:10] = 0.09, 3.0
-    table = estimate_many(fleet(500, 1000, q, r))
-    moving, noisy = outliers(*logs(table.q, table.q_interval)), outliers(*logs(table.r, table.r_interval))
-    assert set(moving.devices) == set(range(5))
-    assert set(noisy.devices) == set(range(5, 10))
-    assert np.all(moving.z[:5] > moving.threshold)
-    assert np.all(np.diff(np.abs(noisy.z[noisy.devices])) <= 0.0)  # the farthest first
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "q"), [(1000, 0.01), (300, 0.01), (200, 0.001), (400, 1.0), (400, 30.0)])
 def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):

@@ -9,7 +9,7 @@ import pytest
 from each import each
 from signals import moving
 
-from kalscope import BadSetting, FilterParams, log_likelihood
+from kalscope import FilterParams, log_likelihood
 from kalscope.estimation.momentum import likelihood_profile
 
 
@@ -26,9 +26,3 @@ def test_every_point_of_a_profile_equals_the_filter_run_alone(momentum, missing,
         r = profile.r[j]
         params = FilterParams(math.exp(profile.log_ratios[j]) * r, r, momentum=momentum)
         assert profile.loglik[j] == pytest.approx(log_likelihood(z, params, dt), rel=1e-7, abs=1e-5)
-
-
-@pytest.mark.parametrize("momentum", [-1.0, 2e5, math.nan])
-def test_a_momentum_out_of_its_range_is_refused(momentum):
-    with pytest.raises(BadSetting, match="momentum must be"):
-        likelihood_profile(np.arange(9.0), momentum=momentum)

@@ -55,12 +55,6 @@ def test_an_answer_with_momentum_says_which_filter_the_board_runs():
     assert replace(answer, momentum=F(0.0)).applied_to(asked).momentum is None
 
 
-def test_an_answer_is_read_from_its_bits():
-    line = "# light q=1.000000e-2 r=4.000000 p=inf bits=3C23D70A,40800000,7F800000\r\n"
-    expected = BoardAnswer("light", np.float32(0.01), np.float32(4.0), np.float32(np.inf))
-    assert read_answer(line) == expected
-
-
 def test_an_answer_may_name_a_median_and_a_filter_that_takes_no_values():
     line = "# light q=1.000000e-2 r=4.000000 p=inf m=5 bits=3C23D70A,40800000,7F800000\r\n"
     answer = read_answer(line)

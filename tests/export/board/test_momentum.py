@@ -21,7 +21,3 @@ def test_the_constants_of_a_board_are_exact_to_a_few_steps_of_float32():
         np.testing.assert_allclose([own.f, own.q11, own.q12, own.q22], [f, q11, q12, q22], rtol=1e-6)
         assert own.w0 == F(F(F(0.5) * q) / tau)
         assert {type(value) for value in vars(own).values()} == {F}
-
-
-def test_without_momentum_there_is_nothing_to_compute():
-    assert momentum_on_board(F(0.7), F(0.0)) is None

@@ -5,10 +5,10 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from datetime import UTC, datetime
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from html_page import Page
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run
@@ -21,22 +21,6 @@ pytestmark = pytest.mark.slow
 RNG = np.random.default_rng(22)
 NOON = datetime(2024, 5, 6, 12, 0, tzinfo=UTC)
 HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'`$(x)"
-
-
-class Page(HTMLParser):
-    """Every tag and attribute name, and the text."""
-
-    def __init__(self, html):
-        super().__init__()
-        self.tags, self.attributes, self.text = set(), set(), []
-        self.feed(html)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.add(tag)
-        self.attributes.update(name for name, _ in attrs)
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 def recording(n=3000, name="ax", unit="g", rng=RNG, **changes):
@@ -97,12 +81,13 @@ def test_nothing_from_outside_becomes_markup():
     report = make_report(rec, tuning, config=HOSTILE, now=NOON)
     text = as_html(report)
     page = Page(text)
-    assert page.tags.isdisjoint({"script", "img", "iframe", "link", "object", "a", "form"})
-    assert not any(name.startswith("on") for name in page.attributes)
+    attributes = {name for name, _ in page.attributes}
+    assert not {"script", "img", "iframe", "link", "object", "a", "form"} & set(page.tags)
+    assert not any(name.startswith("on") for name in attributes)
     assert "<script" not in text
     assert HOSTILE in "".join(page.text)
     assert "default-src 'none'" in text
-    assert page.attributes.isdisjoint({"src", "href", "srcset", "action"})
+    assert not {"src", "href", "srcset", "action"} & attributes
     assert "url(" not in text.split("</style>")[0]
 
 
@@ -144,7 +129,7 @@ def test_pinned_settings_stand_beside_the_present_one(knows_truth):
     if knows_truth:
         assert rows["RMSE to the truth"] == f"{table.rows[0][-1]} g"
     page = Page(as_html(report))
-    assert page.tags.isdisjoint({"script", "img"})
+    assert not {"script", "img"} & set(page.tags)
     assert make_report(rec, tuned(rec), now=NOON).tables[-1].rows == ()
 
 
@@ -196,18 +181,15 @@ def test_refusals_name_what_must_hold():
 def test_the_command_line_writes_it_and_refuses_other_endings(tmp_path, capsys):
     config = tmp_path / "tuning.toml"
     assert run(["tune", "demo", "-o", str(config)]) == 0
-    page, other = tmp_path / "page.html", tmp_path / "other.html"
+    page = tmp_path / "page.html"
     assert run(["report", "demo", "--config", str(config), "-o", str(page)]) == 0
-    assert run(["report", "demo", "--config", str(config), "-o", str(other)]) == 0
     text = page.read_text(encoding="utf-8")
     assert open_source("demo").sha256 in text
     assert trimmed(load_tuning(config).channels[0].q, 4) in text
     untimed = tmp_path / "untimed.csv"
     untimed.write_text("flex\n" + "".join(f"{i % 7}\n" for i in range(100)), encoding="utf-8")
-    again = ["-o", str(page), "--force"]
-    assert run(["report", str(untimed), "--config", str(config), *again]) == 0
-    text = page.read_text(encoding="utf-8")
-    assert "100 samples, 50.0 Hz" in text  # the sample period of the tuning
+    assert run(["report", str(untimed), "--config", str(config), "-o", str(page), "--force"]) == 0
+    assert "100 samples, 50.0 Hz" in page.read_text(encoding="utf-8")  # the sample period of the tuning
     capsys.readouterr()
     assert run(["report", "demo", "--config", str(config), "-o", str(tmp_path / "page.pdf")]) == 2
     assert "-o must end with .html (got" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exported_program import FUSED, build, in_c, in_cpp
+from exported_program import FUSED, build, in_c, in_cpp, spiky
 
 from kalscope import kalman_filter
 from kalscope.export.board import momentum_on_board
@@ -36,29 +36,19 @@ WITH_MOMENTUM = (
 EITHER = pytest.mark.parametrize("channels", [FILTERS, WITH_MOMENTUM], ids=["five lines", "momentum"])
 
 
-def signal(dtype):
-    rng = np.random.default_rng(12)
-    z = 500 + np.cumsum(rng.normal(0, 2, 5000)) + rng.normal(0, 5, 5000)
-    z[rng.random(5000) < 0.02] += 900.0
-    z[1000:1020] += 400.0  # a step: the gate gives in
-    z[rng.random(5000) < 0.02] = np.nan
-    z[:3] = np.nan
-    return z.astype(dtype)
-
-
 @EITHER
 def test_c_gives_the_bits_of_our_filter_in_double_and_in_float(tmp_path, channels):
     for flags in (("-std=c99", "-O2"), ("-std=gnu11", "-O3", *FUSED)):
-        for one, x in zip(channels, in_c(tmp_path, channels, signal(float), *flags), strict=True):
-            np.testing.assert_array_equal(x, kalman_filter(signal(float), one.params).x, err_msg=one.name)
-    z = signal(np.float32)
+        for one, x in zip(channels, in_c(tmp_path, channels, spiky(5000), *flags), strict=True):
+            np.testing.assert_array_equal(x, kalman_filter(spiky(5000), one.params).x, err_msg=one.name)
+    z = spiky(5000, np.float32)
     for one, x in zip(channels, in_c(tmp_path, channels, z, "-std=c99", "-O2", "-DKALSCOPE_FLOAT"), strict=True):
         np.testing.assert_array_equal(x, filter_float32(z, one.params), err_msg=one.name)
 
 
 @EITHER
 def test_cpp_gives_the_bits_of_the_float32_filter(tmp_path, channels):
-    z = signal(np.float32)
+    z = spiky(5000, np.float32)
     for part in (channels[:4], channels[4:]):  # the sketch reads at most six channels
         for flags in (("-std=c++11", "-O2"), ("-std=gnu++17", "-O3", *FUSED)):
             for one, x in zip(part, in_cpp(tmp_path, part, z, *flags), strict=True):
@@ -95,7 +85,7 @@ def test_the_constants_that_a_board_computes_are_those_we_predict(tmp_path, flag
 
 
 def test_what_float_cannot_hold_stops_the_c_compiler_in_float_only(tmp_path):
-    tiny, z = ChannelTuning("tiny", "", 1e-60, 1e-58), signal(float)
+    tiny, z = ChannelTuning("tiny", "", 1e-60, 1e-58), spiky(5000)
     np.testing.assert_array_equal(in_c(tmp_path, (tiny,), z, "-std=c99")[0], kalman_filter(z, tiny.params).x)
     with pytest.raises(subprocess.CalledProcessError) as failed:
         in_c(tmp_path, (tiny,), z, "-std=c99", "-DKALSCOPE_FLOAT")

@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from esphome import esphome
 from exported_program import FUSED, build, program
 from required import node
 from waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, fuse
+from kalscope import BadSetting, ChannelTuning, FilterParams, Recording, Tuning, export_tuning, fuse
 from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
@@ -237,9 +238,6 @@ def test_octave_gives_the_bits_of_fuse(tmp_path):
 
 
 def test_one_sensor_on_a_board_is_the_single_filter():
-    from kalscope import FilterParams
-    from kalscope.export.float32 import filter_float32
-
     z = readings(4, CASES["one"])
     for start in ({}, {"p0": 4.0, "x0": 19.0, "gate": 9.0}, {"p0": 4.0, "momentum": 7.0}):
         single = FilterParams(0.09, 1.0, **start)
@@ -250,10 +248,6 @@ def test_one_sensor_on_a_board_is_the_single_filter():
 # ---- parameters
 
 
-def shared_values(fusion):
-    return [fusion.q, fusion.p0, fusion.x0, fusion.gate]
-
-
 @EACH
 def test_json_holds_the_tuned_numbers(case):
     fusion = CASES[case]
@@ -261,7 +255,7 @@ def test_json_holds_the_tuned_numbers(case):
     assert (document["format"], document["sample_period_s"]) == ("kalscope-parameters-2", 0.01)
     (fused,) = document["channels"]
     keys = ("process_noise_q", "start_variance_p0", "start_value_x0", "outlier_gate")
-    assert [fused[key] for key in keys] == shared_values(fusion)
+    assert [fused[key] for key in keys] == [fusion.q, fusion.p0, fusion.x0, fusion.gate]
     each = [(s["name"], s["measurement_noise_r"], s["offset"], s["gain"]) for s in fused["sensors"]]
     assert each == list(zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True))
     assert [s["share"] for s in fused["sensors"]] == fusion.params.shares.tolist()
@@ -269,34 +263,6 @@ def test_json_holds_the_tuned_numbers(case):
     assert {name: fused.get("momentum", {}).get(name) for name in list(named)[1:]} == {
         name: value for name, value in named.items() if name != "momentum"
     }
-
-
-def esphome(sensors, z):
-    """What ESPHome makes of the readings of a row, one after the other at one time of its clock, in float32."""
-    f, copies = np.float32, {one["source_id"]: one["filters"] for one in sensors[:-1]}
-    sources = [
-        (f(one["error"]), copies.get(one["source"].removesuffix("_scaled"))) for one in sensors[-1]["sources"]
-    ]
-    per_row = f(sensors[-1]["process_std_dev"]) * f(sensors[-1]["process_std_dev"]) * f(0.001) * f(10)
-    x, p, answers = f(math.nan), f(math.inf), []
-    for row in z:
-        waited = False
-        for value, (error, filters) in zip(map(f, row), sources, strict=True):
-            if math.isnan(value):
-                continue
-            if filters:
-                value = (value + f(filters[0]["offset"])) * f(filters[1]["multiply"])  # noqa: PLW2901
-            r = error * error
-            if math.isnan(x):
-                x, p, waited = value, r, True
-                continue
-            p, waited = p if waited else p + per_row, True
-            first, second, a, b = (x, value, p, r) if p < r else (value, x, r, p)
-            x, p = first + a * (second - first) / (a + b), a - a * a / (a + b)
-        if not waited and not math.isnan(x):
-            p = p + per_row
-        answers.append(x)
-    return np.array(answers, dtype=np.float64)
 
 
 @pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])
@@ -313,10 +279,6 @@ def test_esphome_fuses_as_we_do_within_float32(fusion):
 
 
 def test_other_refusals_say_what_helps(tmp_path):
-    with pytest.raises(BadSetting, match=r"^target must support momentum \(got esphome\)"):
-        export_tuning(tuned(CASES["momentum"]), "esphome")
-    with pytest.raises(BadSetting, match="sample_period of the tuning must be known for ESPHome"):
-        export_tuning(replace(tuned(PAIR), sample_period=None), "esphome")
     many = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
     with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): take fewer, or export c"):
         export_tuning(tuned(many), "arduino")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 import re
-import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 import yaml
-from required import REQUIRE_ALL, node
+from esphome import esphome
+from exported_program import build, program
+from required import node
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
@@ -20,12 +20,6 @@ from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_fi
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 from kalscope.filtering.classic import Chain, Exponential
-
-
-def needs(program):
-    """Skip where a program is missing; where all are required the test runs, and fails for want of it."""
-    missing = shutil.which(program) is None and not REQUIRE_ALL
-    return pytest.mark.skipif(missing, reason=f"{program} is not installed")
 
 
 def run(*command, stdin="", cwd=None):
@@ -70,7 +64,6 @@ def test_python_is_the_same_filter_in_a_bare_interpreter(either, tmp_path):
     np.testing.assert_array_equal(k, either.k)
 
 
-@needs("octave-cli")
 def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
     files = export_tuning(either.tuning, "matlab")
     write(files, tmp_path)
@@ -81,69 +74,54 @@ def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
         driver.append(f"z = all_z(:, {i}); run('{name}'); out = [out, buff_xk, buff_Kk];")
     driver.append("f = fopen('out.bin', 'w'); fwrite(f, out, 'double'); fclose(f);")
     script = "\n".join(driver).replace("ROWS", str(rows)).replace("N]", f"{channels}]")
-    run("octave-cli", "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
+    run(program("octave-cli"), "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
     out = np.fromfile(tmp_path / "out.bin", "<f8").reshape(channels, 2, rows)
     np.testing.assert_array_equal(out[:, 0].T, either.x)
     np.testing.assert_array_equal(out[:, 1].T, either.k)
 
 
-@needs("octave-cli")
 def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_whole_counts(shared, tmp_path):
     write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
     z = [100, 103, 101, 106, 99]
     script = "no_plot = true; kalman_diffuse; printf('%d %d ', numel(buff_xk), any(isnan(buff_xk)));"
     script += f" z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
-    out = run("octave-cli", "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
+    out = run(program("octave-cli"), "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
     expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
     np.testing.assert_array_equal([float(word) for word in out], [100, 0, *expected])
 
 
-def test_parameters_with_momentum_hold_its_constants(shared_with_momentum):
-    tuning = shared_with_momentum.tuning
-    document = json.loads(*export_tuning(tuning, "json").values())
-    for channel, entry in zip(tuning.channels, document["channels"], strict=True):
-        named = dict(step_of(channel))
-        assert ("momentum" in entry) == (channel.momentum > 0.0)
-        if named:
-            named["tau_samples"] = named.pop("momentum")
-            steady = steady_state(channel.params)
-            said = {**named, "velocity_gain": steady.velocity_gain, "overshoot": steady.overshoot}
-            assert entry["momentum"] == said
-
-
-def same_numbers(channel, q, r, p0, x0, gate):
-    assert (q, r, p0, x0, gate) == (channel.q, channel.r, channel.p0, channel.x0, channel.gate)
-    assert all(type(value) is float for value in (q, r, p0, x0, gate) if value is not None)
-
-
-def test_json_holds_the_tuned_numbers(shared):
-    (text,) = export_tuning(shared.tuning, "json").values()
+def test_json_holds_the_tuned_numbers_and_the_constants_of_a_momentum(either):
+    (text,) = export_tuning(either.tuning, "json").values()
     document = json.loads(text, parse_constant=pytest.fail)
     assert document["sample_period_s"] == 0.01
     keys = ("process_noise_q", "measurement_noise_r", "start_variance_p0", "start_value_x0", "outlier_gate")
-    for channel, entry in zip(shared.tuning.channels, document["channels"], strict=True):
-        same_numbers(channel, *(entry[key] for key in keys))
-        assert entry["name"] == channel.name
-        assert entry["steady_gain"] == steady_state(channel.params).gain
+    for channel, entry in zip(either.tuning.channels, document["channels"], strict=True):
+        numbers, steady = [entry[key] for key in keys], steady_state(channel.params)
+        assert numbers == [channel.q, channel.r, channel.p0, channel.x0, channel.gate]
+        assert all(type(value) is float for value in numbers if value is not None)
+        assert (entry["name"], entry["steady_gain"]) == (channel.name, steady.gain)
+        assert ("momentum" in entry) == (channel.momentum > 0.0)
+        if named := dict(step_of(channel)):
+            named["tau_samples"] = named.pop("momentum")
+            assert entry["momentum"] == {
+                **named,
+                "velocity_gain": steady.velocity_gain,
+                "overshoot": steady.overshoot,
+            }
 
 
-@needs("gcc")
 def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     """In double; tests/export/targets/test_compiled.py has float and other processors."""
-    write(export_tuning(either.tuning, "c"), tmp_path)
-    names = re.findall(r"extern const kalscope_tuning (\w+);", (tmp_path / "kalscope_filter.h").read_text())
+    files = export_tuning(either.tuning, "c")
+    names = re.findall(r"extern const kalscope_tuning (\w+);", files["kalscope_filter.h"])
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
     step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
     step += ' printf("%a %a\\n", f[j].x, f[j].k);'
     loops = f"for (int i = 0; i < {len(either.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
     head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
-    (tmp_path / "main.c").write_text(
-        f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
-    )
-    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
-    run("gcc", *strict, "main.c", "kalscope_filter.c", "-o", "main", cwd=tmp_path)
-    out = run(tmp_path / "main", stdin=lines_of(either.recording))
-    numbers = np.array([float.fromhex(word) for word in out.split()]).reshape(*either.x.shape, 2)
+    main = f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
+    out = build(tmp_path, "gcc", files, main, "-std=c99", "-O2")(lines_of(either.recording).encode())
+    numbers = np.array([float.fromhex(word.decode()) for word in out.split()]).reshape(*either.x.shape, 2)
     np.testing.assert_array_equal(numbers[..., 0], either.x)
     np.testing.assert_array_equal(numbers[..., 1], either.k)
 
@@ -167,24 +145,6 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
     np.testing.assert_array_equal(k, either.k)
 
 
-def esphome_filter(process_std_dev, error, samples, period):
-    """What ESPHome's combination component computes, stated again in float32; its clock begins with the samples."""
-    f = np.float32
-    per_ms = f(process_std_dev) * f(process_std_dev) * f(0.001)
-    x, p, last, answers = f(math.nan), f(math.inf), 0, []
-    for i, z in enumerate(map(f, samples)):
-        if math.isnan(x):
-            x, p, last = z, f(error) * f(error), round(i * period * 1000)
-        elif not math.isnan(z):
-            now = round(i * period * 1000)
-            p, last = p + per_ms * f(now - last), now
-            r = f(error) * f(error)
-            first, second, a, b = (x, z, p, r) if p < r else (z, x, r, p)
-            x, p = first + a * (second - first) / (a + b), a - a * a / (a + b)
-        answers.append(x)
-    return np.array(answers, dtype=np.float64)
-
-
 @pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
 def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, load):
     names = ["diffuse", "holes", "late diffuse", "r zero", "tiny", "large"]
@@ -198,7 +158,7 @@ def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, loa
         assert sensor["process_std_dev"] ** 2 * 0.01 == pytest.approx(channel.q, rel=1e-15)
         assert source["error"] ** 2 == pytest.approx(channel.r, rel=1e-15)
         z = good.recording.values[:, i]
-        x = esphome_filter(sensor["process_std_dev"], source["error"], z, 0.01)
+        x = esphome([sensor], z[:, None])
         np.testing.assert_allclose(x, good.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
 
 
@@ -236,11 +196,6 @@ def test_a_target_that_lacks_a_filter_names_those_that_have_it(target, channel, 
     plain = ChannelTuning("plain", "V", 0.01, 0.25)
     with pytest.raises(BadSetting, match=f"^target must support .*{words}"):
         export_tuning(Tuning((plain, channel), sample_period=0.01), target)
-
-
-def test_an_unknown_target_names_the_choices(shared):
-    with pytest.raises(BadSetting, match=r"target must be one of arduino, c, .*esphome \(got 'cobol'\)"):
-        export_tuning(shared.tuning, "cobol")
 
 
 @pytest.mark.parametrize("target", list(TARGETS))

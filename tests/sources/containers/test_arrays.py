@@ -8,7 +8,6 @@ import scipy.io
 from each import each
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers.arrays import period_from
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
@@ -206,12 +205,6 @@ def test_a_time_channel_of_tdms_is_the_time(tdms):
     recording = tdms(("g", "Time", stamps, {}), ("g", "x", X, {}), ("g", "text", np.array(["a"] * 50), {}))
     assert recording.names == ("x",)
     np.testing.assert_allclose(recording.time, T, atol=1e-6)
-
-
-def test_the_names_of_a_rate():
-    assert period_from("Sample Rate", 4.0) == period_from("dt", 0.25) == 0.25
-    assert period_from("ts", 1.7e9) is None  # a date
-    assert period_from("gain", 4.0) is period_from("fs", 0.0) is period_from("fs", float("nan")) is None
 
 
 TABLE = np.zeros(50, dtype=[("time", "f8"), ("x", "f4"), ("who", "U3")])

@@ -71,16 +71,6 @@ def test_a_document_without_samples_is_refused(read, text):
         read(text)
 
 
-@pytest.mark.slow
-@each("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
-@each("newline", ["\n", "\r\n", "\r"])
-def test_objects_one_a_line_are_lines_in_any_encoding(tmp_path, encoding, newline):
-    path = tmp_path / "log.txt"
-    path.write_bytes("".join(f'{{"t": {i / 10}, "temp": {20 + i}}}{newline}' for i in range(20)).encode(encoding))
-    recording = read_recording(path)
-    assert (len(recording), recording.names, recording.report.lines) == (20, ("temp",), 20)
-
-
 def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):
     document = [{"t": i, "x": x} for i, x in enumerate(X)]
     monkeypatch.setattr(files, "free_memory", lambda: 10_000)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from required import needs
 
-from kalscope.errors import BadFile, BadSetting, Cancelled
-from kalscope.sources.containers.table import Part, choose_part
+from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.reading.recording_file import read_recording
 
 needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine")
@@ -69,20 +68,3 @@ def test_the_libraries_above_are_those_of_the_extra():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
     of_extra = project["optional-dependencies"]["formats"]
     assert {re.match(r"[\w-]+", one)[0] for one in of_extra} == {package for _, package in LIBRARIES.values()}
-
-
-PARTS = [Part("/imu/accel", 100, 3), Part("/gps/fix", 500, 2), Part("/imu/gyro", 10, 3)]
-
-
-def test_the_part_with_most_numbers_or_the_one_that_is_wanted():
-    assert choose_part(PARTS, None, "log", "topic")[0] == 1
-    assert choose_part(PARTS, "/imu/gyro", "log", "topic")[0] == 2
-    assert choose_part(PARTS, "accel", "log", "topic")[0] == 0
-    assert choose_part(PARTS[:1], None, "log", "topic") == (0, ())
-
-
-@pytest.mark.parametrize("wanted", ["", "o", "imu"])
-def test_a_part_that_is_none_or_several_is_refused_with_the_choices(wanted):
-    parts = [*PARTS, Part("/servo", 1, 1)]
-    with pytest.raises(BadSetting, match=r"/imu/gyro.*/servo"):
-        choose_part(parts, wanted, "log", "topic")

@@ -114,8 +114,6 @@ def test_thousands_and_decimals_are_told_apart_by_all_cells_or_asked_about(read)
     assert read("d;x\n" + rows).channel("x")[:2].tolist() == [100.25, 1101.25]
     asked = read("t,x\n" + "".join(f'{t},"1,{i + 100}"\n' for i, (t, _) in enumerate(PAIRS)))
     assert "--decimal comma selects the second" in notes_of(asked)
-    asked = read("".join(f"1.{i + 100},25\n" for i in range(30)))
-    assert "it could also be 1 column: --delimiter semicolon" in notes_of(asked)
 
 
 def test_the_user_says_which_rows_hold_names_and_units(read):

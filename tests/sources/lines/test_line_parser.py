@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import parse_number, split_fields
-from kalscope.sources.grammar.line_format import split_stamp
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading import line_parser
 
@@ -58,23 +57,6 @@ def test_what_is_no_finite_decimal_number_is_none(cell):
 )
 def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delimiter, cells):
     assert split_fields(line, delimiter) == cells
-
-
-@each(
-    ("line", "parts"),
-    [
-        ("[   60] ax=0.5 ay=1", ("60", "ax=0.5 ay=1")),
-        ("[12.345678] ax=0.5", ("12.345678", "ax=0.5")),
-        ("I (3000) sensor: temp: 21.06", ("3000", "temp: 21.06")),
-        ("2024-03-09T22:58:03Z temp=20.87", ("2024-03-09T22:58:03Z", "temp=20.87")),
-        ("2024-03-09 22:58:03,123 INFO temp=20.89", ("2024-03-09 22:58:03,123", "INFO temp=20.89")),
-        ("60 ax=0.5 ay=1", ("60", "ax=0.5 ay=1")),
-        ("12:00:00 21.5 C", None),  # a table of blanks
-        ("60 rows read", None),
-    ],
-)
-def test_stamps_before_pairs_are_split_off(line, parts):
-    assert split_stamp(line) == parts
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.line_format import split_checksum
-from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser, comma_line
+from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.reading.recording_file import read_recording
 
 
@@ -202,19 +202,3 @@ def test_a_line_without_end_is_dropped_as_it_comes_and_reported_once():
     assert [event.kind for event in events] == ["rejected", "row"]
     assert "65536 bytes" in events[0].issues[0].reason
     assert len(events[0].text) <= 200
-
-
-@each(
-    ("line", "plain"),
-    [
-        (b"1,2\n", "1,2\n"),
-        (b"hello\n", "hello\n"),
-        (b"a:1 b:2.5\n", "1.0,2.5"),
-        (b"1;;3\n", "1.0,,3.0"),
-        (b">x:5:7\n", "7.0"),
-        (b"12:00:00 -> 4\n", "4.0"),
-        (b"1,2*1F\n", "1,2*1F\n"),
-    ],
-)
-def test_a_line_for_the_pipe_is_numbers_with_commas(line, plain):
-    assert comma_line(LineParser(), line) == plain

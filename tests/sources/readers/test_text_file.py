@@ -25,13 +25,6 @@ def read(tmp_path):
     return read
 
 
-@each("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"])
-def test_every_encoding_gives_the_same_recording(read, encoding):
-    recording = read(TEXT.encode(encoding))
-    assert (recording.names, recording.units) == (("T",), ("°C",))
-    np.testing.assert_array_equal(recording.values[:, 0], 20 + np.arange(40) / 8)
-
-
 @pytest.mark.parametrize("size", [16, 4096, 500_000])
 def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
     text = TEXT.encode()

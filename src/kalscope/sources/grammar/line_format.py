@@ -103,7 +103,7 @@ def find_labels(line: str) -> Pairs | None:
 
     None if anything else is on the line, such as a number that has no label, or a label is a number (`12:30:05`).
     """
-    is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t:=")) > MAX_PARTS
+    is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t")) > MAX_PARTS
     if is_endless or not any(mark in line for mark in (":", "=", "/", ">>")):
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
@@ -133,7 +133,7 @@ def _labelled(text: str, mark: str) -> Pairs | None:
 def _pairs(text: str, mark: str) -> Pairs | None:
     """The pairs that blanks separate: `ax=0.1 ay=-2.0`, `Temp: 21.5 C Rel Hum: 40 %`; of a single one any text."""
     groups: list[list[str]] = [[]]  # the words between the marks: a value, then the next label
-    for word in _WORD.findall(text):
+    for word in (match[0] for match in _WORD.finditer(text)):
         before, found, after = word.partition(mark)
         is_clock = mark == ":" and len(groups) > 1 and not groups[-1] and word[0].isdecimal()
         if not found or is_clock:
@@ -141,6 +141,8 @@ def _pairs(text: str, mark: str) -> Pairs | None:
             continue
         groups[-1] += [before] if before else []
         groups.append([after] if after else [])
+        if len(groups) > MAX_VALUES + 1:
+            return None
     label, pairs = " ".join(groups[0]), list[tuple[str, str]]()
     for k, words in enumerate(groups[1:], 2):
         body, begin = (words, []) if k == len(groups) else (words[:-1], words[-1:])

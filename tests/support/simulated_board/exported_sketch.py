@@ -1,0 +1,67 @@
+"""Exported sketches for the simulated Uno, with the edits of the tests, and how long a step takes there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from board import EEPROM, FLAT_OUT, Firmware, Workshop, read_lines
+
+from kalscope.export.job import ExportJob
+from kalscope.export.targets.arduino import files
+from kalscope.tuning.tuning import ChannelTuning
+
+FAST = ((r"(?<=BAUD = )115200", "1000000"), (r"(?<=PERIOD_US = )\d+", "1000"))
+"""A faster line, and samples as dense as the board can filter."""
+MISSING = (r"return analogRead\((.*)\);", "int n = analogRead(PINS[channel]); return n > 0 ? n : NAN;")
+"""A count of 0 is no sample."""
+TIMING = r"""
+volatile float z, x;
+DECLARED
+unsigned long spent(bool running) {
+  const unsigned long start = micros();
+  for (int i = 0; i < 1000; i++) {
+    z = 500 + (i & 31);
+    STEP
+  }
+  return micros() - start;
+}
+void setup() {
+  Serial.begin(115200);
+  START
+  Serial.println(spent(true) - spent(false));
+}
+void loop() {}
+"""
+
+
+def saved(folder: Path, *channels: ChannelTuning, calibration: bool = False) -> Path:
+    """The sketch of an export of channels, or of one fusion, as it leaves."""
+    texts = files(ExportJob(channels, sample_period=0.005), calibration=calibration)
+    folder.mkdir(exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="ascii")
+    return folder / next(name for name in texts if name.endswith(".ino"))
+
+
+def exported(
+    workshop: Workshop,
+    *channels: ChannelTuning,
+    edits: tuple[tuple[str, str], ...] = FAST,
+    calibration: bool = False,
+) -> Firmware:
+    """The firmware of an export, after these edits."""
+    folder = workshop.folder / f"export-{abs(hash((channels, calibration))):x}"
+    return workshop.sketch(saved(folder, *channels, calibration=calibration), *edits, include=[EEPROM])
+
+
+def step_us(
+    start_board: Callable, workshop: Workshop, sketch: Path, step: str, declared: str = "", start: str = ""
+) -> float:
+    """How long a step takes on the board, µs; it has `running`, `z` and `x`, and the headers beside the sketch."""
+    headers = "".join(f'#include "{path.name}"\n' for path in sorted(sketch.parent.glob("*.h")))
+    text = headers + TIMING.replace("DECLARED", declared).replace("STEP", step).replace("START", start)
+    timing = sketch.with_name("timing.ino")
+    timing.write_text(text, encoding="ascii")
+    board = start_board(workshop.sketch(timing, include=[EEPROM]), 0, *FLAT_OUT, name=f"timing-{abs(hash(step)):x}")
+    return int(read_lines(board.port, 1)[0]) / 1000
