@@ -14,7 +14,7 @@ from kalscope.errors import BadFile, BadSetting, Cancelled
 from kalscope.sources.containers.table import Part, choose_part
 from kalscope.sources.reading.recording_file import read_recording
 
-needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine")
+needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 
@@ -23,6 +23,10 @@ LIBRARIES = {
     "log.tdms": ("nptdms", "npTDMS"),
     "log.xlsx": ("python_calamine", "python-calamine"),
     "log.parquet": ("pyarrow.parquet", "pyarrow"),
+    "log.ulg": ("pyulog", "pyulog"),
+    "log.mcap": ("mcap.stream_reader", "mcap"),
+    "log.bag": ("rosbags.rosbag1", "rosbags"),
+    "log.db3": ("rosbags.rosbag2.storage_sqlite3", "rosbags"),
 }
 
 
