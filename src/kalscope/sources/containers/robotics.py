@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, redirect_stdout, suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -38,18 +39,19 @@ _Type = tuple[str, str, str]
 """Of messages: (encodings of messages and definition, name, definition or "" where the log has none)."""
 _Message = tuple[str, _Type, int, bytes]
 """(topic, type, time at which it was logged in ns since 1970, content)."""
+_Plain = list[Any] | dict[str, Any] | float | str | None
+"""A value of JSON."""
 
 
 def read_mcap(path: Path, name: str, part: str | None, progress: Progress) -> Table:
     """Read one topic of an MCAP log; BadFile, BadSetting: see `_read_topic`."""
-    size = path.stat().st_size
     reading = load_library("mcap.stream_reader", "mcap", name, "an MCAP log")
 
     def messages(file: BinaryIO) -> Iterator[_Message]:
         schemas: dict[int, _Type] = {0: ("", "", "")}
         channels: dict[int, tuple[str, _Type]] = {}
-        stream = reading.StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size)
-        for record in stream.records:
+        limits = {"validate_crcs": True, "record_size_limit": path.stat().st_size}
+        for record in reading.StreamReader(file, emit_chunks=True, **limits).records:
             inside = [record]
             if isinstance(record, reading.Chunk):
                 whole = replace(record, compression="", data=_unpacked(record.data, name, progress))
@@ -140,7 +142,7 @@ def _read_topic(messages: Iterable[_Message], part: str | None, name: str, kind:
         for i, (form, time, data) in enumerate(topics[topic]):
             if i % _MESSAGES_PER_REPORT == 0:
                 progress(0.5 + 0.5 * i / n, "reading")
-            numbers = dict(_numbers(_decoder(*form, name)(data)))
+            numbers = _numbers(_decoder(*form, name)(data), "", {})
             values[0, i] = (((_stamp(numbers) or np.nan) if first_stamp else time) - origin) / 1e9
             values[1:, i] = [numbers.get(field, np.nan) for field in fields]
         return values
@@ -149,7 +151,7 @@ def _read_topic(messages: Iterable[_Message], part: str | None, name: str, kind:
     for topic, held in topics.items():
         first: dict[str, float] = {}
         with suppress(Exception):  # another encoding, an unknown type, a damaged message
-            first = dict(_numbers(_decoder(*held[0][0], name)(held[0][2])))
+            first = _numbers(_decoder(*held[0][0], name)(held[0][2]), "", {})
         fields = tuple(field for field in first if not field.startswith(("header.stamp.", "header.seq")))
         load, start = partial(columns, topic, fields, _stamp(first)), (_stamp(first) or held[0][1]) / 1e9
         for j, one in enumerate(("time", *(f"{topic}/{field}" for field in fields)) if fields else ()):
@@ -185,26 +187,28 @@ def _decoder(form: str, type_name: str, definition: str, name: str) -> Callable[
     if definition:
         types = typesys.get_types_from_msg(definition, type_name)
         type_name = next(iter(types))
-        # rosbags writes a Python program from these names: nothing but names may pass.
+        # rosbags writes a Python program from these names, with a line for each element of an array of messages.
         members = [member[0] for pair in types.values() for group in pair for member in group]
-        if not all(word.isidentifier() for text in (*types, *members) for word in text.split("/")):
-            raise ValueError("a ROS type must have a name, and so must its fields")
+        are_names = all(word.isidentifier() for text in (*types, *members) for word in text.split("/"))
+        if not are_names or re.search(r"\[[0-9]{5}", definition):
+            raise ValueError("a definition of ROS must hold names, and arrays of at most 9999 elements")
         store.register(types)
     return partial({_ROS1: store.deserialize_ros1, _ROS2: store.deserialize_cdr}[form], typename=type_name)
 
 
-def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
-    """The numbers of a message by their full names: `linear_acceleration.x`, `position[0]`."""
-    plain: dict[str, Any] | list[Any] | float | str | None = vars(value) if is_dataclass(value) else value
-    plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
+def _numbers(value: Any, name: str, found: dict[str, float]) -> dict[str, float]:
+    """`found` with the numbers of a message by their full names: `linear_acceleration.x`, `position[0]`."""
+    plain: _Plain = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(plain, (int, float)):
-        yield name, float(plain)
-    elif isinstance(plain, dict):
-        for key, part in plain.items():
-            yield from _numbers(part, f"{name}.{key}" if name else str(key))
-    elif isinstance(plain, list) and len(plain) <= _MAX_ELEMENTS:
-        for i, part in enumerate(plain):
-            yield from _numbers(part, f"{name}[{i}]")
+        found[name] = plain
+    elif isinstance(plain, list):
+        for i, part in enumerate(plain if len(plain) <= _MAX_ELEMENTS else ()):
+            _numbers(part, f"{name}[{i}]", found)
+    else:  # an object of JSON or of rosbags, or a text
+        fields: dict[str, Any] = plain if isinstance(plain, dict) else getattr(plain, "__dict__", {})
+        for key, part in fields.items():
+            _numbers(part, f"{name}.{key}" if name else str(key), found)
+    return found
 
 
 def _stamp(numbers: dict[str, float]) -> int:
