@@ -31,8 +31,8 @@ WRITERS = {
 def test_topics_of_a_bag_by_the_stamps_of_their_headers_or_of_the_log(tmp_path, kind):
     path = WRITERS[kind](tmp_path)
     recording = read_recording(path)
-    np.testing.assert_array_equal(recording.channel("/imu/linear_acceleration.x"), X)
-    np.testing.assert_array_equal(recording.channel("/imu/orientation_covariance[8]"), np.zeros(N))
+    np.testing.assert_array_equal(recording.channel("/mag/magnetic_field.x"), X)
+    np.testing.assert_array_equal(recording.channel("/mag/magnetic_field_covariance[8]"), np.full(N, 8))
     np.testing.assert_allclose(recording.time, np.arange(N) * 0.01, atol=1e-12)
     assert recording.sample_period == pytest.approx(0.01)
     assert not any("stamp" in name or "seq" in name for name in recording.names)
@@ -40,7 +40,7 @@ def test_topics_of_a_bag_by_the_stamps_of_their_headers_or_of_the_log(tmp_path, 
     assert recording.names == ("/temp/data",)
     np.testing.assert_array_equal(recording.values[:, 0], 20.0 + np.arange(0, N, 5))
     np.testing.assert_allclose(recording.time, np.arange(5) * 0.1, atol=1e-6)  # by the log: it has no header
-    with pytest.raises(BadSetting, match=r'one topic of "/imu" .*"/temp"'):
+    with pytest.raises(BadSetting, match=r'one topic of "/mag" .*"/temp"'):
         read_recording(path, ReadOptions(part="/camera"))
 
 
@@ -57,7 +57,7 @@ def test_a_bag_without_definitions_is_read_and_what_is_no_bag_refused(tmp_path, 
             connection.execute("DROP TABLE messages" if change == "no bag" else "DELETE FROM message_definitions")
     connection.close()
     if change == "none":
-        np.testing.assert_array_equal(read_recording(file).channel("/imu/linear_acceleration.x"), X)
+        np.testing.assert_array_equal(read_recording(file).channel("/mag/magnetic_field.x"), X)
         return
     said = {"smuggle": "topic with numbers", "no bag": "ROS 2 bag: Cannot open database", "split": r"log_1\.db3"}
     with pytest.raises(BadFile, match=said[change]):
@@ -72,7 +72,7 @@ def test_messages_of_json_in_mcap(tmp_path, options):
     np.testing.assert_allclose(recording.time, np.arange(N) * 0.01, atol=1e-12)
 
 
-@pytest.mark.parametrize("compression", list(made.Compression)[1:])
+@pytest.mark.parametrize("compression", list(made.Compression))
 def test_a_chunk_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, compression):
     path = made.write_ros1(tmp_path / "log.bag", compression)
     monkeypatch.setattr(robotics, "MAX_CHUNK", 1000)

@@ -17,38 +17,21 @@ X = np.sin(np.arange(N) / 4)
 Compression = Writer1.CompressionFormat
 START = 1_700_000_000_000_000_000
 STEP = 10_000_000
-IMU, FLOAT, TEXT = "sensor_msgs/msg/Imu", "std_msgs/msg/Float64", "std_msgs/msg/String"
-TOPICS = (("/imu", IMU), ("/temp", FLOAT), ("/note", TEXT))
-
-
-def store_of(version):
-    return get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
-
-
-def imu(store, i, version):
-    types = store.types
-    stamp = types["builtin_interfaces/msg/Time"](sec=1_600_000_000, nanosec=i * STEP)
-    extra = {"seq": i} if version == 1 else {}
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    return types[IMU](
-        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **extra),
-        orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=vector(x=0.0, y=0.0, z=0.0),
-        angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=vector(x=X[i], y=-X[i], z=9.81),
-        linear_acceleration_covariance=np.zeros(9),
-    )
+FIELD, FLOAT, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"
 
 
 def write_messages(writer, version):
-    """IMU at every step, temperature and text at every fifth, with stamps of the log that run twice as fast."""
-    store = store_of(version)
+    """A vector at every step, temperature and text at every fifth, by stamps of the log twice as fast."""
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
     pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
-    topics = [writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS]
+    kinds = {"/mag": FIELD, "/temp": FLOAT, "/note": TEXT}
+    topics = [writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()]
+    vector, stamp = store.types["geometry_msgs/msg/Vector3"], store.types["builtin_interfaces/msg/Time"]
     for i in range(N):
-        at = START + 2 * i * STEP
-        writer.write(topics[0], at, pack(imu(store, i, version), IMU))
+        at, extra = START + 2 * i * STEP, {"seq": i} if version == 1 else {}
+        header = store.types["std_msgs/msg/Header"](stamp=stamp(1_600_000_000, i * STEP), frame_id="", **extra)
+        field = store.types[FIELD](header, vector(x=X[i], y=-X[i], z=9.81), np.arange(9.0))
+        writer.write(topics[0], at, pack(field, FIELD))
         if i % 5 == 0:
             writer.write(topics[1], at + 1, pack(store.types[FLOAT](data=20.0 + i), FLOAT))
             writer.write(topics[2], at + 2, pack(store.types[TEXT](data="ok"), TEXT))

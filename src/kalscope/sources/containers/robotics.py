@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, redirect_stdout, suppress
 from dataclasses import replace
 from functools import cache, lru_cache, partial
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -47,11 +48,10 @@ def read_mcap(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     """Read one topic of an MCAP log; BadFile, BadSetting: see `_read_topic`."""
     reading = load_library("mcap.stream_reader", "mcap", name, "an MCAP log")
 
-    def messages(file: BinaryIO) -> Iterator[_Message]:
+    def messages(content: mmap) -> Iterator[_Message]:
         schemas: dict[int, _Type] = {0: ("", "", "")}
         channels: dict[int, tuple[str, _Type]] = {}
-        limits = {"validate_crcs": True, "record_size_limit": path.stat().st_size}
-        for record in reading.StreamReader(file, emit_chunks=True, **limits).records:
+        for record in reading.StreamReader(content, emit_chunks=True, validate_crcs=True).records:
             inside = [record]
             if isinstance(record, reading.Chunk):
                 whole = replace(record, compression="", data=_unpacked(record.data, name, progress))
@@ -65,8 +65,9 @@ def read_mcap(path: Path, name: str, part: str | None, progress: Progress) -> Ta
                 elif isinstance(one, reading.Message):
                     yield *channels[one.channel_id], one.log_time, one.data
 
-    with path.open("rb") as file:
-        return _read_topic(messages(file), part, name, "an MCAP log", progress)
+    # A map of the file: nothing in it can be longer than the rest of it, whatever it says.
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        return _read_topic(messages(content), part, name, "an MCAP log", progress)
 
 
 def read_ros1(path: Path, name: str, part: str | None, progress: Progress) -> Table:
