@@ -10,7 +10,7 @@ from required import needs
 from kalscope.errors import BadFile
 from kalscope.sources.reading.recording_file import read_recording
 
-needs("h5py", "nptdms", "openpyxl", "python_calamine")
+needs("h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 

@@ -13,7 +13,7 @@ from required import needs
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.reading.recording_file import read_recording
 
-needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine")
+needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
 from made_containers import CONTAINERS  # noqa: E402
 
@@ -22,6 +22,10 @@ LIBRARIES = {
     "log.tdms": ("nptdms", "npTDMS"),
     "log.xlsx": ("python_calamine", "python-calamine"),
     "log.parquet": ("pyarrow.parquet", "pyarrow"),
+    "log.ulg": ("pyulog", "pyulog"),
+    "log.mcap": ("mcap.stream_reader", "mcap"),
+    "log.bag": ("rosbags.rosbag1", "rosbags"),
+    "log.db3": ("rosbags.rosbag2.storage_sqlite3", "rosbags"),
 }
 
 

@@ -12,13 +12,14 @@ import pytest
 from each import each
 from required import needs
 
-needs("duckdb", "h5py", "openpyxl", "python_calamine", "scipy", "zstandard")
+needs("duckdb", "h5py", "mcap", "nptdms", "openpyxl", "python_calamine", "rosbags", "scipy", "zstandard")
 
 import duckdb  # noqa: E402
 import h5py  # noqa: E402
 import openpyxl  # noqa: E402
 import scipy.io  # noqa: E402
 import zstandard  # noqa: E402
+from made_containers import Compression, write_json_mcap, write_ros1  # noqa: E402
 
 from kalscope.common import files  # noqa: E402
 from kalscope.errors import BadFile, NoMemory  # noqa: E402
@@ -60,6 +61,8 @@ WRITERS = {
     "log.h5": hdf5,
     "log.mat": lambda path: scipy.io.savemat(path, {"log": {"x": np.zeros(3000)}}, do_compression=True),
     "log.parquet": parquet,
+    "log.mcap": lambda path: write_json_mcap(path, chunk_size=300),
+    "log.bag": lambda path: write_ros1(path, Compression.BZ2),
 }
 
 

@@ -1,13 +1,91 @@
-"""Small files of every container, written by the libraries that own the formats; LVM by its rules."""
+"""Small files of every container, written by the libraries that own the formats; ULog and LVM by their rules."""
 
 import json
+import struct
 
 import h5py
 import nptdms
 import numpy as np
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
 
 N = 25
 X = np.sin(np.arange(N) / 4)
+Compression = Writer1.CompressionFormat
+START = 1_700_000_000_000_000_000
+STEP = 10_000_000
+FIELD, FLOAT, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"
+
+
+def write_messages(writer, version):
+    """A vector at every step, temperature and text at every fifth, by stamps of the log twice as fast."""
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+    kinds = {"/mag": FIELD, "/temp": FLOAT, "/note": TEXT}
+    topics = [writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()]
+    vector, stamp = store.types["geometry_msgs/msg/Vector3"], store.types["builtin_interfaces/msg/Time"]
+    for i in range(N):
+        at, extra = START + 2 * i * STEP, {"seq": i} if version == 1 else {}
+        header = store.types["std_msgs/msg/Header"](stamp=stamp(1_600_000_000, i * STEP), frame_id="", **extra)
+        field = store.types[FIELD](header, vector(x=X[i], y=-X[i], z=9.81), np.arange(9.0))
+        writer.write(topics[0], at, pack(field, FIELD))
+        if i % 5 == 0:
+            writer.write(topics[1], at + 1, pack(store.types[FLOAT](data=20.0 + i), FLOAT))
+            writer.write(topics[2], at + 2, pack(store.types[TEXT](data="ok"), TEXT))
+
+
+def write_ros1(path, compression=None):
+    bag = Writer1(path)
+    if compression:
+        bag.set_compression(compression)
+    with bag as writer:
+        write_messages(writer, 1)
+    return path
+
+
+def write_ros2(path, storage):
+    with Writer2(path, version=9, storage_plugin=storage) as writer:
+        write_messages(writer, 2)
+    return path
+
+
+def write_json_mcap(path, **options):
+    with path.open("wb") as file:
+        writer = McapWriter(file, **options)
+        writer.start()
+        schema = writer.register_schema(name="Pose", encoding="jsonschema", data=b'{"type": "object"}')
+        pose = writer.register_channel(topic="/pose", message_encoding="json", schema_id=schema)
+        blob = writer.register_channel(topic="/blob", message_encoding="protobuf", schema_id=schema)
+        for i in range(N):
+            data = json.dumps({"position": {"x": X[i], "list": [i, 2 * i]}, "name": "robot"}).encode()
+            writer.add_message(channel_id=pose, log_time=START + i * STEP, data=data, publish_time=START)
+            writer.add_message(channel_id=blob, log_time=START + i * STEP, data=b"\x08\x01", publish_time=START)
+        writer.finish()
+    return path
+
+
+def write_ulog(path):
+    """Header, two formats, their subscriptions and data; docs.px4.io/main/en/dev_log/ulog_file_format.html."""
+
+    def message(kind, body):
+        return struct.pack("<HB", len(body), ord(kind)) + body
+
+    out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 5_000_000)
+    out += message("B", bytes(40))
+    out += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;uint8_t[4] _padding0;int32_t dt;")
+    out += message("F", b"battery:uint64_t timestamp;float voltage_v;")
+    for number, (instance, name) in enumerate([(0, b"sensor_combined"), (0, b"battery"), (1, b"battery")]):
+        out += message("A", struct.pack("<BH", instance, number) + name)
+    for i in range(N):
+        out += message("D", struct.pack("<HQfff4xi", 0, 5_000_000 + 4000 * i, X[i], 0.0, 1.0, 4000))
+    for i in range(4):
+        out += message("D", struct.pack("<HQf", 1, 5_000_000 + 100_000 * i, 12.0 + i))
+        out += message("D", struct.pack("<HQf", 2, 5_000_000 + 100_000 * i, 24.0 + i))
+    path.write_bytes(out)
+    return path
 
 
 def write_mat(path):
@@ -94,5 +172,11 @@ CONTAINERS = {
     "log.json": write_json,
     "log.npy": write_npy,
     "log.npz": write_npz,
+    "log.ulg": write_ulog,
+    "log.mcap": write_json_mcap,
+    "log.bag": write_ros1,
+    "packed.bag": lambda path: write_ros1(path, Compression.LZ4),
+    "log.db3": lambda path: next(write_ros2(path.parent / "ros2", StoragePlugin.SQLITE3).glob("*.db3")),
+    "ros2.mcap": lambda path: next(write_ros2(path.parent / "ros2m", StoragePlugin.MCAP).glob("*.mcap")),
 }
 """Name of a small file of each kind, and its writer: from the path to the path of the file."""

@@ -122,6 +122,7 @@ def read_arrays(
     name: str,
     note: str,
     progress: Progress,
+    what: str = "group of arrays of one length",
 ) -> Table:
     """The requested part: the arrays of one group with the same number of samples.
 
@@ -131,6 +132,7 @@ def read_arrays(
         name: The file.
         note: What it is: "a MATLAB file".
         progress: Reports the arrays as they are read.
+        what: What a part is called.
 
     Raises:
         BadFile: there are no arrays of numbers, or too many numbers.
@@ -142,7 +144,7 @@ def read_arrays(
         Part(_part_name(group, found, alone=group not in many), n, sum(_width(item, n) for item in found))
         for (group, n), found in groups.items()
     ]
-    chosen, said = choose_part(parts, wanted, name, "group of arrays of one length")
+    chosen, said = choose_part(parts, wanted, name, what)
     (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
         found = [*groups.get(("", n), []), *found]

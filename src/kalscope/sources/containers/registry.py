@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -93,6 +94,10 @@ _CONTAINERS = (
     Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
     Container("a MATLAB file", _is_mat, "arrays.read_mat"),
+    Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.read_mcap"),
+    Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.read_ros1"),
+    Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.read_ros2"),
+    Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.read_ulog"),
     Container("a spreadsheet", _is_excel, "spreadsheets.read_excel"),
     Container("a NumPy file", _is_numpy, "arrays.read_numpy"),
     Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "texts.read_zip"),
@@ -127,3 +132,18 @@ def read_container(
     except Exception as error:  # a damaged file may raise anything in a library
         said = one_line(str(error))[:120] or type(error).__name__
         raise BadFile(f"{name} cannot be read as {container.kind}: {said}") from None
+
+
+def storage_of(path: Path) -> Path:
+    """The file that holds the messages of a ROS 2 bag, which is a folder; any other path itself.
+
+    Raises:
+        BadFile: the bag is split into several files.
+    """
+    if not os.path.isfile(path / "metadata.yaml"):  # which returns False for an invalid name as well
+        return path
+    files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    if len(files) != 1:
+        listed = ", ".join(file.name for file in files[:8]) or "none"
+        raise BadFile(f"{path.name} must be a bag of one .db3 or .mcap file (got {listed}); open one of them")
+    return files[0]

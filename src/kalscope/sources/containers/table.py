@@ -55,8 +55,8 @@ class Table:
     """Unit of each channel; "" where none is given: its name may still hold one."""
     columns: tuple[Array, ...]
     """Samples of each channel, shape (n,), NaN where missing."""
-    time: Array | None = None
-    """Stamps in s, shape (n,), as the file gives them; None where it gives none: a column may still be the time."""
+    time: int | None = None
+    """Column, from 0, that the file gives as the time in s; None: a column may still be found to be the time."""
     start: float | None = None
     """Time of the stamp 0 in s since 1970, where the file gives it."""
     period: float | None = None

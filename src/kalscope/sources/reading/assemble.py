@@ -374,22 +374,12 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
     """
     columns = [_column(name, unit) for name, unit in zip(table.names, table.units, strict=True)]
     data = dict(enumerate(table.columns))
-    notes = table.notes
-    if table.time is not None and options.time_column is None:
-        if options.time_unit is not None:
-            raise BadSetting(f"time_unit must be left out: the file gives seconds (got {options.time_unit!r})")
-        data = {0: table.time, **{i + 1: column for i, column in data.items()}}
-        columns = [Column("time", "s", "time"), *columns]
-        time = TimeColumn(0, "number", "s")
-        columns, _, more = settle_roles(columns, time)
-        notes = (*notes, *more[1:])
-    else:
-        time = _find_time(table, columns, options)
-        columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
-        columns, time, more = settle_roles(columns, time)
-        if time is None and table.period is not None:
-            more = (f"the file gives one sample every {table.period:.9g} s", *more[1:])
-        notes = (*notes, *more)
+    time = _find_time(table, columns, options)
+    columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
+    columns, time, notes = settle_roles(columns, time)
+    if time is None and table.period is not None:
+        notes = (f"the file gives one sample every {table.period:.9g} s", *notes[1:])
+    notes = (*table.notes, *notes)
     layout = Layout(
         LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period
     )
@@ -409,6 +399,10 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     named = [column.name for column in columns]
     choice = options.time_column
     index = named.index(choice) if isinstance(choice, str) and choice in named else choice
+    if index is None and table.time is not None:
+        if options.time_unit is not None:
+            raise BadSetting(f"time_unit must be left out: the file gives seconds (got {options.time_unit!r})")
+        return TimeColumn(table.time, "number", "s")
     if index is None and table.dates:
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:

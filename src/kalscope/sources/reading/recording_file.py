@@ -16,7 +16,7 @@ from kalscope.common.numbers import Array, Indices
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.errors import BadFile, NoMemory
 from kalscope.recording import Assumption, Recording
-from kalscope.sources.containers.registry import Container, find_container, read_container
+from kalscope.sources.containers.registry import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.table import Part, Table, choose_part, refuse_part
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.account import no_channel, no_table, refuse_markup
@@ -199,7 +199,8 @@ def read_recording(
 
     Text: encoding, delimiter, decimal mark, header, units, comments and the time column are detected, `.gz` and
     `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: zip, JSON,
-    LabVIEW `.lvm`, MATLAB `.mat`, NumPy; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5.
+    LabVIEW `.lvm`, MATLAB `.mat`, NumPy; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5, MCAP, ROS
+    bags and ULog.
     docs/files/reading-files.md says what is read, and how.
 
     Args:
@@ -223,7 +224,7 @@ def read_recording(
     """
     check_chosen_period(options, sample_period)
     name = Path(path).name or str(path)
-    path = Path(path)
+    path = storage_of(Path(path))
     progress = Progress(progress, cancelled, unpacking=Unpacking(path, options.unpack_gb))
     try:
         with open_raw(path, progress) as raw:

@@ -82,11 +82,6 @@ _FOREIGN = {
     b"%PDF": "a PDF document",
     b"RIFF": "a WAV or AVI file",
     b"CDF": "a NetCDF file: xarray.open_dataset(…).to_dataframe().to_csv(…) writes it as CSV",
-    b"\x89MCAP": "an MCAP log: PlotJuggler writes its topics as CSV",
-    b"#ROSBAG": "a ROS 1 bag: rostopic echo -b FILE -p TOPIC writes it as CSV",
-    b"ULog": "a PX4 log: ulog2csv FILE writes it as CSV",
-    b"SQLite format 3": "an SQLite database: sqlite3 -csv FILE 'SELECT * FROM data' writes a table of it as CSV,"
-    " and PlotJuggler the topics of a ROS 2 bag",
     b"H Product:Blackbox": "a Betaflight blackbox log: blackbox_decode FILE writes it as CSV",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
