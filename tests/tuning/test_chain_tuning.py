@@ -73,12 +73,13 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
             "one-euro; cutoff = inf; beta = 1",
             "Object missing required field `speed_cutoff`",
         ),
+        ("kalman; median = 3; filter = []", "'a': Expected `str`, got `array`"),
         ("alpha-beta", 'filter of the chain must be "moving-average", "exponential"'),
     ],
 )
 def test_a_hostile_chain_is_refused_in_one_line(table: str, says: str) -> None:
     name, *settings = table.split("; ")
-    lines = (f"filter = {name!r}", *settings)
+    lines = (*(() if "filter" in table else (f"filter = {name!r}",)), *settings)
     text = "\n".join(("format = 4", "[[channel]]", 'name = "a"', "q = 1", "r = 1", "[channel.chain]", *lines))
     with pytest.raises(BadFile) as refused:
         loads(text)

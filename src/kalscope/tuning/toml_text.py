@@ -228,7 +228,7 @@ def chain_in(table: dict[str, Any]) -> classic.Chain:
         BadSetting: There is no such filter, or a number is out of its range.
         msgspec.ValidationError: A number is missing or something else.
     """
-    name, median = table.get("filter"), msgspec.convert(table.get("median", 1), int)
+    name, median = msgspec.convert(table.get("filter"), str), msgspec.convert(table.get("median", 1), int)
     if name == KALMAN:
         return classic.Chain(median)
     if name not in STAGES:
