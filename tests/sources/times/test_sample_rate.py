@@ -9,7 +9,6 @@ from simulated_device import DEVICES, Device
 
 from kalscope.sources.reading.period import find_rate
 
-
 RNG = np.random.default_rng(3)
 
 
