@@ -46,7 +46,9 @@ def compiled(
         inner: only compiled loops call it, and keep it in their cache. One of its own would double its compilation.
         options: further options of numba's `njit`.
     """
-    return lambda function: Compiled(function, plain, {"cache": not inner, "nogil": True, **options})
+    # Without a value of its own a loop would take "fastmath" from the first one that calls it, into the cache too.
+    options = {"cache": not inner, "nogil": True, "fastmath": False, **options}
+    return lambda function: Compiled(function, plain, options)
 
 
 @dataclass(frozen=True)
