@@ -113,6 +113,23 @@ def test_a_short_record_is_filtered_without_the_compiler_and_a_long_one_with_it(
     assert subprocess.run([sys.executable, "-c", FEW], check=True, capture_output=True).stdout
 
 
+CALLED = """
+import numpy as np
+from kalscope.estimation import kernels
+from kalscope.filtering.kernels import transition
+ones = np.ones(16)
+kernels.scan_lanes(ones, ones[:0], ones, ones, ones, ones.copy(), ones.copy())
+steps = np.geomspace(1e-3, 1.0, 5000).tolist()
+assert [transition.dispatcher(dt, 3.0, 7.0) for dt in steps] == [transition.py_func(dt, 3.0, 7.0) for dt in steps]
+"""
+
+
+@pytest.mark.slow
+def test_a_loop_gives_the_same_bits_whichever_loop_it_was_compiled_for(tmp_path):
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", CALLED], env=env, check=True)
+
+
 WATCHING = """
 from kalscope.common import compiled
 from kalscope.filtering.kernels import step

@@ -168,6 +168,10 @@ def test_no_rows_can_be_kept_and_none_filtered():
     assert filter_at(np.empty(0), params, nothing).m == 0
 
 
+def test_one_sample_alone_has_no_likelihood():
+    assert filter_at(np.ones(1), PLAIN, np.zeros(1, np.intp)).loglik == 0.0
+
+
 @each("indices", [[-1, 3], [3, N]])
 def test_rows_outside_are_refused(indices):
     params = FilterParams(0.01, 1.0)

@@ -86,7 +86,16 @@ def test_a_name_that_is_no_utf_8_does_not_end_a_run(tmp_path):
         assert store.merged(["k"])[0]["source"].to_pylist() == ["/logs/\\udcff.csv"]
 
 
-@pytest.mark.parametrize("rows", [b"", b"\xc1", b"\x91\x91\x01", "text", b"\x91\x01"])
+def test_a_database_that_cannot_be_opened_is_not_called_that_of_somebody_else(tmp_path):
+    (tmp_path / "units.sqlite").mkdir()
+    with pytest.raises(PermissionError, match="unable to open database file"), open_store(tmp_path):
+        pass
+
+
+HUGE = stored("k", [Row("a", samples=2**64 - 1)], Pool.empty()).rows
+
+
+@pytest.mark.parametrize("rows", [b"", b"\xc1", b"\x91\x91\x01", "text", b"\x91\x01", b"\x91" * 100_000, HUGE])
 def test_units_of_somebody_else_are_refused_with_one_line(tmp_path, rows):
     with open_store(tmp_path) as store:
         for pool in (None, b"123"):

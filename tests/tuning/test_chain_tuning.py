@@ -13,6 +13,7 @@ from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAver
 from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
+from kalscope.tuning.toml_text import chain_in
 from kalscope.tuning.tuning import rescaled_to_period
 
 PLAIN = Tuning((ChannelTuning("a", "V", 0.25, 2.0), ChannelTuning("b", "V", 1.0, 2.0)), sample_period=0.01)
@@ -73,12 +74,13 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
             "one-euro; cutoff = inf; beta = 1",
             "Object missing required field `speed_cutoff`",
         ),
+        ("kalman; median = 3; filter = []", "'a': Expected `str`, got `array`"),
         ("alpha-beta", 'filter of the chain must be "moving-average", "exponential"'),
     ],
 )
 def test_a_hostile_chain_is_refused_in_one_line(table: str, says: str) -> None:
     name, *settings = table.split("; ")
-    lines = (f"filter = {name!r}", *settings)
+    lines = (*(() if "filter" in table else (f"filter = {name!r}",)), *settings)
     text = "\n".join(("format = 4", "[[channel]]", 'name = "a"', "q = 1", "r = 1", "[channel.chain]", *lines))
     with pytest.raises(BadFile) as refused:
         loads(text)
@@ -126,3 +128,9 @@ def test_the_user_is_told_what_a_chain_became_and_which_cannot():
         "a cannot be filtered alike every 20 ms: cutoff in cycles per sample must be a number from 1e-06 to 0.499"
         " (got 0.6). Sample more often, or choose another filter"
     )
+
+
+def test_a_gain_of_a_power_of_two_of_an_older_file_is_exponential_smoothing():
+    assert chain_in({"median": 3, "filter": "power-of-two", "shift": 3}) == Chain(3, Exponential(0.125))
+    with pytest.raises(BadSetting):
+        chain_in({"filter": "power-of-two", "shift": -2})

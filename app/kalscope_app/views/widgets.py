@@ -78,9 +78,9 @@ def on_user(
     subscribe(callback)
 
 
-def bind(handle: Any, session: Session, change: Callable[[Any], Change], failed: Failed = Failed.OTHER) -> None:
-    """Request `change(value)` whenever a user edits this widget; `failed` is the heading of a refusal."""
-    on_user(handle.on_update, lambda _client: session.request(change(handle.value), failed=failed))
+def bind(handle: Any, session: Session, change: Callable[[Any], Change]) -> None:
+    """Request `change(value)` whenever a user edits this widget."""
+    on_user(handle.on_update, lambda _client: session.request(change(handle.value)))
 
 
 def put(handle: Any, **properties: Any) -> None:

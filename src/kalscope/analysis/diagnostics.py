@@ -118,9 +118,7 @@ def diagnose(
     return tuple(diagnose_run(Run.of_result(result, c), lags, fitted) for c in range(result.x.shape[1]))
 
 
-def diagnose_held_out(
-    z: ArrayLike, fit: FilterParams | Fit, dt: ArrayLike | None = None, lags: int | None = None
-) -> Diagnostics:
+def diagnose_held_out(z: ArrayLike, fit: FilterParams | Fit, dt: ArrayLike | None = None) -> Diagnostics:
     """Judge q and r on the second half of a record, which the fit has not seen.
 
     On the samples that q and r were fitted to, the mean of e² is 1 whatever the record; on the second half it
@@ -131,13 +129,12 @@ def diagnose_held_out(
         fit: the parameters, or a function of (z, dt of the first half) that gives them, such as
             `lambda z, dt: estimate(z, dt=dt).params`.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
-        lags: as for `diagnose`.
 
     Returns:
         Diagnostics of the second half; `e` has the shape of that half and `spike_indices` count in z.
 
     Raises:
-        BadSetting: z is not 1-D or holds inf; dt does not fit z; lags is below 1; whatever `fit` raises.
+        BadSetting: z is not 1-D or holds inf; dt does not fit z; whatever `fit` raises.
     """
     samples = samples_of(z)
     if samples.ndim != 1:
@@ -146,7 +143,7 @@ def diagnose_held_out(
     half = len(samples) // 2
     params = fit if isinstance(fit, FilterParams) else fit(samples[:half], None if steps is None else steps[:half])
     whole = Run.of_samples(samples, params, steps)
-    judged = diagnose_run(whole.part(half, whole.n), lags, first=half)
+    judged = diagnose_run(whole.part(half, whole.n), first=half)
     before = finite(_scores(whole.part(0, half))[0])
     return replace(judged, nis_before=tests.dot(before, before) / len(before)) if before.any() else judged
 

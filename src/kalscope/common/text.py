@@ -192,9 +192,9 @@ def typed_number(name: str, text: str) -> float:
     return value
 
 
-def gate_text(gate: float | None, digits: int = 3) -> str:
+def gate_text(gate: float | None) -> str:
     """An outlier gate on v²/s in standard deviations, as a user says it: "4 σ", "off"."""
-    return "off" if gate is None else f"{trimmed(math.sqrt(gate), digits)} σ"
+    return "off" if gate is None else f"{trimmed(math.sqrt(gate))} σ"
 
 
 def gate_digits(gate: float | None) -> str:

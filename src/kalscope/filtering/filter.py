@@ -536,7 +536,7 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
         if first == len(samples):  # a short record needs no compiled loop
             break
         p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
-        if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
+        if is_plain and first < len(samples) and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]
             done, x, squares = kernels.filter_settled(samples[first:], k, one.x, at[picked:], first, out)
             first += done

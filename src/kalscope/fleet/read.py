@@ -460,7 +460,7 @@ class Block:
 
     def even_steps(self) -> Array:
         """The step of each recording's stamps in s, shape (k,); NaN where they are uneven, or fewer than three."""
-        first, sizes, time = self.starts[:-1], np.diff(self.starts), self.table.time
+        first, sizes, time = self.starts[:-1], np.diff(self.starts), _time_of(self.table)
         if time is None or not len(first):
             return np.full(len(first), np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -532,7 +532,7 @@ def _rows(piece: Piece, unit: Unit, only: str | None) -> Any:
 
 
 def _columns(table: Any, reading: ReadOptions, ids: str) -> Table:
-    """The columns that are channels, and the time."""
+    """The columns that are channels, and after them the time."""
     kinds = {one.name: one.type for one in table.schema if one.name != ids}
     dates = [name for name, kind in kinds.items() if pa.types.is_timestamp(kind) or pa.types.is_date(kind)]
     numeric = [name for name, kind in kinds.items() if pa.types.is_floating(kind) or pa.types.is_integer(kind)]
@@ -540,13 +540,15 @@ def _columns(table: Any, reading: ReadOptions, ids: str) -> Table:
     channels = [name for name in numeric if name != time]
     if not channels:
         raise BadFile(f"there must be a column of numbers beside id and time (got {', '.join(table.column_names)})")
-    named = [named_column(name) for name in channels]
-    return Table(
-        tuple(one.name for one in named),
-        tuple(one.unit for one in named),
-        tuple(_numbers(table[name]) for name in channels),
-        None if time is None else _seconds(table[time], time, reading),
-    )
+    named, columns = [named_column(name) for name in channels], [_numbers(table[name]) for name in channels]
+    names, units = [one.name for one in named], [one.unit for one in named]
+    if time is not None:
+        names, units, columns = [*names, "time"], [*units, "s"], [*columns, _seconds(table[time], time, reading)]
+    return Table(tuple(names), tuple(units), tuple(columns), None if time is None else len(channels))
+
+
+def _time_of(table: Table) -> Array | None:
+    return None if table.time is None else table.columns[table.time]
 
 
 def _time_name(names: list[str], dates: list[str], numeric: list[str], chosen: str | int | None) -> str | None:
@@ -579,7 +581,7 @@ def _seconds(column: Any, name: str, reading: ReadOptions) -> Array:
 
 def _sorted(places: Array, table: Table) -> tuple[Array, Table]:
     """The rows by id and time, where they are not already."""
-    steps, time = np.diff(places), table.time
+    steps, time = np.diff(places), _time_of(table)
     back = np.zeros(len(steps), dtype=bool) if time is None else np.diff(time) < 0
     if not np.any((steps < 0) | ((steps == 0) & back)):
         return places, table
@@ -588,5 +590,4 @@ def _sorted(places: Array, table: Table) -> tuple[Array, Table]:
 
 
 def _taken(table: Table, rows: Indices | slice) -> Table:
-    columns, time = tuple(column[rows] for column in table.columns), table.time
-    return replace(table, columns=columns, time=None if time is None else time[rows])
+    return replace(table, columns=tuple(column[rows] for column in table.columns))

@@ -216,7 +216,7 @@ class Store:
             numbers = np.frombuffer(b"".join(inputs), "<f4").astype(np.float64)
             numbers[~np.isfinite(numbers)] = np.nan
             return pa.concat_tables(tables), numbers.reshape(len(inputs), WIDTH), pool
-        except (pa.ArrowException, ValueError, TypeError, KeyError, IndexError) as error:
+        except (pa.ArrowException, ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
             raise BadFile(f"{STORE} must hold the units of a fleet (got {type(error).__name__})") from None
 
     def check_tuning(self) -> None:
@@ -238,13 +238,22 @@ class Store:
             database.execute("INSERT OR REPLACE INTO tunings VALUES (?)", (digest,))
 
 
+_OF_DISK = {
+    sqlite3.SQLITE_FULL: errno.ENOSPC,
+    sqlite3.SQLITE_READONLY: errno.EACCES,
+    sqlite3.SQLITE_CANTOPEN: errno.EACCES,
+    sqlite3.SQLITE_IOERR: errno.EIO,
+}
+"""What is the fault of the disk or the folder, and not of what the database holds."""
+
+
 @contextmanager
 def open_store(folder: Path) -> Generator[Store]:
     """The database of a folder while the block runs; the system releases it when the process dies.
 
     Raises:
         BadSetting: another process has it open, the folder is a file, or holds files that no fleet wrote.
-        OSError: the disk is full.
+        OSError: the disk is full, or the database cannot be written.
     """
     make_folder(folder)
     path = folder / STORE
@@ -258,8 +267,9 @@ def open_store(folder: Path) -> Generator[Store]:
             yield store
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code == sqlite3.SQLITE_FULL:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from None
+        if code in _OF_DISK:
+            reason = os.strerror(errno.ENOSPC) if code == sqlite3.SQLITE_FULL else str(error)
+            raise OSError(_OF_DISK[code], reason, str(path)) from None
         if code == sqlite3.SQLITE_BUSY:
             raise BadSetting(f"-o must name a folder that no other run writes (got {str(folder)!r})") from None
         raise BadSetting(f"{_foreign(folder, STORE)}: {error}") from None

@@ -234,7 +234,7 @@ def fit_block(block: Block, options: FleetOptions) -> Fitted:
 def _plain_steps(block: Block, options: FleetOptions) -> Array:
     """The sample period in s of each recording that `_fit_plain` may take; NaN for the others."""
     reading, names = options.reading, block.table.names
-    one_channel = len(names) == 1 and options.channel in (None, names[0])
+    one_channel = block.table.time == 1 and options.channel in (None, names[0])
     as_stamped = (
         replace(reading, time_column=None, time_unit=None) == ReadOptions() and options.sample_period is None
     )

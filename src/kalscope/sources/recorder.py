@@ -145,19 +145,6 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
     return "\n".join(lines) + "\n"
 
 
-def restart_note(source: str, wall: float, since: float, host: float) -> str:
-    """The comment lines where a recording is resumed.
-
-    Args:
-        source: What is recorded from here on.
-        wall: Unix time, s.
-        since: How long nothing was recorded, s; negative where the wall clock was set back.
-        host: Host time, s.
-    """
-    said = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
-    return f"# gap restart {said}\n# restarted: {iso_utc(wall)} (host time {host:.6f}), source: {escaped(source)}\n"
-
-
 def iso_utc(unix: float) -> str:
     """Unix time as ISO 8601 in UTC, with microseconds."""
     stamp = datetime.fromtimestamp(unix, UTC).replace(tzinfo=None)

@@ -228,9 +228,11 @@ def chain_in(table: dict[str, Any]) -> classic.Chain:
         BadSetting: There is no such filter, or a number is out of its range.
         msgspec.ValidationError: A number is missing or something else.
     """
-    name, median = table.get("filter"), msgspec.convert(table.get("median", 1), int)
+    name, median = msgspec.convert(table.get("filter"), str), msgspec.convert(table.get("median", 1), int)
     if name == KALMAN:
         return classic.Chain(median)
+    if name == "power-of-two":  # the name and setting of α = 2^-shift in older files
+        return classic.Chain(median, classic.Exponential(2.0 ** -msgspec.convert(table.get("shift"), int)))
     if name not in STAGES:
         known = ", ".join(f'"{one}"' for one in STAGES)
         raise BadSetting(f'filter of the chain must be {known} or "{KALMAN}" (got {shown(name)})')

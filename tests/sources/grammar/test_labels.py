@@ -57,6 +57,7 @@ def test_the_pairs_of_a_line(line, pairs):
         "[1]",
         '{"a":' * 5000,
         '{"a": ' + "[" * 30000,
+        "ets Jun  8 2016 00:22:57",
     ],
 )
 def test_lines_that_hold_no_pairs(line):

@@ -309,6 +309,18 @@ def test_a_remark_between_rows_begins_no_new_table(tmp_path):
     assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
 
 
+@pytest.mark.parametrize("head", ["time;temp;hum\nSD card ok\n", "time temp hum\nready\n"])
+def test_a_remark_below_the_names_is_skipped(tmp_path, head):
+    mark = ";" if ";" in head else " "
+    recording = read(tmp_path, head + rows(lambda i: mark.join(map(str, (500 * i, A[i], A[i]))) + "\n"))
+    assert (recording.names, recording.sample_period) == (("temp", "hum"), 0.5)
+
+
+def test_units_that_repeat_are_no_names(tmp_path):
+    text = "date time a b c d\ns V V V V\n" + rows(lambda i: f"2025-03-04 {clock(i)} {' '.join([str(A[i])] * 4)}\n")
+    assert read(tmp_path, text).names == ("a", "b", "c", "d")
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -189,3 +189,23 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
         assert live.status().overrun == 0
+
+
+def test_bytes_that_a_late_close_left_out_do_not_hold_up_the_next_start(monkeypatch, wait_for):
+    monkeypatch.setattr("kalscope.sources.live.source.MAX_CLOSE_S", -1.0)
+    monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 500)
+    first = ScriptedPort([lines(0, 1), lines(1, 201)], "at a line", keeps=True)
+    second = ScriptedPort([lines(201, 301)], "at a line", keeps=True)
+    live = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
+    go_on, feed = threading.Event(), live._lines.feed
+    monkeypatch.setattr(live._lines, "feed", lambda received: go_on.wait(PATIENCE) and feed(received))
+    live.start()
+    wait_for(lambda: not first.script)
+    closing = threading.Thread(target=live.close)
+    closing.start()
+    wait_for(lambda: live._end_by < math.inf)
+    go_on.set()
+    closing.join()
+    with live:
+        wait_for(lambda: live.status().received == 301)
+        assert live.status().overrun == 200

@@ -9,6 +9,8 @@ from simulated_device import DEVICES, Device
 
 from kalscope.sources.reading.period import find_rate
 
+RNG = np.random.default_rng(3)
+
 
 @pytest.mark.slow
 @each("seed", range(3))
@@ -25,6 +27,14 @@ def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
         assert found.pauses.tolist() == missing.tolist()
     else:  # the samples of a pause arrive with the next delivery
         assert len(found.pauses) == len(missing)
+
+
+@each("place", [5, 135, 398])
+@each("error", [-1e8, 1e8])
+def test_a_damaged_stamp_does_not_change_the_rate(place, error):
+    time = np.cumsum(0.001 * RNG.uniform(0.5, 1.5, 400))
+    time[place] += error
+    assert find_rate(time).period == pytest.approx(0.001, rel=0.1)
 
 
 LOSSY = {

@@ -139,6 +139,8 @@ def _pairs(text: str, mark: str) -> Pairs | None:
         if not found or is_clock:
             groups[-1].append(word)
             continue
+        if before.isdecimal() and mark in after:  # `ets Jun  8 2016 00:22:57` of an ESP32: a clock, not a label
+            return None
         groups[-1] += [before] if before else []
         groups.append([after] if after else [])
         if len(groups) > MAX_VALUES + 1:

@@ -478,6 +478,7 @@ class LiveSource:
             while True:
                 if isinstance(item, BytesReceived):
                     dropped += lines.count(item.data)
+                    self._reader.taken += len(item.data)
                 elif isinstance(item, LinesDropped):
                     dropped += item.count
                 item = self._reader.items.get_nowait()

@@ -209,9 +209,10 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     level = (abs(len(row[1]) - len(upper[1])) <= spare for row, upper in pairwise(above))
     place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), None)
     start = 0 if place is None else place + 1
-    # `Unix,CAL,CAL` above the units only says what was done to each column.
+    # `Unix,CAL,CAL` above the units only says what was done to each column; `s V V V V V` are no names either.
     done = [sum(cell.lower() in _PROCESSING for cell in cells) for _, cells in above]
-    names = next((i for i in range(start, len(above)) if 2 * done[i] <= len(above[i][1])), start)
+    telling = (2 * done[i] <= len(cells) <= 2 * len(set(cells)) for i, (_, cells) in enumerate(above))
+    names = next((i for i, tells in enumerate(telling) if tells and i >= start), start)
     units = None if place is None else above[place]
     if plan.preface.unit_row is not None:
         units = _row(head, plan.preface.unit_row, table)

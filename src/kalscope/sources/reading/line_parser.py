@@ -90,11 +90,6 @@ class LineParser:
         """
         return None if self._reader is None else self._reader.layout
 
-    @property
-    def buffered(self) -> int:
-        """Bytes that wait for the end of their line or for `next_line`."""
-        return len(self._buffer)
-
     def feed(self, data: bytes) -> None:
         """Add bytes from the stream, any number, cut anywhere."""
         self._buffer += data

@@ -326,8 +326,8 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
         late = np.diff(late)[np.diff(runs[changes]) == 0]
         spread = math.sqrt(1.2 * (float(late @ late) + slope**2))
         error = min(error, spread / max(1.0, float(changes[-1] - changes[0])))
-    if slope <= 0:
-        slope = guess.period
+    if not 0 < slope <= guess.shortest_pause:  # a damaged stamp bends the line beyond all that lies between pauses
+        slope, error = guess.period, math.inf
     if stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
         slope = steps.median  # the usual step agrees
     if stamps == "bursts" and not _in_bursts(steps, pauses, slope):

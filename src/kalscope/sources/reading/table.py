@@ -267,12 +267,15 @@ class _Grid:
     def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
         lines = [line for line in self._lines if line[0] < first][-MAX_HEADER_LINES:]
-        found: list[tuple[int, Cells]] = []
+        found, remark, width = list[tuple[int, Cells]](), False, self._table.width
         for number, _ in reversed(lines):
             if not set(self._texts[number]) - _RULED:
                 continue
             cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
-            if not self._may_name(cells):
+            if len(cells) == 1 < width and not found and not remark and self._kinds[cells[0]] == "text":
+                remark = True  # `SD card ok` below the names
+                continue
+            if not self._may_name(cells) or (remark and not found and not (len(cells) == width and all(cells))):
                 break
             found.append((number, cells))
         narrow = found and len(found[0][1]) < self._least
