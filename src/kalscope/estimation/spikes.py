@@ -63,23 +63,16 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         r: variance of the noise, unit².
         tau: momentum in sample periods, 0 for none.
     """
-    side = _refuse(z, steps, q, r, tau)
-    if not side[2].any():
-        return np.zeros(len(z))
-    back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
-    other = _refuse(z[::-1].copy(), back, q, r, tau)
-    both = side[2] & other[2][::-1]
-    if not both.any():
-        return np.zeros(len(z))
-    v, s = (np.stack([here, there[::-1]]) for here, there in zip(side[:2], other[:2], strict=True))
-    return _unlike_movement(z, v, s, r, both)
-
-
-def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Array, Array, Mask]:
-    """Innovation and its variance of each sample, and whether the samples before it refuse it."""
-    v, s, refused = np.zeros(len(z)), np.ones(len(z)), np.empty(len(z), np.bool_)
-    kernels.refuse(z, steps, q, r, tau or None, _start(z, steps, q, r), v, s, refused)
-    return v, s, refused
+    n = len(z)
+    v, s, refused = np.zeros((2, n)), np.ones((2, n)), np.empty((2, n), np.bool_)  # forwards and backwards
+    ways = (slice(None), steps), (slice(None, None, -1), np.append(1.0, steps[:0:-1]) if len(steps) else steps)
+    for i, (way, gaps) in enumerate(ways):
+        one = z[way].copy()
+        kernels.refuse(one, gaps, q, r, tau or None, _start(one, gaps, q, r), v[i], s[i], refused[i])
+        if not refused[i].any():
+            return np.zeros(n)
+    v[1], s[1] = v[1, ::-1].copy(), s[1, ::-1].copy()
+    return _unlike_movement(z, v, s, r, refused[0] & refused[1, ::-1])
 
 
 def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
@@ -90,25 +83,34 @@ def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
 
 
 def _unlike_movement(z: Array, v: Array, s: Array, r: float, refused: Mask) -> Array:
-    """`unpredicted` of the innovations and their variances on both sides, shape (2, n), refused on both."""
-    found, at = np.zeros(len(z)), np.flatnonzero(refused & ~np.isnan(z))
+    """`unpredicted` of the innovations and their variances on both sides, shape (2, n), refused on both.
+
+    v is overwritten: a copy of each array here would be most of the memory of an estimate.
+    """
+    present = ~np.isnan(z)
+    at = np.flatnonzero(refused & present)
     p = s[:, at] - r
     least, most = p.min(axis=0), p.max(axis=0)
     with np.errstate(invalid="ignore"):
         share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
         first = np.where(p[0] == least, share, 1.0 - share)
-        found[at] = (first * v[0, at] + (1.0 - first) * v[1, at]) ** 2 / (r + share * least)
-    if found.max() <= SIGMAS**2:
+        score = (first * v[0, at] + (1.0 - first) * v[1, at]) ** 2 / (r + share * least)
+    if score.max(initial=0.0) <= SIGMAS**2:
+        found = np.zeros(len(z))
+        found[at] = score
         return found
-    present = ~np.isnan(z)
     counted = present & ~refused
-    squares = np.where(counted, np.minimum((v * v / s).min(axis=0), MOST), 0.0)
+    v *= v
+    v /= s
+    squares = np.minimum(np.minimum(*v, out=v[0]), MOST, out=v[0])
+    squares[~counted] = 0.0
     lively = _mean_near(squares, counted, at)
     kept = np.zeros(len(z), np.bool_)
-    kept[at] = found[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
-    crowded = (lively > VERY_LIVELY) & (_mean_near(kept.astype(np.float64), present, at) > CROWDED)
-    kept[at] &= ~crowded | (found[at] > SIGMAS**4 * lively)
-    found[~kept] = 0.0
+    kept[at] = score > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    crowded = (lively > VERY_LIVELY) & (_mean_near(kept, present, at) > CROWDED)
+    kept[at] &= ~crowded | (score > SIGMAS**4 * lively)
+    found = np.zeros(len(z))
+    found[at] = np.where(kept[at], score, 0.0)
     starts, lengths = _runs(kept[present])
     if len(starts) < MIN_RUNS:  # a long run among few: the signal has moved, and come back
         for start, length in zip(starts, lengths, strict=True):
@@ -117,13 +119,15 @@ def _unlike_movement(z: Array, v: Array, s: Array, r: float, refused: Mask) -> A
     return found
 
 
-def _mean_near(values: Array, counted: Mask, at: Indices) -> Array:
-    """Mean of the values that count within NEAR samples of each place; 0 where there are none."""
+def _mean_near(values: Array | Mask, counted: Mask, at: Indices) -> Array:
+    """Mean of the values within NEAR samples of each place that count, the others being 0; 0 where none counts."""
     low, high = np.maximum(at - NEAR, 0), np.minimum(at + NEAR + 1, len(values))
-    total, count = (
-        np.append(0.0, np.cumsum(np.where(counted, some, 0.0))) for some in (values, np.ones(len(values)))
-    )
-    return (total[high] - total[low]) / np.maximum(count[high] - count[low], 1.0)
+
+    def sums(some: Array | Mask) -> Array:
+        total = np.cumsum(some)
+        return total[high - 1] - np.where(low > 0, total[low - 1], 0)
+
+    return sums(values) / np.maximum(sums(counted), 1)
 
 
 def _median(values: Array) -> float:
