@@ -532,6 +532,8 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
             kept[name][picked:end] = row[at[picked:end] - first + len(piece.x)]
         result, picked = _added(result, piece.loglik, piece.m, piece.rejected), end
         p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
+        if first == len(samples):  # without the next loop, which loads the compiler
+            break
         if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]
             done, x, squares = kernels.filter_settled(samples[first:], k, one.x, at[picked:], first, out)
