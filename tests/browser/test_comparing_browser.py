@@ -28,10 +28,10 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     screen.shot("compare-lag")
     screen.choose("matched by", "the same noise reduction")
     screen.choose("draw", "Median")
-    screen.wait_for_line("Median", found["noise"].others[3].curve)
+    screen.wait_for_line("Median", found["noise"].others[2].curve)
     screen.page.get_by_text("At equal noise reduction").first.wait_for()
     screen.choose("draw", "all of them")
-    screen.wait_for_line("One-euro", found["noise"].others[5].curve)
+    screen.wait_for_line("One-euro", found["noise"].others[4].curve)
     screen.shot("compare-all")
 
     screen.tab("Noise")
