@@ -36,7 +36,7 @@ def without_extras():
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     extras = [needed for extra, needed in project["optional-dependencies"].items() if extra not in FOR_DEVELOPERS]
     packages = {re.match(r"[\w-]+", one)[0].lower() for needed in extras for one in needed}
-    assert {"duckdb", "h5py", "dask", "pyarrow"} <= packages
+    assert {"h5py", "dask", "pyarrow"} <= packages
     modules = {
         module for module, owners in packages_distributions().items() if {one.lower() for one in owners} & packages
     }

@@ -72,7 +72,7 @@ def program(text: str, names: dict[str, Any]) -> str:
 def answers(block: str, beside: contextlib.ExitStack) -> str:
     """What the commands of a block print; a backslash at its end continues a command."""
     printed = ""
-    for line in block.replace("\\\n", "").splitlines():
+    for line in block.replace("\\\n", "").splitlines():  # as a shell joins them
         name, *arguments = shlex.split(line, comments=True)
         if name != "kalscope":
             raise RuntimeError(f"a command of a page must be kalscope (got {line})")

@@ -14,6 +14,7 @@ from kalscope.analysis import candidates
 from kalscope.analysis.alternatives import MAX_SAMPLES, compare_alternatives, stretch_of
 from kalscope.analysis.candidates import at_lag, at_noise
 from kalscope.analysis.filter_errors import difference, spikes_in, verdict
+from kalscope.common.text import count
 from kalscope.filtering.classic import Bench, ChainFilter, Exponential
 
 RNG = np.random.default_rng(20)
@@ -164,7 +165,8 @@ def test_the_stretch_is_all_or_the_most_around_what_is_looked_at():
     z = np.resize(RNG.normal(size=9999), MAX_SAMPLES + 5000)
     found = compare_alternatives(z, FilterParams(q=0.1, r=1.0), window=(MAX_SAMPLES, MAX_SAMPLES + 5000))
     assert (found.first, found.last) == (5000, MAX_SAMPLES + 5000)
-    assert found.note.startswith(f"Compared on samples 5000 to {MAX_SAMPLES + 4999} of {MAX_SAMPLES + 5000}.")
+    first, last, n = map(count, (5000, MAX_SAMPLES + 4999, MAX_SAMPLES + 5000))
+    assert found.note.startswith(f"Compared on samples {first} to {last} of {n}.")
     assert all(len(one.curve) == MAX_SAMPLES for one in (found.present, *found.others))
 
 

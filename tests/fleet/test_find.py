@@ -52,7 +52,7 @@ def test_a_loop_of_links_ends(tree):
 
 @pytest.mark.parametrize("source", ["nowhere.csv", "nowhere/*.csv", "**", ""])
 def test_a_source_that_names_nothing_is_refused(tmp_path, source):
-    with pytest.raises(BadSetting, match=r"SOURCE must be a folder, a file, a pattern .*\(got "):
+    with pytest.raises(BadSetting, match=r"SOURCE must be a folder, a file, @LIST, or a pattern .*\(got "):
         find_units([str(tmp_path / source) if source else ""], tmp_path)
 
 

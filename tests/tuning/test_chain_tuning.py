@@ -126,7 +126,7 @@ def test_the_user_is_told_what_a_chain_became_and_which_cannot():
         with_chain(Chain(1, Butterworth(0.3))).rescaled(0.02)
     assert str(refused.value) == (
         "a cannot be filtered alike every 20 ms: cutoff in cycles per sample must be a number from 1e-06 to 0.499"
-        " (got 0.6). Sample more often, or choose another filter"
+        " (got 0.6). Choose another sample period or filter"
     )
 
 

@@ -349,7 +349,7 @@ def comparison_text(state: State) -> str:
         inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
         q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
         rows.append(f"| {METHODS[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
-    said = comparison(state.answers.method_comparison) or "No two of them can be compared."
+    said = comparison(state.answers.method_comparison, state.tuning.momentum) or "No two of them can be compared."
     head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
     return f"{METHODS_COMPARED}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"
 

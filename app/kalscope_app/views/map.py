@@ -180,7 +180,7 @@ def write_fleet_legend(
         y += 19.0
     if layer.shared is not None:
         draw_shared(pen, (x, y), palette)
-        pen.text((x + 20, y), "one filter for all; line: its q/r, 95 %", palette.ink, 12, "lm")
+        pen.text((x + 20, y), "one filter for all; lines: best q/r, 95 %", palette.ink, 12, "lm")
         y += 19.0
     shown = [(kind, words) for kind, words in enumerate(layer.words) if words]
     for place, (kind, words) in enumerate(shown):

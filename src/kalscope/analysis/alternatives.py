@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from kalscope.analysis.candidates import Alternative, at_lag, at_noise
 from kalscope.analysis.filter_errors import Errors, difference, lower, refusal, verdict
 from kalscope.common.numbers import Array
-from kalscope.common.text import decibels, number, plural
+from kalscope.common.text import count, decibels, number, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic import ChainFilter, bench_of
 from kalscope.filtering.filter import FilterResult, kalman_filter, smooth
@@ -222,10 +222,11 @@ def _verdict(others: tuple[Alternative, ...], errors: Errors, memory: float, mat
 
 
 def _note(first: int, last: int, n: int, errors: Errors) -> str:
-    stretch = f"all {n} samples" if last - first == n else f"samples {first} to {last - 1} of {n}"
+    part = f"samples {count(first)} to {count(last - 1)} of {count(n)}"
+    stretch = f"all {count(n)} samples" if last - first == n else part
     by = "the difference from the known truth"
     if errors.truth is None:
         by = "how well each predicts the next sample, which none has used"
     without = f", without {plural(errors.spikes, 'spike')} that none could predict" if errors.spikes else ""
-    judged = f"over the last {errors.judged} samples, once all have started{without}."
+    judged = f"over the last {count(errors.judged)} samples, once all have started{without}."
     return f"Compared on {stretch}." + (f" Errors: {by}, {judged}" if errors.judged else "")

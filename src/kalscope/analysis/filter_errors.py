@@ -187,8 +187,9 @@ def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag:
         parts.append(f"No significant difference: {_listed(same)}.")
     if worse:
         name, d = max(worse, key=lambda one: one[1].ratio)
-        worst = f"{lower(name)}, by {percent_of(d.ratio)} ({interval_words(d)})"
-        parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}; worst {worst}.")
+        worst = "" if len(worse) == 1 else f"; worst {lower(name)}"
+        by = f"{worst}, by {percent_of(d.ratio)} ({interval_words(d)})"
+        parts.append(f"Significantly worse: {_listed([name for name, _ in worse])}{by}.")
     return " ".join(parts)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.numbers import Array
-from kalscope.common.text import lag_in_full, number
+from kalscope.common.text import lag_in_full
 from kalscope.estimation.methods import allan_variances
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams, one_channel, scalar
@@ -200,7 +200,6 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     best = best_average(q, r)
     if momentum and q and len(size):  # later than that of the walk alone: the nearest of these lengths
         best = float(size[int(model.argmin())])
-    least = math.sqrt(float(allan_model(best, q, r, momentum))) if math.isfinite(best) else math.nan
     return AllanDeviation(
         size=size,
         tau=size * period,
@@ -209,7 +208,7 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
         model=model,
         best_size=best,
         in_seconds=sample_period is not None,
-        message=_message(size, deviation, spread, best, least, sample_period),
+        message=_message(size, deviation, spread, best, sample_period),
     )
 
 
@@ -259,8 +258,8 @@ def log_sizes(longest: int) -> NDArray[np.int64]:
     return np.unique(np.rint(2.0 ** (steps / SIZES_PER_OCTAVE)).astype(np.int64))
 
 
-def _message(size: Array, deviation: Array, spread: Array, best: float, least: float, period: float | None) -> str:
-    """Where averaging stops helping: by the model, `least` at `best` samples, and in the recording."""
+def _message(size: Array, deviation: Array, spread: Array, best: float, period: float | None) -> str:
+    """Where averaging stops helping: by the model, at `best` samples, and in the recording."""
     if len(size) < 2:
         return "The recording is too short for an Allan deviation."
     if math.isinf(best):
@@ -270,10 +269,7 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
             "By the model, averaging does not help at all: the signal changes more between samples than its noise."
         )
     else:
-        longest = lag_in_full(best, period)
-        model = (
-            f"By the model, averaging longer than {longest} does not help: {number(least)} is the lowest deviation."
-        )
+        model = f"By the model, averaging longer than {lag_in_full(best, period)} does not help."
     at = first_minimum(deviation, spread)
     stop = lag_in_full(float(size[at]), period)
     if not deviation.any():
@@ -281,7 +277,7 @@ def _message(size: Array, deviation: Array, spread: Array, best: float, least: f
     elif at == len(size) - 1:
         seen = f"In this recording it still helps at {stop}, the longest averaging time it allows."
     elif at:
-        seen = f"In this recording it stops helping at {stop}: {number(float(deviation[at]))}."
+        seen = f"In this recording it stops helping at {stop}."
     elif float(deviation.min()) < float(deviation[0]):
         helps = lag_in_full(float(size[int(np.argmax(deviation < deviation[0]))]), period)
         seen = f"In this recording averaging over less than {helps} does not help: signal or noise is correlated."

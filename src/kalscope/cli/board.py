@@ -357,8 +357,8 @@ def demo_board_command(
 ) -> None:
     """Send a recording over a port, as a board would.
 
-    The port is a local socket. It is sent at its own rate, from the start for each program that connects, until
-    Ctrl+C.
+    The port is a local socket. Each program that connects gets the recording from its start, at its own rate,
+    until Ctrl+C.
     """
     from kalscope.catalogue import open_source
 

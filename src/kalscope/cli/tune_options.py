@@ -52,23 +52,18 @@ class TuneOptions:
     ratio: Annotated[float | None, number_option("Target: q/r, such as 0.01; r is estimated.")] = None
     still: Annotated[
         str | None,
-        text_option("FROM:TO", 'When the input is constant, s (sample numbers without time), or "auto": gives r.'),
+        text_option("STRETCH", 'Where the input is constant: FROM:TO in s or sample numbers, or "auto"; gives r.'),
     ] = None
     sigma: Annotated[
         Any,
-        number_option(
-            "Data sheet: RMS noise, unit; gives r. For fused sensors, one each: a=2,b=3.", number_or_each(positive)
-        ),
+        number_option("Data sheet: RMS noise, unit; gives r.", number_or_each(positive)),
     ] = None
     """A number, or one for each of several fused sensors by its name."""
     density: Annotated[float | None, number_option("Data sheet: noise density, unit/√Hz; gives r.")] = None
     bandwidth_hz: Annotated[float | None, number_option("Noise bandwidth for --density, Hz.")] = None
     r: Annotated[
         Any,
-        number_option(
-            "Known measurement-noise variance, unit²; q is estimated. For fused sensors, one each: a=4,b=9.",
-            number_or_each(positive),
-        ),
+        number_option("Known measurement-noise variance, unit²; q is estimated.", number_or_each(positive)),
     ] = None
     """As `sigma`."""
     momentum: Annotated[
@@ -145,7 +140,8 @@ class FusionOptions(TuneOptions):
     """The options of `kalscope tune`: those of a fleet, and those about fusing."""
 
     fuse: Annotated[
-        str | None, text_option("NAMES", "Fuse these channels, sensors of one quantity: a,b,c or 1,2,3.")
+        str | None,
+        text_option("NAMES", "Fuse these channels, sensors of one quantity, such as a,b; then also --r a=4,b=9."),
     ] = None
     reference: Annotated[
         str | None, text_option("NAME", "With --fuse: the sensor without an offset; default: offsets add up to 0.")

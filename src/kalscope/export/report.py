@@ -107,7 +107,7 @@ def simpler_filters(comparison: Comparison) -> ReportTable:
         overshoot = "–" if math.isnan(one.overshoot) else percent(one.overshoot)
         rows.append((one.name, number(one.lag_samples), noise, overshoot, "–" if error is None else number(error)))
     columns = ("", "lag", "dB", "overshoot", "next sample" if comparison.present.rmse is None else "RMSE")
-    return ReportTable("Simpler filters, at this lag", tuple(rows) if comparison.others else (), columns)
+    return ReportTable("Simpler filters, at this lag (samples)", tuple(rows) if comparison.others else (), columns)
 
 
 def pinned_settings(

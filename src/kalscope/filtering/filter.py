@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.compiled import MAX_PLAIN
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels
@@ -523,7 +522,6 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     rows, result = empty_rows(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
     is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
-    is_plain &= len(samples) > MAX_PLAIN  # fewer do not wait for the compiler
     first = picked = 0
     while first < len(samples):
         readings = checked_readings(samples[first : first + PIECE], params, first)
@@ -536,7 +534,7 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
         if first == len(samples):  # a short record needs no compiled loop
             break
         p, k, s = piece.p[-1], piece.k[-1], piece.s[-1]
-        if is_plain and first < len(samples) and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
+        if is_plain and k > 0.0 and abs(p - piece.p[-2:][0]) <= kernels.SETTLED_WITHIN * p:
             out = kept["x"][picked:], kept["innovation"][picked:]
             done, x, squares = kernels.filter_settled(samples[first:], k, one.x, at[picked:], first, out)
             first += done

@@ -169,7 +169,7 @@ def _matches(source: str) -> list[str]:
     paths = [source] if os.path.lexists(source) else sorted(glob.glob(source))
     if not paths or "**" in source:  # which would miss what lies deeper
         raise BadSetting(
-            f"SOURCE must be a folder, a file, a pattern such as 'logs/*.csv' without **, or @LIST (got {source!r})"
+            f"SOURCE must be a folder, a file, @LIST, or a pattern without ** that a file matches (got {source!r})"
         )
     return [os.path.abspath(path) for path in paths]
 

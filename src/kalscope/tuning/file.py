@@ -114,7 +114,7 @@ def load_tuning(path: str | os.PathLike[str]) -> Tuning:
 
 def dumps(tuning: Tuning) -> str:
     """The text of a new tuning file. Every float is read back bit for bit."""
-    return toml.clean(toml.fresh(_plain(tuning)))
+    return toml.fresh(_plain(tuning))
 
 
 def loads(text: str) -> Tuning:
@@ -151,10 +151,8 @@ def _plain(tuning: Tuning) -> dict[str, Any]:
         format=1 if is_basic else toml.FORMATS[-1],  # older programs read a basic file, and refuse any other
         tool=tuning.tool,
         date=tuning.date,
-        selected=toml.clean(tuning.selected),
-        source=_Source(
-            toml.clean(tuning.source_name), toml.clean(tuning.source), tuning.sha256, tuning.sample_period
-        ),
+        selected=tuning.selected,
+        source=_Source(tuning.source_name, tuning.source, tuning.sha256, tuning.sample_period),
         channel=[_Filter(**_values(one), r=one.r, chain=plain_chain(one.chain)) for one in tuning.channels],
         fusion=fusion,
     )
@@ -165,7 +163,7 @@ def _values(one: ChannelTuning) -> dict[str, Any]:
     """What a channel and a fusion have in common."""
     values: dict[str, Any] = {name: getattr(one, name) for name in (*_COMMON, *_WORDS)}
     values |= {name: word for name, word in _WORDS.items() if values[name] is None}
-    return values | {"name": toml.clean(one.name), "momentum": one.momentum or None}
+    return values | {"momentum": one.momentum or None}
 
 
 def _tuning(one: _Filter) -> ChannelTuning:

@@ -168,16 +168,17 @@ def _commented(key: str, value: object) -> Item:
 
 
 def _plain(value: object) -> object:
-    r"""A text with what would act on a terminal that shows the file written as `\u009b`; anything else as it is."""
-    if not isinstance(value, str) or not CONTROL.search(value):
+    r"""A text with what would act on a terminal that shows the file written as `\u009b`; anything else as it is.
+
+    Lone surrogates, which file names may hold and UTF-8 may not, are replaced.
+    """
+    if not isinstance(value, str):
+        return value
+    value = value.encode("utf-8", "replace").decode()
+    if not CONTROL.search(value):
         return value
     inside = json.dumps(value, ensure_ascii=False)[1:-1]  # the escapes of JSON are those of TOML
     return tomlkit.string(escaped(inside), escape=False)
-
-
-def clean(text: str) -> str:
-    """`text` without the lone surrogates that file names may hold and UTF-8 may not."""
-    return text.encode("utf-8", "replace").decode()
 
 
 def shown(value: object) -> str:

@@ -311,8 +311,8 @@ def _rescaled(one: ChannelTuning, ratio: float, period: float) -> ChannelTuning:
         return moved if chain is None else replace(moved, chain=rescaled_chain(chain, ratio))
     except BadSetting as error:
         raise BadSetting(
-            f"{one.name} cannot be filtered alike every {duration(period)}: {error}. Sample more often, or choose"
-            " another filter"
+            f"{one.name} cannot be filtered alike every {duration(period)}: {error}. Choose another sample"
+            " period or filter"
         ) from None
 
 

@@ -267,6 +267,7 @@ def test_opinions_belong_to_their_channel(state):
     assert comparison_text(asked).count("\n|") == 2 + len(METHODS)
     assert "95 % interval of maximum likelihood" in comparison_text(asked)
     assert "without momentum" in comparison_text(asked)  # and so they may find no noise where the search does
+    assert "need not agree" in comparison_text(asked.with_tuning(momentum=10.0))
     assert select_channel("b")(asked).answers.method_comparison == ()
     assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
 

@@ -83,7 +83,7 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         where = _quoted([names[i] for i in channels])
         questions.append(
             Assumption(
-                f"is {value:.15g} a missing value? It occurs {often} times in {where},"
+                f"is {value:.15g} a missing value? It occurs {count(often)} times in {where},"
                 f" far from the rest; if so, read with --missing {value:.15g}"
             )
         )
