@@ -28,7 +28,7 @@ from kalscope.estimation.pool import held_out, pool_of
 from kalscope.export.float32 import filter_float32
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, RunningStages
 from kalscope.filtering.filter import filter_at
-from kalscope.papers import generalized
+from kalscope.papers.generalized import GeneralizedParams
 
 SAMPLES = 30_000
 """More than a loop takes as plain Python."""
@@ -57,7 +57,7 @@ compare_alternatives(live, PLAIN)
 for method in ("ml", "moments"):
     estimate(spiky, method=method)
 estimate_many([z[:400], spiky])
-generalized.generalized_filter(np.abs(z) + 1.0, generalized.GeneralizedParams(1.0))
+GeneralizedParams(1.0).run(np.abs(z) + 1.0)
 pool_of([z[:400], spiky])
 held_out([z[:400], spiky])
 for momentum in (0.0, 5.0):
