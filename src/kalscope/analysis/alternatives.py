@@ -161,8 +161,8 @@ def compare_alternatives(
     refused = refusal(piece, steady.lag_samples, steady.gain)
     chosen = () if refused is not None else _candidates(piece, result.x, steady, match, params.momentum > 0.0)
     slowest = max((one.start_samples for one in chosen), default=0)
-    begun = int(np.argmax(np.isfinite(piece))) if len(piece) else 0
-    errors = Errors(piece, true, min(begun + slowest, len(piece) // 2))  # once every causal filter has started
+    start_at = int(np.argmax(np.isfinite(piece))) if len(piece) else 0
+    errors = Errors(piece, true, min(start_at + slowest, len(piece) // 2))  # once every causal filter has started
     present = measured(yours, result.x, errors)
     if refused is not None:
         return Comparison(match, first, last, 0, present, (), refused, "", "")

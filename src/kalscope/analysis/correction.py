@@ -274,8 +274,8 @@ def find_structure(e: Array, lags: int) -> float | None:
     share, p = low_frequency_share(finite(e))
     if p < ALARM and share >= MIN_SHARE:
         return share
-    left = correlation(e, lags, fitted=True)
-    return 0.0 if left.p < ALARM and left.q >= MIN_SHARE * np.count_nonzero(np.isfinite(e)) else None
+    remaining = correlation(e, lags, fitted=True)
+    return 0.0 if remaining.p < ALARM and remaining.q >= MIN_SHARE * np.count_nonzero(np.isfinite(e)) else None
 
 
 def find_change(e: Array) -> float:

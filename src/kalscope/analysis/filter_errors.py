@@ -54,15 +54,15 @@ def spikes_in(z: Array) -> Mask:
     """
     from scipy.ndimage import median_filter
 
-    seen, found = np.isfinite(z), np.zeros(z.shape, dtype=np.bool_)
+    seen, marked = np.isfinite(z), np.zeros(z.shape, dtype=np.bool_)
     there = z[seen]
     if len(there) > 2:
         apart = np.abs(there - median_filter(there, size=5, mode="nearest"))
         rough = there[1:-1] - 0.5 * (there[:-2] + there[2:])
         usual = 1.4826 * math.sqrt(2.0 / 3.0) * float(np.median(np.abs(rough)))
         moved = np.abs(np.diff(there))
-        found[seen] = apart > SPIKE * (usual or np.min(moved, where=moved > 0.0, initial=np.inf))
-    return found
+        marked[seen] = apart > SPIKE * (usual or np.min(moved, where=moved > 0.0, initial=np.inf))
+    return marked
 
 
 def root_mean(squares: Array) -> float:
@@ -149,17 +149,17 @@ def block_of(lag: float) -> int:
     return math.ceil(10.0 * (lag + 1.0))
 
 
-def verdict(found: Sequence[tuple[str, Difference]], what: str, equal: str, lag: float, samples: int) -> str:
+def verdict(differences: Sequence[tuple[str, Difference]], what: str, equal: str, lag: float, samples: int) -> str:
     """Two or three sentences on the candidates that a device can run.
 
     Args:
-        found: names of the candidates, and their differences to the present filter.
+        differences: names of the candidates, and their differences to the present filter.
         what: what the error is, such as "RMS error against the truth".
         equal: what they were made equal in, such as "lag".
         lag: what `difference` was given, samples.
         samples: how many the errors are of.
     """
-    judged = [(name, d) for name, d in found if not math.isnan(d.ratio)]
+    judged = [(name, d) for name, d in differences if not math.isnan(d.ratio)]
     if not judged:
         return "The filters cannot be compared on this stretch: all errors are 0."
     if all(math.isinf(d.high) for _, d in judged):

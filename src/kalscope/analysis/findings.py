@@ -259,11 +259,11 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
         change if evidence.change <= off else None,
         _refused_runs(evidence, known),
     )
-    found = [one for one in ordered if one is not None]
+    listed = [one for one in ordered if one is not None]
     if known.goal or known.noise:
-        found = _as_chosen(found, known, evidence.momentum)
-    shape = None if found else _shape(evidence, known)
-    return found if shape is None else [shape]
+        listed = _as_chosen(listed, known, evidence.momentum)
+    shape = None if listed else _shape(evidence, known)
+    return listed if shape is None else [shape]
 
 
 def advice_text(findings: Sequence[Finding]) -> str:
@@ -484,7 +484,7 @@ def still_met(request: Request | None, params: FilterParams, sample_period: floa
     return None if request.noise == Noise() else Request(noise=request.noise)
 
 
-def _as_chosen(found: list[Finding], known: Known, momentum: bool) -> list[Finding]:
+def _as_chosen(listed: list[Finding], known: Known, momentum: bool) -> list[Finding]:
     """The findings on a chosen filter: what can be corrected, what the choice costs in numbers, the rest as notes.
 
     No advice undoes the choice. A filter that is slower than the best leaves waves in its residuals, which say
@@ -494,7 +494,7 @@ def _as_chosen(found: list[Finding], known: Known, momentum: bool) -> list[Findi
     rest: list[Finding] = []
     slow = False
     fit = f"the best statistical fit {WITH_MOMENTUM}" if momentum else "the best statistical fit"
-    for one in found:
+    for one in listed:
         action = one.action
         if isinstance(action, actions.Scale) and _ends(action, known):
             slow = bool(known.goal) and action.q_factor > action.r_factor

@@ -115,29 +115,29 @@ def judge_fusion(
     Raises:
         BadSetting: z does not fit the parameters, or the estimate has none.
     """
-    found = None if isinstance(estimate, FilterParams) else estimate
+    fit_result = None if isinstance(estimate, FilterParams) else estimate
     params = estimate if isinstance(estimate, FilterParams) else estimate.params
     if params is None:
         raise BadSetting("estimate must hold a filter (got one without params: its message says why)")
     if names is None:
-        names = [f"sensor {i + 1}" for i in range(params.sensors)] if found is None else found.names
+        names = [f"sensor {i + 1}" for i in range(params.sensors)] if fit_result is None else fit_result.names
     if len(names) != params.sensors:
         raise BadSetting(f"names must be {params.sensors}, one per sensor (got {', '.join(names)})")
     readings = checked_readings(samples_of(z), params)
     steps = None if dt is None else steps_of(dt, len(readings))
     record = _Record(readings, steps, params, tuple(names), unit, sample_period)
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge readings
-        return _judged(record, found, fit)
+        return _judged(record, fit_result, fit)
 
 
-def _judged(record: _Record, found: Estimate | None, fit: FusionFit | None) -> Judgement:
+def _judged(record: _Record, fit_result: Estimate | None, fit: FusionFit | None) -> Judgement:
     params, half = record.params, len(record.z) // 2
     stuck = [_stuck_stretch(record, i) for i in range(params.sensors)]
     alive = record.without(stuck)
     sensors = _sensors(record, alive, stuck)
     tested = params if fit is None else fit(record.z[:half], None if record.dt is None else record.dt[:half])
     seen = _predict_second_half(replace(record, params=tested), np.isfinite(alive.z))
-    shared = _shared_noise(alive) if found is None else found.shared
+    shared = _shared_noise(alive) if fit_result is None else fit_result.shared
     error, several = record.predicted_error(range(params.sensors)), len(sensors) > 1
     odd = [one for one in sensors if one.findings]
     status = odd[0].status if odd else "shared_noise" if shared else "fused"
@@ -345,11 +345,11 @@ def _sensors(record: _Record, alive: _Record, stuck: Sequence[Stretch]) -> tuple
             silent=_silent_stretch(np.isfinite(z[:, i])),
         )
         pairs = [" and ".join(record.names[j] for j in odd.get(i, (0.0, ()))[1]) for odd in (drifts, changes)]
-        found = tuple(_faults(record, i, one, *pairs))
-        one = replace(one, findings=found, if_it_fails=_failing(record, one, error))
-        if not found:
+        compared = tuple(_faults(record, i, one, *pairs))
+        one = replace(one, findings=compared, if_it_fails=_failing(record, one, error))
+        if not compared:
             return one
-        status, text = found[0].status, found[0].text
+        status, text = compared[0].status, compared[0].text
         return replace(one, status=status, headline=text, word=WORDS[status][0], tone=WORDS[status][1])
 
     return tuple(map(judged, range(params.sensors)))
@@ -555,12 +555,12 @@ def _odd_ones(
     odd: dict[int, tuple[float, tuple[int, ...]]] = {}
     remaining = list(range(len(least)))
     while len(remaining) > 1:
-        found = {i: compare(i, tuple(j for j in remaining if j != i)) for i in remaining}
-        beyond = {i: one for i, one in found.items() if one[1] > BEYOND_CHANCE and one[0] > least[i]}
+        compared = {i: compare(i, tuple(j for j in remaining if j != i)) for i in remaining}
+        beyond = {i: one for i, one in compared.items() if one[1] > BEYOND_CHANCE and one[0] > least[i]}
         if not beyond:
             break
         if len(remaining) == 2:  # which of the two is odd cannot be known
-            size = max(found[i][0] for i in remaining)
+            size = max(compared[i][0] for i in remaining)
             return odd | dict.fromkeys(remaining, (size, tuple(remaining)))
         worst = max(beyond, key=lambda i: beyond[i][1])
         odd[worst] = beyond[worst][0], ()

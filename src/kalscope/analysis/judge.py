@@ -210,21 +210,21 @@ def _of_pair(
     if outliers is not None and outliers[0]:
         # all there is to say where the filter has to find its way back: most residuals show that
         text = "leave the first sample out of the record: it is a spike, and the filter takes it for the signal"
-        found = [Finding("start", text)]
+        listed = [Finding("start", text)]
     elif estimate is not None and estimate.verdict == "below_resolution":
-        found = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
+        listed = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
     else:
-        found = findings_of(evidence, known)
-    if not found and estimate is not None and estimate.verdict == "flat":
-        found = [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
+        listed = findings_of(evidence, known)
+    if not listed and estimate is not None and estimate.verdict == "flat":
+        listed = [Finding("vague", "take r from a still stretch or the data sheet, or record longer", GiveNoise())]
     if known.estimated and estimate is not None:
-        found = _with_next_step(found, estimate, lag_costs=evidence.lag_costs)
+        listed = _with_next_step(listed, estimate, lag_costs=evidence.lag_costs)
     half = "" if held_out is None else _second_half(held_out)
-    if not found:
+    if not listed:
         return _without_misfit(residuals, known, half)
-    status = found[0].status
-    headline = as_sentences(found[0].text) if status == "as_chosen" else _headline(status, evidence, known)
-    findings = tuple(one for one in found if as_sentences(one.text) not in headline)[:MAX_ADVICE]
+    status = listed[0].status
+    headline = as_sentences(listed[0].text) if status == "as_chosen" else _headline(status, evidence, known)
+    findings = tuple(one for one in listed if as_sentences(one.text) not in headline)[:MAX_ADVICE]
     word = _band(evidence) if status == "band" else ""
     return _judgement(status, headline, findings, half, word)
 
@@ -256,19 +256,19 @@ def _band(evidence: Evidence) -> str:
     return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
 
 
-def _with_next_step(found: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
+def _with_next_step(listed: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
     """The findings on the best fit, which end with an action where it may look worse than the previous filter."""
-    if estimate.params is None or any(one.action or one.status in ("start", "constant") for one in found):
-        return found
+    if estimate.params is None or any(one.action or one.status in ("start", "constant") for one in listed):
+        return listed
     removed = steady_state(estimate.params).noise_reduction_db
     reason = ""
     if removed < HARDLY_DB:
         reason = f": the best statistical fit removes only {decibels(removed)} of the noise"
-    elif lag_costs or not found:
-        return found
-    status = found[0].status if found else "weak"
+    elif lag_costs or not listed:
+        return listed
+    status = listed[0].status if listed else "weak"
     step = Finding(status, f"{KEEP}{reason}") if lag_costs else Finding(status, f"{CHOOSE}{reason}", ChooseFilter())
-    return [*found[: MAX_ADVICE - 1], step]
+    return [*listed[: MAX_ADVICE - 1], step]
 
 
 def _without_misfit(residuals: Diagnostics, known: Known, half: str) -> Judgement:

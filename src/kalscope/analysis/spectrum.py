@@ -102,15 +102,15 @@ def spectrum(
         return Spectrum(none, none, none, none, none, math.nan, sample_period is not None, 0, 0, needed)
     piece = min(max(2 ** int(math.log2(length / 4)), MIN_SAMPLES), MAX_SEGMENT, length)
     raw, filtered = _bridged(samples[part]), _bridged(curve[part])
-    found = [
+    spectra = [
         cast("tuple[Array, Array]", welch(y - y.mean(), fs=1.0 / period, nperseg=piece))
         for y in (raw, filtered, raw - filtered)
     ]
-    frequency = found[0][0][1:]
+    frequency = spectra[0][0][1:]
     segments = (length - piece) // (piece // 2) + 1
     return Spectrum(
         frequency,
-        *(density[1:] for _, density in found),
+        *(density[1:] for _, density in spectra),
         response=magnitude_response(params, frequency * period),
         cutoff=scalar(steady_state(params, period).cutoff_hz),
         in_hertz=sample_period is not None,

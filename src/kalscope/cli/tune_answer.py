@@ -83,7 +83,7 @@ class Answer:
     """The unit of the filtered value, "" where unknown."""
     request: Request
     """What the user wants and knows."""
-    found: FitResult
+    result: FitResult
     """The filter or why there is none."""
     range: Estimate
     """The estimate whose intervals say what the record allows."""
@@ -113,13 +113,13 @@ class Answer:
     @property
     def steady(self) -> SteadyState | None:
         """The settled filter, of sensors while all answer; None without a filter."""
-        params = self.found.params
+        params = self.result.params
         return None if params is None else steady_state(params.as_single, self.sample_period)
 
     @property
     def verdict(self) -> str:
         """The verdict of the estimate, or "chosen" where the pair needed none."""
-        return CHOSEN if self.found.estimate is None else str(self.found.estimate.verdict)
+        return CHOSEN if self.result.estimate is None else str(self.result.estimate.verdict)
 
     @property
     def verdict_words(self) -> str:
@@ -164,17 +164,17 @@ def answer_for(
     """
     z, dt, period = recording.channel(channel), _steps(recording), recording.sample_period
     unit = recording.units[recording.index(channel)]
-    found = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
-    found = replace(found, params=_with_gate(found.params, gate))
-    allowed = found.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
+    result = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
+    result = replace(result, params=_with_gate(result.params, gate))
+    allowed = result.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
     progress(0.6, "judging the answer")
     residuals = held_out = None
-    if found.params is not None:
-        residuals = diagnose_run(Run.of_samples(z, found.params, dt), fitted=found.estimate is not None)
+    if result.params is not None:
+        residuals = diagnose_run(Run.of_samples(z, result.params, dt), fitted=result.estimate is not None)
         held_out = _held_out(z, dt, period, request, progress.part(0.7, 1.0))
-    still = find_still_stretch(z, dt) if needs_noise(found.estimate) else None
-    judgement = judge(residuals, held_out, found.estimate, request, still, unit)
-    return Answer(recording, (channel,), unit, request, found, allowed, judgement)
+    still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
+    judgement = judge(residuals, held_out, result.estimate, request, still, unit)
+    return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 
 def _steps(recording: Recording) -> Array | None:
@@ -293,7 +293,7 @@ TARGET_OPTIONS = {name: option for option, (name, _) in SPECIFICATIONS.items()}
 
 def option_for(action: actions.Action | None, answer: Answer) -> str:
     """The option that does it for this channel; "" where no option does, as for a new recording."""
-    without, params = _without(answer.request), answer.found.params
+    without, params = _without(answer.request), answer.result.params
     match action:
         case actions.SetSpikesAside():
             words = ["--robust", *without]
@@ -380,7 +380,7 @@ def between(low: float, high: float, largest: float = math.inf, words: Callable[
 
 
 def _filter(answer: Answer) -> str:
-    params, period, fit = answer.found.params, answer.sample_period, answer.found.estimate
+    params, period, fit = answer.result.params, answer.sample_period, answer.result.estimate
     if params is None:
         return f"{answer.name}: no q and r to recommend ({answer.verdict_words})"
     r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
@@ -419,7 +419,7 @@ def _lags(answer: Answer) -> str:
 
 def _table(answer: Answer) -> Iterator[str]:
     """A row a sensor: noise, offset, gain, share, and what is left without it."""
-    params = answer.found.params
+    params = answer.result.params
     if params is None:
         return
     rows = [("sensor", "noise σ", "r", "offset", "gain", "share", "error alone", "without it")]
@@ -451,7 +451,7 @@ def _units(answer: Answer) -> list[str]:
 
 def _next(answer: Answer) -> Iterator[str]:
     """What to do, most urgent first: with a filter at least how to save it, without one how to choose it."""
-    params, advice = answer.found.params, answer.judgement.findings
+    params, advice = answer.result.params, answer.judgement.findings
     if params is None and account.warnings(answer.recording):
         yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
     for one in advice:
@@ -467,7 +467,7 @@ def _next(answer: Answer) -> Iterator[str]:
             yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
     elif not due and not any(text.startswith("Next") for text in about):
         nothing = "nothing to correct; " if not advice and answer.verdict in ("ok", CHOSEN) else ""
-        fit = answer.found.estimate
+        fit = answer.result.estimate
         if fit is not None and fit.outliers is not None and fit.outliers.any():
             nothing += "--no-robust keeps spikes that belong to the signal, such as heartbeats; "
         yield f"Next: {nothing}-o tuning.toml saves it, --details shows more"
@@ -475,7 +475,7 @@ def _next(answer: Answer) -> Iterator[str]:
 
 def _about_sensors(answer: Answer) -> Iterator[str]:
     """What the record leaves open, and which sensors to look at."""
-    fit, params, sensors = answer.range, answer.found.params, answer.judgement.sensors
+    fit, params, sensors = answer.range, answer.result.params, answer.judgement.sensors
     if params is not None and fit.verdict != "ok" and not (answer.request.goal and fit.verdict == "no_movement"):
         yield f"Note: {fit.message}"
     yield from (f"Note: {note}" for note in fit.notes)
@@ -492,9 +492,9 @@ def details_of(answer: Answer) -> Iterator[str]:
     z, fit, judged = answer.z, answer.range, answer.judgement
     readings = [f"{count(n)} {name}" for n, name in zip(np.isfinite(z).sum(axis=0), answer.sensors, strict=True)]
     yield f"{count(len(z))} rows, readings: {', '.join(readings)}"
-    if answer.found.params is not None:
-        yield f"how: {answer.found.how}"
-    yield from wrapped(answer.found.message)
+    if answer.result.params is not None:
+        yield f"how: {answer.result.how}"
+    yield from wrapped(answer.result.message)
     yield from _meaning(answer)
     yield ""
     yield from wrapped(f"The record allows (95 %): {_interval(answer)}")
@@ -515,7 +515,7 @@ def details_of(answer: Answer) -> Iterator[str]:
 
 
 def _meaning(answer: Answer) -> Iterator[str]:
-    steady, params, period = answer.steady, answer.found.params, answer.sample_period
+    steady, params, period = answer.steady, answer.result.params, answer.sample_period
     if steady is None or params is None:
         return
     yield ""
@@ -563,7 +563,7 @@ def json_of(answers: list[Answer], every: bool) -> str:
 
 def as_plain(answer: Answer) -> dict[str, Any]:
     """The estimate, the filter, what it does, and the judgement with the option of each finding."""
-    fit, params, judged, z = answer.range, answer.found.params, answer.judgement, answer.z
+    fit, params, judged, z = answer.range, answer.result.params, answer.judgement, answer.z
     spikes = fit.spikes if answer.fuses else None if fit.outliers is None else fit.outliers.nonzero()[0]
     tests = {name: getattr(judged, name) for name in ("residuals", "held_out")}
     tests = {name: one and without_residuals(one) for name, one in tests.items()}
@@ -582,8 +582,8 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         "samples": len(z),
         "missing": int(np.isnan(z).sum()),
         "verdict": answer.verdict,
-        "message": answer.found.message,
-        "how": answer.found.how,
+        "message": answer.result.message,
+        "how": answer.result.how,
         "steady": answer.steady,
         "judgement": replace(judged, **tests),
         "advice": advice,
@@ -609,24 +609,24 @@ def finite(value: Any) -> Any:
 
 def save_answers(answers: list[Answer], output: Path) -> list[str]:
     """Save the filters that were found, and those of each fused sensor by itself; returns notes for the user."""
-    recording, fusion, found = answers[0].recording, None, list[ChannelTuning]()
+    recording, fusion, tunings = answers[0].recording, None, list[ChannelTuning]()
     for one in answers:
-        params, how = one.found.params, one.found.how
+        params, how = one.result.params, one.result.how
         if params is not None and one.fuses:
             fusion = ChannelTuning.of_params(name_of_fused(recording), one.unit, params, how, one.sensors)
             scales = zip(one.sensors, _units(one), fusion.r, fusion.gain, strict=True)
             for name, unit, r, gain in scales:
                 single = replace(params, q=params.q * gain * gain, r=r, offset=0.0, gain=1.0)
-                found.append(ChannelTuning.of_params(name, unit, single, how))
+                tunings.append(ChannelTuning.of_params(name, unit, single, how))
         elif params is not None:
-            found.append(ChannelTuning.of_params(one.name, one.unit, params, how))
-    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.found.params is None)
-    if not found:
+            tunings.append(ChannelTuning.of_params(one.name, one.unit, params, how))
+    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.result.params is None)
+    if not tunings:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
         advice = (
             "give r (--still, --sigma), record while it moves, or choose a filter (--lag-ms, --cutoff-hz, --gain)"
         )
-        advice = answers[0].found.message if answers[0].fuses else advice
+        advice = answers[0].result.message if answers[0].fuses else advice
         raise BadSetting(f"{lost}-o needs a usable q and r, and the record gives none ({without}): {advice}")
     notes = [f"left out of the tuning: {without}"] if without else []
-    return notes + save(recording, found, {name for one in answers for name in one.sensors}, output, fusion)
+    return notes + save(recording, tunings, {name for one in answers for name in one.sensors}, output, fusion)

@@ -194,7 +194,7 @@ def still_samples(recording: Recording, text: str) -> tuple[int, int] | Literal[
 
 def save(
     recording: Recording,
-    found: Sequence[ChannelTuning],
+    filters: Sequence[ChannelTuning],
     tuned: Set[str],
     output: Path,
     fusion: ChannelTuning | None = None,
@@ -203,7 +203,7 @@ def save(
 
     Args:
         recording: where the channels are.
-        found: the filters, at least one.
+        filters: the filters, at least one.
         tuned: all channels that were tuned, those without a filter too.
         output: the file.
         fusion: the filter that fuses them; None = the one that the file has.
@@ -218,7 +218,7 @@ def save(
         before = None
     old = () if before is None else before.channels
     kept = [one for one in old if one.name in recording.names and one.name not in tuned]
-    names = {one.name for one in found} if fusion is None else set[str]()
+    names = {one.name for one in filters} if fusion is None else set[str]()
     notes = [
         f"{one.name}: {one.chain.words} is replaced by the Kalman filter of q and r"
         for one in old
@@ -226,7 +226,7 @@ def save(
     ]
     if kept:
         notes.append(f"kept as they were in the tuning: {', '.join(one.name for one in kept)}")
-    channels = sorted([*kept, *found], key=lambda one: recording.names.index(one.name))
+    channels = sorted([*kept, *filters], key=lambda one: recording.names.index(one.name))
     fusion = fusion or (None if before is None else before.fusion)
-    save_tuning(Tuning.of(recording, channels, selected=found[0].name, fusion=fusion), output)
+    save_tuning(Tuning.of(recording, channels, selected=filters[0].name, fusion=fusion), output)
     return notes

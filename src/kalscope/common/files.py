@@ -261,8 +261,8 @@ def require_memory_for_numbers(count: int, name: str) -> None:
 def _left_in_groups() -> Iterator[int]:
     """What is left in the control group of this process and in each parent; file caches can be reclaimed."""
     with suppress(OSError, ValueError):
-        own = next(line[3:] for line in _OWN_GROUP.read_text().splitlines() if line.startswith("0::"))
-        folder = _GROUPS / own.strip("/")
+        path = next(line[3:] for line in _OWN_GROUP.read_text().splitlines() if line.startswith("0::"))
+        folder = _GROUPS / path.strip("/")
         for group in (folder, *folder.parents):
             if not group.is_relative_to(_GROUPS):
                 return

@@ -169,7 +169,7 @@ def plain(text: str) -> str:
 
 def escaped(text: str) -> str:
     r"""JSON or TOML whose strings may hold names from outside: a control character is written as `\u009b`."""
-    return CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def typed_number(name: str, text: str) -> float:

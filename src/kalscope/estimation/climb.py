@@ -318,9 +318,9 @@ def _search(
     slack = 1e-13 * abs(height)
     for halvings in range(24):
         there = np.clip(at + step * 0.5**halvings, low, high)
-        found = function(there)
-        if math.isfinite(found[0]) and found[0] >= height - slack:
-            return there, found
+        values = function(there)
+        if math.isfinite(values[0]) and values[0] >= height - slack:
+            return there, values
     return None
 
 

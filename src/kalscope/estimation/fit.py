@@ -275,11 +275,11 @@ def _step_of(readings: Array) -> float:
 def _at_floor(one: Estimate, data: Differences, progress: Progress) -> Estimate:
     """The estimate with the r of rounding and the most likely q with it; with the q that it has where that is 0."""
     floor = float(one.resolution) ** 2 / 12.0
-    found = _with_noise(one, data, floor, progress)
-    found = one if found.q == 0.0 else found
-    params = FilterParams(q=found.q, r=floor, momentum=float(one.momentum))
+    refit = _with_noise(one, data, floor, progress)
+    refit = one if refit.q == 0.0 else refit
+    params = FilterParams(q=refit.q, r=floor, momentum=float(one.momentum))
     return replace(
-        found,
+        refit,
         r=floor,
         r_se=0.0,
         verdict="below_resolution",
@@ -297,13 +297,13 @@ def _with_noise(one: Estimate, data: Differences, r: float, progress: Progress) 
     tau = float(one.momentum)
     if tau == 0.0:
         return conclude("ml", data, *_fit_q(data, r, progress))
-    found = fit_movement(data, tau, r, progress.part(0.0, 0.4))
+    refit = fit_movement(data, tau, r, progress.part(0.0, 0.4))
     low, high = (
-        fit_movement(data, end, r, progress.part(start, start + 0.3)) if 0.0 < end < math.inf else found
+        fit_movement(data, end, r, progress.part(start, start + 0.3)) if 0.0 < end < math.inf else refit
         for end, start in zip(map(float, one.momentum_interval), (0.4, 0.7), strict=True)
     )
     border = tuple((end.q / r, end.tau) for end in (low, high))
-    return conclude_momentum(replace(found, region=(*found.region, *border)), "")
+    return conclude_momentum(replace(refit, region=(*refit.region, *border)), "")
 
 
 def shows_steps(changes: Any, m: Any) -> Any:

@@ -208,8 +208,8 @@ def _estimate_signal(
     def one(weights: Array, part: Progress) -> tuple[Estimate, int]:
         signal = fused_signal(record.z, place, data, weights)
         momentum = "auto" if tau is None else tau
-        found = estimate(signal, "ml", record.dt, part, part.cancelled, momentum, robust=False)
-        return found, int(np.isfinite(signal).sum())
+        single = estimate(signal, "ml", record.dt, part, part.cancelled, momentum, robust=False)
+        return single, int(np.isfinite(signal).sum())
 
     weighted = one(1.0 / (r + _EVEN * r.mean()) if r.any() else even, progress.part(0.0, 0.5))
     return weighted if data.sensors == 1 or weighted[0].momentum else one(even, progress.part(0.5, 1.0))

@@ -411,7 +411,7 @@ AT_END = 2
 
 
 @compiled(plain=True)
-def median_distances(samples: Array, window: Array, away: Array) -> None:
+def median_distances(samples: Array, window: Array, distances: Array) -> None:
     """Write |sample − median of the window around it|; the ends are continued with their last value.
 
     `window` is room for the samples of the window in ascending order, an odd number.
@@ -433,7 +433,7 @@ def median_distances(samples: Array, window: Array, away: Array) -> None:
             j -= 1
         window[j] = coming
         if i >= 0:
-            away[i] = abs(samples[i] - window[half])
+            distances[i] = abs(samples[i] - window[half])
 
 
 @compiled(plain=True)
@@ -622,9 +622,9 @@ def score_readings(
         smoothed = kept[j, FUSION_X] + p * y + g * speed
         by_c[i] += u * smoothed - kx + kx * (n11 * p + n12 * g) + kv * (n12 * p + n22 * g)
         y += c[i] * u
-        left, turned = 1.0 - kx * c[i], kv * c[i]
-        n11 = left * left * n11 - 2.0 * left * turned * n12 + turned * turned * n22 + c[i] * c[i] * part
-        n12 = left * n12 - turned * n22
+        rest, turned = 1.0 - kx * c[i], kv * c[i]
+        n11 = rest * rest * n11 - 2.0 * rest * turned * n12 + turned * turned * n22 + c[i] * c[i] * part
+        n12 = rest * n12 - turned * n22
         if not gap[j] > 0.0:
             continue
         if gap[j] != last:

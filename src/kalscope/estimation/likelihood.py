@@ -63,10 +63,10 @@ class Records:
         count = ratios.shape[1]
         order = np.argsort(-ratios, axis=1)
         padded = np.concatenate([order, np.repeat(order[:, -1:], -count % kernels.LANES, axis=1)], axis=1)
-        found, out = np.empty((2, *padded.shape)), np.empty((2, *ratios.shape))
+        computed, out = np.empty((2, *padded.shape)), np.empty((2, *ratios.shape))
         lanes = np.take_along_axis(ratios, padded, 1)
-        kernels.scan_ratios(self.d, self.gap, self.starts, rows, lanes, found[0], found[1])
-        np.put_along_axis(out, order[None], found[:, :, :count], axis=2)
+        kernels.scan_ratios(self.d, self.gap, self.starts, rows, lanes, computed[0], computed[1])
+        np.put_along_axis(out, order[None], computed[:, :, :count], axis=2)
         return out[0], out[1]
 
     def logliks(self, rows: Indices, chi2: Array, logdet: Array, noise: Array | None = None) -> Array:
@@ -463,12 +463,12 @@ def _interval(
     if len(rows):
         # Seen from outside: ln λ falls from the outer to the inner end of an upper stretch.
         both = [np.where(falls[i], i, 1 - i)[rows] for i in (0, 1)]
-        away, near = (np.stack([side[at, rows] for at in both]) for side in (outer, inner))
-        points = _points(away.T.ravel(), near.T.ravel(), _FEWER).reshape(len(rows), -1)
+        outside, near = (np.stack([side[at, rows] for at in both]) for side in (outer, inner))
+        points = _points(outside.T.ravel(), near.T.ravel(), _FEWER).reshape(len(rows), -1)
         heights = logliks(rows, points) - cut[rows, None]
         x = _first_root(_series(heights.reshape(-1, _FEWER))).reshape(-1, 2).T
-        found = away + 0.5 * (near - away) * (x + 1.0)
-        ends[:, rows] = np.where(falls[:, rows], found, ends[:, rows])
+        computed = outside + 0.5 * (near - outside) * (x + 1.0)
+        ends[:, rows] = np.where(falls[:, rows], computed, ends[:, rows])
     return ends[0], ends[1]
 
 

@@ -269,18 +269,18 @@ def spike_free(many: Series, fit: Fit) -> Mask:
         fit: how.
     """
     pieces = [many.one(i) for i in range(len(many))]
-    away, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
+    outliers, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
     free, last = np.zeros(len(many), np.bool_), np.zeros(len(many), np.bool_)
     active = [i for i, (z, _) in enumerate(pieces) if not repeats(z)]
     for _ in range(MAX_FITS + 1):
         if not active:
             break
         some, going = many.some(np.array(active)), list[int]()
-        now = np.concatenate([away[i] for i in active])
+        now = np.concatenate([outliers[i] for i in active])
         q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), np.array(active))
         for k in np.flatnonzero(good):
             i = active[k]
-            z, before = pieces[i][0], away[i]
+            z, before = pieces[i][0], outliers[i]
             scores = unpredicted(*pieces[i], q[k], r[k], 0.0)
             after = scores > 0.0
             if last[i] or np.array_equal(before, after):
@@ -289,7 +289,7 @@ def spike_free(many: Series, fit: Fit) -> Mask:
             if after.tobytes() in seen[i]:  # a few doubtful samples come and go: they stay in
                 last[i], after = True, before & after
             seen[i].add(before.tobytes())
-            away[i] = after
+            outliers[i] = after
             going.append(i)
         active = going
     return free
@@ -445,12 +445,12 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
     used = z if one.outliers is None else np.where(one.outliers, np.nan, z)
     many = Series(np.array(used, dtype=np.float64), np.array([0, len(z)]), steps)
     numbers, (code,), _, _ = fit_plain(many, many.starts[1:], known)
-    found = numbers[:, 0]
-    if code not in (OK, FLAT) or abs(found[Q] / found[R] / one.ratio - 1.0) > EQUAL:
+    fitted = numbers[:, 0]
+    if code not in (OK, FLAT) or abs(fitted[Q] / fitted[R] / one.ratio - 1.0) > EQUAL:
         return wald
     # The spike-proof fit corrects r for the good samples that its rule removes.
-    factor = 1.0 if one.method == "fixed_r" else one.r / found[R]
-    low, high, r_low, r_high = (factor * found[Q_LOW:TAU]).tolist()
+    factor = 1.0 if one.method == "fixed_r" else one.r / fitted[R]
+    low, high, r_low, r_high = (factor * fitted[Q_LOW:TAU]).tolist()
     return low, high, r_low, r_high
 
 
@@ -563,8 +563,8 @@ def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
     chosen = np.flatnonzero(suspect & ~stepped)
 
     def fit(some: Series, at: Indices) -> tuple[Array, Array, Mask]:
-        found, codes, _, repeats = fit_plain(some, some.starts[1:], known.some(chosen[at]))
-        return found[Q], found[R], (codes <= NO_MOVEMENT) & ~repeats
+        fitted, codes, _, repeats = fit_plain(some, some.starts[1:], known.some(chosen[at]))
+        return fitted[Q], fitted[R], (codes <= NO_MOVEMENT) & ~repeats
 
     if len(chosen):
         suspect[chosen] = ~spike_free(many.some(chosen), fit)

@@ -188,15 +188,15 @@ def allan_variances(
     counts = np.concatenate([[0], np.cumsum(there)])
     if sizes is None:
         sizes = 2 ** np.arange(max(len(row) // 4, 0).bit_length())
-    found: list[tuple[float, float, float]] = []
+    points: list[tuple[float, float, float]] = []
     for size in map(int, sizes):
         end = len(sums) - 2 * size
         full = counts[2 * size :] - counts[:end] == 2 * size
         jumps = (sums[2 * size :] - 2.0 * sums[size : size + end] + sums[:end])[full] / size
         if len(jumps) < 2 * size:
             break
-        found.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
-    columns = np.array(found).reshape(-1, 3).T
+        points.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
+    columns = np.array(points).reshape(-1, 3).T
     return columns[0], columns[1], columns[2]
 
 

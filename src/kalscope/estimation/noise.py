@@ -144,12 +144,12 @@ def resolution_of(readings: Array) -> float:
         return 0.0
     exponent = int(np.frexp(np.abs(readings).max())[1])  # a power of two changes no digit, and nothing overflows
     chosen = np.ldexp(readings[:: math.ceil(len(readings) / _MAX_READINGS)], -exponent)
-    levels, found = np.unique(chosen, return_counts=True)
+    levels, occurrences = np.unique(chosen, return_counts=True)
     distances = np.diff(levels)
     apart = distances > MIN_STEP * np.abs(levels).max()
     firsts = np.append(True, apart)  # levels that differ only by rounding are one
     levels, distances = levels[firsts], distances[apart]
-    counts = np.add.reduceat(found.astype(np.float64), np.flatnonzero(firsts))
+    counts = np.add.reduceat(occurrences.astype(np.float64), np.flatnonzero(firsts))
     if not len(distances):
         return 0.0
     step = _refined(_usual(distances), levels, counts)

@@ -237,33 +237,33 @@ def held_out(
     """
     many = series_of(series, dt)
     middles = (many.starts[:-1] + many.starts[1:]) // 2
-    own = fitted_ratios(many, middles)
+    fitted = fitted_ratios(many, middles)
     errors = np.full((len(many), len(LOG_RATIOS) + 1), math.nan)
     for first, stop in many.parts(SEARCHED):
         starts = many.starts[first : stop + 1]
         known = np.diff(take_apart(many.values, many.steps, starts[:-1], middles[first:stop])[0].starts)
         data = take_apart(many.values, many.steps, starts[:-1], starts[1:])[0]
-        since = np.where(np.isnan(own[first:stop]), np.diff(data.starts), known)
+        since = np.where(np.isnan(fitted[first:stop]), np.diff(data.starts), known)
         # The largest λ passes the samples unchanged, as far as a double can tell.
         ratios = np.column_stack(
-            [np.tile(np.exp(LOG_RATIOS), (stop - first, 1)), np.minimum(own[first:stop], 1e18)]
+            [np.tile(np.exp(LOG_RATIOS), (stop - first, 1)), np.minimum(fitted[first:stop], 1e18)]
         )
         kernels.squares_since(data.d, data.gap, data.starts, since, ratios, errors[first:stop])
         errors[first:stop] *= data.scale[:, None]
-    errors, own_error = errors[:, :-1], errors[:, -1].copy()
-    for i in () if momentum is None else np.flatnonzero(momentum & np.isfinite(own_error)).tolist():
-        own_error[i] = _error_with_momentum(*many.one(i), own_error[i])
+    errors, fitted_error = errors[:, :-1], errors[:, -1].copy()
+    for i in () if momentum is None else np.flatnonzero(momentum & np.isfinite(fitted_error)).tolist():
+        fitted_error[i] = _error_with_momentum(*many.one(i), fitted_error[i])
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(own_error[:, None] > 0.0, errors / own_error[:, None], math.nan)
+        return np.where(fitted_error[:, None] > 0.0, errors / fitted_error[:, None], math.nan)
 
 
 def _error_with_momentum(z: Array, steps: Array, otherwise: float) -> float:
     """The error on the second half of the filter fitted to the first half, which may have momentum."""
     half, dt = len(z) // 2, steps if len(steps) else None
-    found = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
-    if found.params is None or not float(found.momentum) > 0.0:
+    moving = estimate(z[:half], dt=None if dt is None else dt[:half], momentum="auto", robust=False)
+    if moving.params is None or not float(moving.momentum) > 0.0:
         return otherwise
-    seen = kalman_filter(z, found.params, dt).innovation[half:]
+    seen = kalman_filter(z, moving.params, dt).innovation[half:]
     return math.sqrt(float(np.nanmean(seen**2)))
 
 
@@ -323,15 +323,15 @@ class Losses:
     that of the filter that suits the first half best."""
 
 
-def loss_inputs(own_ratio: Array, own_momentum: Array, growth: Array) -> Array:
+def loss_inputs(device_ratio: Array, device_momentum: Array, growth: Array) -> Array:
     """What the fits of k devices store, shape (k, WIDTH).
 
     Args:
-        own_ratio: λ of each device's own filter, > 0, shape (k,).
-        own_momentum: its momentum, sample periods, 0 = none.
+        device_ratio: λ of each device's own filter, > 0, shape (k,).
+        device_momentum: its momentum, sample periods, 0 = none.
         growth: of `held_out`, shape (k, 23).
     """
-    return np.column_stack([np.log(own_ratio), own_momentum, growth])
+    return np.column_stack([np.log(device_ratio), device_momentum, growth])
 
 
 def losses_of(inputs: Array, params: FilterParams) -> Losses:
@@ -343,9 +343,9 @@ def losses_of(inputs: Array, params: FilterParams) -> Losses:
     """
     ratio, tau = params.q / float(params.r), params.momentum
     shared = steady_state(params)
-    own_lag, own_reduction = _settled(inputs)
+    device_lag, device_reduction = _settled(inputs)
     error = np.full(len(inputs), math.nan) if tau > 0.0 else held_out_at(inputs[:, GROWTH:], ratio) - 1.0
-    return Losses(shared.lag_samples - own_lag, own_reduction - shared.noise_reduction_db, error)
+    return Losses(shared.lag_samples - device_lag, device_reduction - shared.noise_reduction_db, error)
 
 
 def _settled(inputs: Array) -> tuple[Array, Array]:
@@ -354,8 +354,8 @@ def _settled(inputs: Array) -> tuple[Array, Array]:
     gain, lag = gain_of(ratio), lag_of(ratio)
     reduction = 10.0 * np.log10((2.0 - gain) / gain)
     for i in np.flatnonzero((tau > 0.0) & np.isfinite(ratio)).tolist():
-        own = steady_state(FilterParams(float(ratio[i]), 1.0, momentum=float(tau[i])))
-        lag[i], reduction[i] = own.lag_samples, own.noise_reduction_db
+        fitted = steady_state(FilterParams(float(ratio[i]), 1.0, momentum=float(tau[i])))
+        lag[i], reduction[i] = fitted.lag_samples, fitted.noise_reduction_db
     return lag, reduction
 
 

@@ -63,10 +63,10 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         r: variance of the noise, unit².
         tau: momentum in sample periods, 0 for none.
     """
-    found = np.zeros(len(z))
+    scores = np.zeros(len(z))
     v, s, refused = _refuse(z, steps, q, r, tau)
     if not refused.any():
-        return found
+        return scores
     back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
     v_after, s_after, refused_after = _refuse(z[::-1].copy(), back, q, r, tau)
     v_after, s_after = v_after[::-1], s_after[::-1]
@@ -77,16 +77,16 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         least, most = p.min(axis=0), p.max(axis=0)
         share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
         first = np.where(p[0] == least, share, 1.0 - share)
-        found[at] = (first * errors[0] + (1.0 - first) * errors[1]) ** 2 / (r + share * least)
-    if found[at].max(initial=0.0) > SIGMAS**2:
+        scores[at] = (first * errors[0] + (1.0 - first) * errors[1]) ** 2 / (r + share * least)
+    if scores[at].max(initial=0.0) > SIGMAS**2:
         v *= v  # in place: a long record has to fit the memory
         v /= s
         v_after *= v_after
         v_after /= s_after
         np.minimum(v, v_after, out=v)
         del v_after, s, s_after
-        _clear_movement(found, at, np.minimum(v, MOST, out=v), ~np.isnan(z), refused)
-    return found
+        _clear_movement(scores, at, np.minimum(v, MOST, out=v), ~np.isnan(z), refused)
+    return scores
 
 
 def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Array, Array, Mask]:
@@ -103,24 +103,24 @@ def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
     return _median(z[near]), r + q * float(span)
 
 
-def _clear_movement(found: Array, at: Indices, squares: Array, present: Mask, refused: Mask) -> None:
-    """Set those of `found` to 0 that may be movement: in a lively or crowded neighbourhood, or a lone pulse.
+def _clear_movement(scores: Array, at: Indices, squares: Array, present: Mask, refused: Mask) -> None:
+    """Set those of `scores` to 0 that may be movement: in a lively or crowded neighbourhood, or a lone pulse.
 
     `at` are the places of those above 0, `squares` v²/s of all samples, which are changed here.
     """
     counted = present & ~refused
     squares[~counted] = 0.0
     lively = _mean_near(squares, counted, at)
-    kept = np.zeros(len(found), np.bool_)
-    kept[at] = found[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    kept = np.zeros(len(scores), np.bool_)
+    kept[at] = scores[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
     crowded = (lively > VERY_LIVELY) & (_mean_near(kept, present, at) > CROWDED)
-    kept[at] &= ~crowded | (found[at] > SIGMAS**4 * lively)
-    found[~kept] = 0.0
+    kept[at] &= ~crowded | (scores[at] > SIGMAS**4 * lively)
+    scores[~kept] = 0.0
     starts, lengths = _runs(kept[present])
     if len(starts) < MIN_RUNS:  # a long run among few: the signal has moved, and come back
         for start, length in zip(starts, lengths, strict=True):
             if length > 2:
-                found[np.flatnonzero(present)[start : start + length]] = 0.0
+                scores[np.flatnonzero(present)[start : start + length]] = 0.0
 
 
 def _mean_near(values: Array | Mask, counted: Mask, at: Indices) -> Array:
@@ -146,21 +146,21 @@ def _runs(marked: Mask) -> tuple[Indices, Indices]:
 
 def far_from_median(z: Array) -> tuple[Mask, bool]:
     """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
-    far, away = np.zeros(len(z), dtype=bool), _from_median(z)
-    far[np.isfinite(z)] = away > START_SIGMAS
-    return far, beyond_chance(away, START_SIGMAS)
+    far, distances = np.zeros(len(z), dtype=bool), _from_median(z)
+    far[np.isfinite(z)] = distances > START_SIGMAS
+    return far, beyond_chance(distances, START_SIGMAS)
 
 
 def _from_median(z: Array) -> Array:
     """Distances of the finite samples from the centred median, in standard deviations of the noise they show."""
     present = np.isfinite(z)
     samples = z if present.all() else z[present]
-    away = np.empty(len(samples))
-    kernels.median_distances(samples, np.empty(WINDOW), away)
-    scale = NORMAL * _median(away)
-    if scale == 0.0 and away.any():
-        scale = _median(away[away > 0.0])
-    return away / scale if scale > 0.0 else away
+    distances = np.empty(len(samples))
+    kernels.median_distances(samples, np.empty(WINDOW), distances)
+    scale = NORMAL * _median(distances)
+    if scale == 0.0 and distances.any():
+        scale = _median(distances[distances > 0.0])
+    return distances / scale if scale > 0.0 else distances
 
 
 def beyond_chance(distances: Array, least: float) -> bool:
@@ -229,7 +229,7 @@ def kept_variance(gain: float, sigmas: float) -> float:
 # Whether the filter should have a gate: only where it brings the filter nearer to the signal of this record.
 
 
-def advised_gate(z: Array, steps: Array, params: FilterParams, away: Mask) -> float | None:
+def advised_gate(z: Array, steps: Array, params: FilterParams, outliers: Mask) -> float | None:
     """The gate in standard deviations of the innovation; None where the filter does better without.
 
     A gate keeps spikes out, but it also delays the response to a step. The signal is taken from the smoother, which
@@ -239,10 +239,10 @@ def advised_gate(z: Array, steps: Array, params: FilterParams, away: Mask) -> fl
         z: one channel, shape (n,), NaN where missing.
         steps: nominal sample periods before each sample; empty = 1 each.
         params: the filter.
-        away: the samples set aside, shape (n,).
+        outliers: the samples set aside, shape (n,).
     """
     dt = steps if len(steps) else None
-    signal = smooth(np.where(away, np.nan, z), params, dt).x
+    signal = smooth(np.where(outliers, np.nan, z), params, dt).x
     errors: list[float] = []
     for one in (params, replace(params, gate=SIGMAS**2)):
         error = np.abs(denoise(z, one, dt) - signal)
@@ -303,12 +303,12 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
         far, looks_spiky = far_from_median(z)
         if always is None and not (looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
             return plain
-        one, away, scores = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
-        if always is None and not more_than_chance(np.where(away, scores, 0.0), z):
+        one, outliers, scores = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
+        if always is None and not more_than_chance(np.where(outliers, scores, 0.0), z):
             return plain
-        answer = _conclude(z, steps, plain, one, away)
+        answer = _conclude(z, steps, plain, one, outliers)
         if always is None and answer.verdict == "no_noise" and plain.params is not None:
-            return replace(plain, message=f"{plain.message} {verdict.kept(int(away.sum()))}")
+            return replace(plain, message=f"{plain.message} {verdict.kept(int(outliers.sum()))}")
         return answer
 
     return fit
@@ -320,7 +320,7 @@ def _settle(
     plain: Estimate,
     full: Fit,
     with_momentum: Callable[[float], Fit],
-    away: Mask,
+    outliers: Mask,
     progress: Progress,
 ) -> tuple[Estimate, Mask, Array]:
     """Fit and set aside in turn. The full fit has the last word: momentum is better found without spikes.
@@ -329,30 +329,30 @@ def _settle(
         The fit to the samples that are left, those set aside, and its scores, of `unpredicted`.
     """
     seen: list[bytes] = []
-    tau, start = float(plain.momentum), away
+    tau, start = float(plain.momentum), outliers
     fit = with_momentum(tau)
     for count in range(MAX_FITS):
         progress.step(count, "samples that neither side predicts")
-        one = fit(np.where(away, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
+        one = fit(np.where(outliers, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
         if one.verdict in _NOTHING_TO_JUDGE:
-            return one, away, np.where(away, math.inf, 0.0)
+            return one, outliers, np.where(outliers, math.inf, 0.0)
         scores = _scores(z, steps, one)
-        next_away = scores > 0.0
-        if np.array_equal(next_away, away):
+        next_outliers = scores > 0.0
+        if np.array_equal(next_outliers, outliers):
             if fit is full:
-                return one, away, scores
+                return one, outliers, scores
             fit = full
             continue
-        if next_away.tobytes() in seen:  # a few doubtful samples come and go: they stay in
-            away = away & next_away
+        if next_outliers.tobytes() in seen:  # a few doubtful samples come and go: they stay in
+            outliers = outliers & next_outliers
             break
-        seen.append(away.tobytes())
-        away = next_away
+        seen.append(outliers.tobytes())
+        outliers = next_outliers
         if float(one.momentum) != tau:  # another model: from the start
-            tau, away, seen = float(one.momentum), start | away, []
+            tau, outliers, seen = float(one.momentum), start | outliers, []
         fit = with_momentum(tau)
-    one = full(np.where(away, np.nan, z), steps, progress)
-    return one, away, _scores(z, steps, one)
+    one = full(np.where(outliers, np.nan, z), steps, progress)
+    return one, outliers, _scores(z, steps, one)
 
 
 def _scores(z: Array, steps: Array, one: Estimate) -> Array:
@@ -360,12 +360,12 @@ def _scores(z: Array, steps: Array, one: Estimate) -> Array:
     return unpredicted(z, steps, float(one.q), r, float(one.momentum))
 
 
-def _conclude(z: Array, steps: Array, plain: Estimate, one: Estimate, away: Mask) -> Estimate:
+def _conclude(z: Array, steps: Array, plain: Estimate, one: Estimate, outliers: Mask) -> Estimate:
     """The estimate with all that is known about the samples set aside."""
-    count, present = int(away.sum()), int(np.isfinite(z).sum())
+    count, present = int(outliers.sum()), int(np.isfinite(z).sum())
     one = replace(
         one,
-        outliers=away,
+        outliers=outliers,
         outlier_share=count / present,
         plain_q=plain.q,
         plain_r=plain.r,
@@ -376,17 +376,17 @@ def _conclude(z: Array, steps: Array, plain: Estimate, one: Estimate, away: Mask
         return replace(one, verdict="too_many_outliers", message=text, params=None)
     gate = None
     if count:
-        one, gate = _with_gate(z, steps, one, away)
+        one, gate = _with_gate(z, steps, one, outliers)
     message = f"{verdict.set_aside(count, present, plain, gate)} {one.message}".strip()
     return replace(one, message=message)
 
 
-def _with_gate(z: Array, steps: Array, one: Estimate, away: Mask) -> tuple[Estimate, float | None]:
+def _with_gate(z: Array, steps: Array, one: Estimate, outliers: Mask) -> tuple[Estimate, float | None]:
     """The estimate with a gate in its parameters, and the gate in σ; None where the filter does better without."""
     some = _only_spikes(one) if one.verdict == "no_noise" else _untruncated(one)
     if some.params is None:
         return some, None
-    gate = advised_gate(z, steps, some.params, away)
+    gate = advised_gate(z, steps, some.params, outliers)
     if gate is None:
         return (one if some.verdict == "only_spikes" else some), None
     return replace(some, params=replace(some.params, gate=gate * gate)), gate

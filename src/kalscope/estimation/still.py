@@ -77,8 +77,8 @@ def find_still_stretch(z: ArrayLike, dt: ArrayLike | None = None) -> tuple[int, 
     surprise = _surprise(column, steps, good)
     blocks = _Blocks.of(column[good], np.diff(good) == 1, surprise, step, count)
     del surprise, column
-    found = _best(blocks)
-    return None if found is None else (int(good[found[0] * BLOCK]), int(good[found[1] * BLOCK - 1]) + 1)
+    stretch = _best(blocks)
+    return None if stretch is None else (int(good[stretch[0] * BLOCK]), int(good[stretch[1] * BLOCK - 1]) + 1)
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _best(blocks: _Blocks) -> tuple[int, int] | None:
     still, gain = blocks.windows(count, 0, 0, 1)
     if still[0] and gain[0] + 0.5 * FITTED * math.log(count * BLOCK) > ALL_STILL:
         return 0, count
-    best, found, looked = -math.inf, None, 0
+    best, stretch, looked = -math.inf, None, 0
     size = MIN_BLOCKS
     while size <= count:
         hop = max(size // 4, 1)
@@ -188,11 +188,11 @@ def _best(blocks: _Blocks) -> tuple[int, int] | None:
         gain = np.where(still, gain, -math.inf)
         at = int(np.argmax(gain))
         if gain[at] > best:
-            best, found = float(gain[at]), (at * hop, at * hop + size)
+            best, stretch = float(gain[at]), (at * hop, at * hop + size)
         size = max(size + 1, size * 5 // 4)
-    if found is None or best < math.log(looked / FALSE_ALARM):
+    if stretch is None or best < math.log(looked / FALSE_ALARM):
         return None
-    return _trimmed(*found, count)
+    return _trimmed(*stretch, count)
 
 
 def _unit(readings: Array) -> float:

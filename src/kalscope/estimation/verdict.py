@@ -175,9 +175,9 @@ def fit_record(
     z: ArrayLike, dt: ArrayLike | None, progress: Progress, fit: Callable[[Array, Array, Progress], Estimate]
 ) -> Estimate:
     """Check z and dt, and `fit` them."""
-    found = fit(*one_record(z, dt), progress)
+    fitted = fit(*one_record(z, dt), progress)
     progress(1.0, "done")
-    return found
+    return fitted
 
 
 def channel_fit(

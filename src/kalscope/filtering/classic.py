@@ -391,8 +391,8 @@ class RunningChain:
         staged = self._stages.take(samples, steps)
         if self._kalman is not None:
             staged[np.isnan(samples)] = np.nan
-            found = self._kalman.run(staged, dt)
-            return replace(found, innovation=samples - (staged - found.innovation), loglik=math.nan, m=0)
+            result = self._kalman.run(staged, dt)
+            return replace(result, innovation=samples - (staged - result.innovation), loglik=math.nan, m=0)
         unknown = np.full(len(samples), np.nan)
         innovation = samples - np.concatenate([[self._before], staged])[:-1]
         self._before = float(staged[-1]) if len(staged) else self._before
@@ -456,11 +456,11 @@ class Bench:
         Measured relative to exponential smoothing with the current lag, whose share K/(2 − K) is known: both see
         the same noise, so most of the random error of a finite record cancels.
         """
-        left, known = run(self._rest)[self.settle :], self._known
-        if np.array_equal(left, self._rest[self.settle :]):
+        output, known = run(self._rest)[self.settle :], self._known
+        if np.array_equal(output, self._rest[self.settle :]):
             return 1.0  # measured, it would be 1 apart from that random error
         gain = 1.0 / (1.0 + self.present_lag)
-        return float(np.mean(left**2)) / known * gain / (2.0 - gain)
+        return float(np.mean(output**2)) / known * gain / (2.0 - gain)
 
     @cached_property
     def _rest(self) -> Array:
@@ -543,8 +543,8 @@ def last_response(then: Stage | None, params: FilterParams) -> SteadyState:
             return _state(1.0 / n, then, _average_cutoff(n), (1.0 - SETTLED) * n)
         case Butterworth():
             gain = 0.5 * then.constants[2]
-            found = _state(gain, then, then.cutoff, BUTTERWORTH_SETTLED * then.lag)
-            return replace(found, overshoot=math.exp(-math.pi))
+            result = _state(gain, then, then.cutoff, BUTTERWORTH_SETTLED * then.lag)
+            return replace(result, overshoot=math.exp(-math.pi))
         case Median():
             return _state(math.nan, then, math.nan, 0.5 * (then.window + 1))
 
@@ -577,8 +577,8 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
         bench, run = bench_of(z, x, min(guess, 0.25 * MAX_SAMPLES)), _run(chain, params)
         lag, gain = bench.lag(run), bench.noise_gain(run)
         noise = math.inf if gain == 0.0 else -10.0 * math.log10(gain)
-    found = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
-    return replace(found, settle_samples=last.settle_samples + late)
+    result = replace(last, lag_samples=lag, noise_reduction_db=noise, cutoff_hz=math.nan)
+    return replace(result, settle_samples=last.settle_samples + late)
 
 
 def _run(chain: Chain, params: FilterParams) -> Run:

@@ -458,11 +458,11 @@ def smoothed(over: Transition, state: State, after: State) -> State:
     x, v, p, g, w = state
     x_next, v_next, p_next, g_next, w_next = predict(over, state)
     # C = P F' / (F P F' + Q), multiplied out: what cancels in the products of large variances is left out
-    to_x, to_v, own = p + f * g, g + f * w, p * w - g * g  # covariances with x of the next sample; det P
-    det = (p_next - a) * c + (w_next - c) * a - 2.0 * (g_next - b) * b + (a * c - b * b) + e * e * own
+    to_x, to_v, det_p = p + f * g, g + f * w, p * w - g * g  # covariances with x of the next sample; det P
+    det = (p_next - a) * c + (w_next - c) * a - 2.0 * (g_next - b) * b + (a * c - b * b) + e * e * det_p
     if det > 1e-14 * p_next * w_next:
-        c11, c12 = (e * e * own + to_x * c - e * g * b) / det, (e * (g * a - f * own) - to_x * b) / det
-        c21, c22 = (to_v * c - e * w * b) / det, (e * (own + w * a) - to_v * b) / det
+        c11, c12 = (e * e * det_p + to_x * c - e * g * b) / det, (e * (g * a - f * det_p) - to_x * b) / det
+        c21, c22 = (to_v * c - e * w * b) / det, (e * (det_p + w * a) - to_v * b) / det
     elif p_next > 0.0:  # x and v of the next sample carry the same information
         c11, c21 = to_x / p_next, to_v / p_next
         c12 = c22 = 0.0

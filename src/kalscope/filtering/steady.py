@@ -240,7 +240,7 @@ MIN_MOMENTUM = 1.0 / 500.0
 
 _EXACT, _GRID = 2000, 4000
 """The first samples of a step are all evaluated; later ones on a grid with even steps in its logarithm."""
-_LEFT = 1e-5
+_GRID_END = 1e-5
 """Share of a step that is left where the grid ends."""
 
 
@@ -305,8 +305,8 @@ class WithMomentum:
         (λ1 - λ2)(B1 - B2) ≤ 0; so B falls with λ, and N rises.
         """
         both, product, gain = 1.0 + self._both, self.product, self.gain
-        left = product * both + 2.0 * gain * (gain - product)
-        return left / (self._lost * (2.0 * both - product))
+        variance = product * both + 2.0 * gain * (gain - product)
+        return variance / (self._lost * (2.0 * both - product))
 
     @property
     def cutoff(self) -> float:
@@ -339,7 +339,7 @@ class WithMomentum:
     def _grid(self) -> tuple[Array, Array]:
         """Times, and the errors at them."""
         decay = -max(pole.log_radius for pole in self.poles)
-        end = max(-math.log(_LEFT) / decay, 2.0 * _EXACT)
+        end = max(-math.log(_GRID_END) / decay, 2.0 * _EXACT)
         grid = np.unique(np.rint(np.geomspace(_EXACT, end, _GRID)))
         samples = np.concatenate([np.arange(float(_EXACT)), grid[1:]])
         return np.concatenate([[0.0], samples + 1.0]), np.concatenate([[1.0], self._after(samples)])

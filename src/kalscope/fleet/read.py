@@ -137,7 +137,7 @@ def find_units(sources: Sequence[str], output: str | os.PathLike[str]) -> list[U
     roots = [path for one in sources for path in (read_list(one[1:]) if one.startswith("@") else _matches(one))]
     base, skipped = _base(roots), os.path.realpath(output)
     units: dict[str, Unit] = {}
-    for path, reason in (found for root in roots for found in _below(root, skipped)):
+    for path, reason in (pair for root in roots for pair in _below(root, skipped)):
         if path not in units:
             units[path] = _unit(path, base, reason)
     if not units:

@@ -165,13 +165,13 @@ def page(chapters: Sequence[Chapter], version: str) -> str:
     """
     checks = [check for chapter in chapters for check in chapter.checks]
     failed = "".join(f"<br>{escape(str(check))}" for check in checks if not check.passed)
-    said = f"All {len(checks)} reproduced numbers are within their stated tolerance."
+    sentence = f"All {len(checks)} reproduced numbers are within their stated tolerance."
     if failed:
-        said = f'<span class="no">Numbers outside their tolerance, of {len(checks)}:</span>{failed}'
+        sentence = f'<span class="no">Numbers outside their tolerance, of {len(checks)}:</span>{failed}'
     contents = "".join(f'<a href="#{one.key}">{escape(one.title)}</a> ' for one in chapters)
     body = f"""<h1>Three documents, reproduced</h1>
 <p>What Kalscope makes of the three documents it implements: their figures and tables, drawn again from their
-equations, and what they say when tested.</p><p class="sum">{said}</p>
+equations, and what they say when tested.</p><p class="sum">{sentence}</p>
 <nav>{contents}<a href="#disagreements">Where a paper disagrees with itself</a>
 <a href="#checks">All checks</a></nav>
 {"".join(map(_section, chapters))}

@@ -131,10 +131,10 @@ def answer_estimation(draws: int) -> dict[str, Any]:
     for _ in range(draws):
         truth = np.cumsum(math.sqrt(TRUE_Q) * rng.standard_normal(RECORD))
         z = truth + math.sqrt(TRUE_R) * rng.standard_normal(RECORD)
-        found = estimate(z, momentum=0.0)
-        if found.params is not None:
+        estimated = estimate(z, momentum=0.0)
+        if estimated.params is not None:
             best = _rmse(denoise(z, FilterParams(q=TRUE_Q, r=TRUE_R)), truth)
-            rows.append((float(found.q), float(found.r), _rmse(denoise(z, found.params), truth) / best))
+            rows.append((float(estimated.q), float(estimated.r), _rmse(denoise(z, estimated.params), truth) / best))
     q, r, losses = np.array(rows).T
     names = [f"{name}_{place}" for name in "qr" for place in ("low", "median", "high")]
     quantiles = np.quantile((q, r), (0.05, 0.5, 0.95), axis=1).T.ravel().tolist()

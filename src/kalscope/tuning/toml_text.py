@@ -83,12 +83,12 @@ def parse(text: str) -> dict[str, Any]:
         raise BadFile("a tuning file must be TOML text (got brackets nested without end)") from None
     except ValueError as error:  # TOMLDecodeError, or an integer of 5000 digits
         raise BadFile(f"a tuning file must be TOML text (got: {one_line(error)})") from None
-    found = document.get("format")
-    if isinstance(found, bool) or found not in FORMATS:
-        newer = isinstance(found, int) and found > FORMATS[-1]
+    held = document.get("format")
+    if isinstance(held, bool) or held not in FORMATS:
+        newer = isinstance(held, int) and held > FORMATS[-1]
         why = ": a newer Kalscope may have written this file" if newer else ""
         known = f"{', '.join(map(str, FORMATS[:-1]))} or {FORMATS[-1]}"
-        raise BadFile(f"format must be {known}{why} (got {shown(found)})")
+        raise BadFile(f"format must be {known}{why} (got {shown(held)})")
     return document
 
 
@@ -152,8 +152,8 @@ def _write_entries(table: MutableMapping[str, Any], key: str, entries: list[Tabl
         del array[:]
         for entry in entries:
             array.append(there.get(entry["name"], _new_table()))
-    for found, entry in zip(array.body, entries, strict=True):
-        _write(found, entry)
+    for held, entry in zip(array.body, entries, strict=True):
+        _write(held, entry)
 
 
 def _new_table() -> Table:

@@ -349,16 +349,16 @@ def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: flo
     """
     if not request.target:
         raise BadSetting("the goal must be a lag, a cut-off, a noise reduction or a gain (got none)")
-    own = tuning.rescaled(sample_period).channel(name)
+    entry = tuning.rescaled(sample_period).channel(name)
     params = params_for_specification(
-        own.r,
+        entry.r,
         **request.target,
         sample_period=sample_period,
-        momentum=own.momentum if request.overshoot is None else 0.0,  # an overshoot gives the momentum too
+        momentum=entry.momentum if request.overshoot is None else 0.0,  # an overshoot gives the momentum too
         overshoot=request.overshoot,
     )
     how = f"at {sample_period:.4g} s: {request.goal}"
-    met = replace(own, q=params.q, momentum=params.momentum, how=how)
+    met = replace(entry, q=params.q, momentum=params.momentum, how=how)
     others = rescaled_to_period(tuning, sample_period)
     return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 

@@ -86,9 +86,9 @@ def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     at = opened(same_question(source))
     asked = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)}).request(at.recording)
     answer = answer_for(at.recording, at.channel, asked, Progress(None))
-    assert search(at, way, text) == answer.found
-    assert answer.found.params is not None
-    tuned = compute_checks(apply_found(at.recording, at.channel, answer.found)(at)).judgement
+    assert search(at, way, text) == answer.result
+    assert answer.result.params is not None
+    tuned = compute_checks(apply_found(at.recording, at.channel, answer.result)(at)).judgement
     said = answer.judgement
     assert (tuned.word, tuned.headline, tuned.findings) == (said.word, said.headline, said.findings)
 
@@ -98,7 +98,7 @@ def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_opti
     told = apply_found(state.recording, "a", known)(state)
     found = search(told, "maximum lag", "50")
     both = TuneOptions(lag_ms=50.0, sigma=0.9).request(state.recording)
-    assert found == answer_for(state.recording, "a", both, Progress(None)).found
+    assert found == answer_for(state.recording, "a", both, Progress(None)).result
     assert found.params.r == pytest.approx(0.81)
     by_hand = told.with_tuning(r=2.0)  # nobody knows where this r comes from
     assert search(by_hand, "maximum lag", "50").params.r == estimate(state.z, momentum=0.0).r
