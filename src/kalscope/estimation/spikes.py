@@ -72,13 +72,15 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
     v_after, s_after = v_after[::-1], s_after[::-1]
     refused &= refused_after[::-1]
     at = np.flatnonzero(refused)
+    if not len(at):
+        return scores
     p, errors = np.stack([s[at], s_after[at]]) - r, np.stack([v[at], v_after[at]])
     with np.errstate(invalid="ignore"):
         least, most = p.min(axis=0), p.max(axis=0)
         share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
         first = np.where(p[0] == least, share, 1.0 - share)
         scores[at] = (first * errors[0] + (1.0 - first) * errors[1]) ** 2 / (r + share * least)
-    if scores[at].max(initial=0.0) > SIGMAS**2:
+    if scores[at].max() > SIGMAS**2:
         v *= v  # in place: a long record has to fit the memory
         v /= s
         v_after *= v_after
@@ -98,7 +100,9 @@ def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Arr
 
 def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
     """A level for the first sample, and its variance: the sample itself may be a spike."""
-    near = np.flatnonzero(~np.isnan(z))[:WINDOW]
+    near = np.flatnonzero(~np.isnan(z[:WINDOW]))
+    if len(near) < WINDOW:
+        near = np.flatnonzero(~np.isnan(z))[:WINDOW]
     span = steps[near[0] + 1 : near[-1] + 1].sum() if len(steps) else near[-1] - near[0]
     return _median(z[near]), r + q * float(span)
 
