@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 
@@ -114,12 +113,8 @@ class Compiled(Generic[P, R]):
         self._plain_left -= getattr(args[0], "size", 1)
         if self._plain_left >= (MAX_PLAIN - FEW if _numba.is_set() else 0):
             return self.py_func(*cast("Any", map(_plain, args)), **kwargs)
-        # In a thread of its own: Python keeps frames in pieces of 16 kB, and in a deep stack numba's recursion
-        # crosses the end of one so often that compiling takes 1.5 times as long.
-        with ThreadPoolExecutor(1) as pool:
-            result = pool.submit(self.dispatcher, *args, **kwargs).result()
         self._run = self.dispatcher
-        return result
+        return _with_room(self._run, *args, **kwargs)
 
     def __reduce__(self) -> str:
         """Another process imports it by its name."""
@@ -141,6 +136,16 @@ class Compiled(Generic[P, R]):
     def targetoptions(self) -> Any:
         """Whether it is inlined."""
         return self.dispatcher.targetoptions
+
+
+def _with_room(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    """Call it, with room for the frames of what it calls."""
+    return function(*args, **kwargs)
+
+
+# CPython keeps frames in pieces of 16 kB. In the deep stack of a command numba's recursion crosses the end of one
+# so often that compiling takes 1.5 times as long. A frame of 640 kB gets a piece of 1 MB, whose end is far.
+_with_room.__code__ = _with_room.__code__.replace(co_stacksize=80_000)
 
 
 def _plain(value: Any) -> Any:

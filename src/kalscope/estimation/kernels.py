@@ -410,75 +410,112 @@ AT_END = 2
 """Adjacent spikes that are recognised at either end of the record."""
 
 
-@compiled(plain=True)
-def median_distances(samples: Array, window: Array, distances: Array) -> None:
-    """Write |sample − median of the window around it|; the ends are continued with their last value.
+MEDIAN_BLOCK = 128
+"""Windows that are sorted side by side, so that the compiler puts them into vectors."""
 
-    `window` is room for the samples of the window in ascending order, an odd number.
-    """
-    n, size = samples.shape[0], window.shape[0]
-    half = size // 2
-    for j in range(size if n > 0 else 0):
-        window[j] = samples[0]
-    for i in range(-half if n > 0 else 0, n):
-        leaving, coming = samples[max(i - half - 1, 0)], samples[min(i + half, n - 1)]
-        j = 0
-        while window[j] != leaving:
-            j += 1
-        while j < size - 1 and window[j + 1] < coming:
-            window[j] = window[j + 1]
-            j += 1
-        while j > 0 and window[j - 1] > coming:
-            window[j] = window[j - 1]
-            j -= 1
-        window[j] = coming
-        if i >= 0:
-            distances[i] = abs(samples[i] - window[half])
+
+@compiled()
+def median_distances(samples: Array, size: int, distances: Array) -> None:
+    """Write |sample − median of the `size`, an odd number, around it|; the ends are continued as they are."""
+    n, half = samples.shape[0], size // 2
+    rows = np.empty((size, MEDIAN_BLOCK))
+    for first in range(0, n, MEDIAN_BLOCK):
+        width = min(MEDIAN_BLOCK, n - first)
+        for k in range(size):
+            for i in range(width):
+                rows[k, i] = samples[min(max(first + i + k - half, 0), n - 1)]
+        for last in range(size - 1, half - 1, -1):  # the largest of those that remain goes to the end
+            for k in range(last):
+                for i in range(width):
+                    a, b = rows[k, i], rows[k + 1, i]
+                    rows[k, i], rows[k + 1, i] = (a, b) if a < b else (b, a)
+        for i in range(width):
+            distances[first + i] = abs(samples[first + i] - rows[half, i])
 
 
 @compiled(plain=True)
 def refuse(
-    z: Array, dt: Array, q: float, r: float, tau: float | None, start: tuple[float, float], error: Array,
-    variance: Array, refused: NDArray[np.bool_],
+    z: Array, dt: Array, starts: Whole, q: Array, r: Array, tau: float | None, backwards: bool, near: Array,
+    wanted: NDArray[np.bool_], error: Array, variance: Array, refused: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Write v and s of each sample, and whether it is refused; GATE_LIMIT may be refused side by side.
 
-    One run of the filter in which samples beyond the gate change nothing. A spike, or a few side by side, is
-    refused, and the sample after it is predicted well again. Where more adjacent samples are refused, the signal
-    has moved: the filter starts again at the first of them, and they count as predicted.
+    One run of the filter over each record that is `wanted`, in which samples beyond the gate change nothing. A
+    spike, or a few side by side, is refused, and the sample after it is predicted well again. Where more adjacent
+    samples are refused, the signal has moved: the filter starts again at the first of them, and they count as
+    predicted. Records of which none is refused are `wanted` no more.
 
-    `z` holds NaN where missing, `dt` may be empty, `tau` None is the filter without momentum, and `start` the level
-    before the first sample and its variance. Samples refused before one is taken have no past to be predicted from:
-    s = inf. More than AT_END rejected samples at the end may be a step, and count as predicted.
+    `z` holds NaN where missing, record k from `starts[k]` on; `dt` may be empty, `tau` None is the filter without
+    momentum; `near` is room for the samples that give the start. Samples refused before one is taken have no past
+    to be predicted from: s = inf. More than AT_END rejected samples at the end may be a step, and count as
+    predicted.
     """
-    n, last, w = z.shape[0], 1.0, 0.0
-    over = transition(last, q, tau)
-    if tau is not None:
-        w = 0.5 * q / tau
-    state = (start[0], 0.0, start[1], 0.0, w)
-    first = run = taken = i = 0
-    while i < n:
-        if dt.shape[0] and dt[i] != last:
-            last = dt[i]
-            over = transition(last, q, tau)
-        state, _, _, v, s, done = step(z[i], over, r, SIDE_SIGMAS**2, state, 0, tau)
-        refused[i] = done == REJECTED
-        if done == REJECTED:
-            first = i if run == 0 else first
-            run += 1
-        elif done != MISSING:
-            run = 0
-            taken += 1
-        if done != START:
-            error[i] = 0.0 if done == MISSING else v
-            variance[i] = math.inf if refused[i] and taken == 0 else s
+    towards = -1 if backwards else 1
+    for row in range(wanted.shape[0]):
+        n, origin = starts[row + 1] - starts[row], starts[row + 1] - 1 if backwards else starts[row]
+        if not wanted[row]:
+            continue
+        last, w = 1.0, 0.0
+        over = transition(last, q[row], tau)
+        if tau is not None:
+            w = 0.5 * q[row] / tau
+        level, periods = start_level(z, dt, origin, towards, n, near)
+        state = (level, 0.0, r[row] + q[row] * periods, 0.0, w)
+        first = run = taken = i = 0
+        wanted[row] = False
+        while i < n:
+            at = origin + towards * i
+            gap = step_before(dt, at, towards, i)
+            if gap != last:
+                last = gap
+                over = transition(last, q[row], tau)
+            state, _, _, v, s, done = step(float(z[at]), over, r[row], SIDE_SIGMAS**2, state, 0, tau)
+            refused[at] = done == REJECTED
+            if done == REJECTED:
+                first = i if run == 0 else first
+                run += 1
+            elif done != MISSING:
+                run = 0
+                taken += 1
+            if done != START:
+                error[at] = 0.0 if done == MISSING else v
+                variance[at] = math.inf if refused[at] and taken == 0 else s
+            i += 1
+            if run > GATE_LIMIT:
+                for j in range(first, i):
+                    refused[origin + towards * j] = False
+                state, run, i = (math.nan, 0.0, math.inf, 0.0, w), 0, first
+        for j in range(first if run > AT_END else n, n):
+            refused[origin + towards * j] = False
+        for j in range(starts[row], starts[row + 1]):
+            wanted[row] = wanted[row] or refused[j]
+
+
+@compiled(plain=True, inner=True)
+def step_before(dt: Array, at: int, towards: int, i: int) -> float:
+    """Nominal sample periods before the sample that is the i-th on the way."""
+    if dt.shape[0] == 0 or (towards < 0 and i == 0):
+        return 1.0
+    return dt[at] if towards > 0 else dt[at + 1]
+
+
+@compiled(plain=True, inner=True)
+def start_level(z: Array, dt: Array, origin: int, towards: int, n: int, near: Array) -> tuple[float, float]:
+    """The median of the first samples, as the first itself may be a spike, and the periods that they take."""
+    i, count, periods, span = 0, 0, 0.0, 0.0
+    while i < n and count < near.shape[0]:
+        at = origin + towards * i
+        if count > 0:
+            periods += step_before(dt, at, towards, i)
+        if not math.isnan(z[at]):
+            j = count
+            while j > 0 and near[j - 1] > z[at]:
+                near[j] = near[j - 1]
+                j -= 1
+            near[j] = z[at]
+            count, span = count + 1, periods
         i += 1
-        if run > GATE_LIMIT:
-            for j in range(first, i):
-                refused[j] = False
-            state, run, i = (math.nan, 0.0, math.inf, 0.0, w), 0, first
-    for j in range(first if run > AT_END else n, n):
-        refused[j] = False
+    return 0.5 * (near[(count - 1) // 2] + near[count // 2]), span
 
 
 # The compiled loops of the likelihood of several sensors of one quantity, nothing else.

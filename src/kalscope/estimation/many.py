@@ -31,9 +31,9 @@ from kalscope.estimation.spikes import (
     MAX_FITS,
     checked_robust,
     far_from_median,
-    is_suspect,
     more_than_chance,
     repeats,
+    suspect_each,
     unpredicted,
 )
 from kalscope.estimation.verdict import MIN_VARIANCE, gain_of, lag_of
@@ -558,8 +558,11 @@ def _row(one: Estimate, z: Array, steps: Array) -> tuple[float, ...]:
 
 def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
     """Which series may have spikes that `estimate` would set aside; False where readings repeat."""
-    pairs = enumerate(zip(numbers[Q], numbers[R], strict=True))
-    suspect = np.array([q + r > 0.0 and is_suspect(*many.one(i), q, r) for i, (q, r) in pairs], np.bool_)
+    suspect = np.empty(len(many), np.bool_)
+    for first, stop in many.parts(SEARCHED):
+        part, pairs = slice(int(many.starts[first]), int(many.starts[stop])), numbers[:, first:stop]
+        starts, steps = many.starts[first : stop + 1] - part.start, many.steps[part]
+        suspect[first:stop] = suspect_each(many.values[part], steps, starts, pairs[Q], pairs[R])
     chosen = np.flatnonzero(suspect & ~stepped)
 
     def fit(some: Series, at: Indices) -> tuple[Array, Array, Mask]:

@@ -63,62 +63,58 @@ def unpredicted(z: Array, steps: Array, q: float, r: float, tau: float) -> Array
         r: variance of the noise, unit².
         tau: momentum in sample periods, 0 for none.
     """
-    scores = np.zeros(len(z))
-    v, s, refused = _refuse(z, steps, q, r, tau)
-    if not refused.any():
-        return scores
-    back = np.append(1.0, steps[:0:-1]) if len(steps) else steps
-    v_after, s_after, refused_after = _refuse(z[::-1].copy(), back, q, r, tau)
-    v_after, s_after = v_after[::-1], s_after[::-1]
-    refused &= refused_after[::-1]
-    at = np.flatnonzero(refused)
-    if not len(at):
-        return scores
-    p, errors = np.stack([s[at], s_after[at]]) - r, np.stack([v[at], v_after[at]])
+    return unpredicted_each(z, steps, np.array([0, len(z)]), np.array([q]), np.array([r]), tau)
+
+
+def unpredicted_each(z: Array, steps: Array, starts: Indices, q: Array, r: Array, tau: float = 0.0) -> Array:
+    """`unpredicted` of several records, one after the other; those whose q and r are both 0 have none.
+
+    Args:
+        z: all samples, shape (n,), NaN where missing.
+        steps: nominal sample periods before each; empty = 1 each.
+        starts: where each record begins, shape (k + 1,); the last is the end of all.
+        q: variance of the movement of each, unit², shape (k,).
+        r: variance of the noise of each.
+        tau: momentum in sample periods, 0 for none.
+    """
+    scores, wanted = np.zeros(len(z)), q + r > 0.0
+    v, s, refused = np.zeros((2, len(z))), np.ones((2, len(z))), np.zeros((2, len(z)), np.bool_)
+    for i, backwards in enumerate((False, True)):
+        kernels.refuse(
+            z, steps, starts, q, r, tau or None, backwards, np.empty(WINDOW), wanted, v[i], s[i], refused[i]
+        )
+        if not wanted.any():
+            return scores
+    refused[0] &= refused[1]
+    at = np.flatnonzero(refused[0])
+    record = np.searchsorted(starts, at, side="right") - 1
+    p = s[:, at] - r[record]
     with np.errstate(invalid="ignore"):
         least, most = p.min(axis=0), p.max(axis=0)
         share = np.where(least == most, 0.5, 1.0 / (1.0 + least / most))  # of the side that knows more
         first = np.where(p[0] == least, share, 1.0 - share)
-        scores[at] = (first * errors[0] + (1.0 - first) * errors[1]) ** 2 / (r + share * least)
-    if scores[at].max() > SIGMAS**2:
-        v *= v  # in place: a long record has to fit the memory
-        v /= s
-        v_after *= v_after
-        v_after /= s_after
-        np.minimum(v, v_after, out=v)
-        del v_after, s, s_after
-        _clear_movement(scores, at, np.minimum(v, MOST, out=v), ~np.isnan(z), refused)
+        scores[at] = (first * v[0, at] + (1.0 - first) * v[1, at]) ** 2 / (r[record] + share * least)
+    for k in np.unique(record[scores[at] > SIGMAS**2]).tolist():
+        here = slice(int(starts[k]), int(starts[k + 1]))
+        _clear_movement(scores[here], v[:, here], s[:, here], ~np.isnan(z[here]), refused[0, here])
     return scores
 
 
-def _refuse(z: Array, steps: Array, q: float, r: float, tau: float) -> tuple[Array, Array, Mask]:
-    """Innovation and its variance of each sample, and whether the samples before it refuse it."""
-    v, s, refused = np.zeros(len(z)), np.ones(len(z)), np.empty(len(z), np.bool_)
-    kernels.refuse(z, steps, q, r, tau or None, _start(z, steps, q, r), v, s, refused)
-    return v, s, refused
-
-
-def _start(z: Array, steps: Array, q: float, r: float) -> tuple[float, float]:
-    """A level for the first sample, and its variance: the sample itself may be a spike."""
-    near = np.flatnonzero(~np.isnan(z[:WINDOW]))
-    if len(near) < WINDOW:
-        near = np.flatnonzero(~np.isnan(z))[:WINDOW]
-    span = steps[near[0] + 1 : near[-1] + 1].sum() if len(steps) else near[-1] - near[0]
-    return _median(z[near]), r + q * float(span)
-
-
-def _clear_movement(scores: Array, at: Indices, squares: Array, present: Mask, refused: Mask) -> None:
+def _clear_movement(scores: Array, v: Array, s: Array, present: Mask, refused: Mask) -> None:
     """Set those of `scores` to 0 that may be movement: in a lively or crowded neighbourhood, or a lone pulse.
 
-    `at` are the places of those above 0, `squares` v²/s of all samples, which are changed here.
+    `v` is overwritten: a copy would be a good part of the memory of an estimate.
     """
+    v *= v
+    v /= s
+    squares, at = np.minimum(np.minimum(v[0], v[1], out=v[0]), MOST, out=v[0]), np.flatnonzero(refused)
     counted = present & ~refused
     squares[~counted] = 0.0
     lively = _mean_near(squares, counted, at)
-    kept = np.zeros(len(scores), np.bool_)
-    kept[at] = scores[at] > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
+    kept, some = np.zeros(len(scores), np.bool_), scores[at]
+    kept[at] = some > SIGMAS**2 * np.where(lively > LIVELY, lively, 1.0)
     crowded = (lively > VERY_LIVELY) & (_mean_near(kept, present, at) > CROWDED)
-    kept[at] &= ~crowded | (scores[at] > SIGMAS**4 * lively)
+    kept[at] &= ~crowded | (some > SIGMAS**4 * lively)
     scores[~kept] = 0.0
     starts, lengths = _runs(kept[present])
     if len(starts) < MIN_RUNS:  # a long run among few: the signal has moved, and come back
@@ -130,9 +126,12 @@ def _clear_movement(scores: Array, at: Indices, squares: Array, present: Mask, r
 def _mean_near(values: Array | Mask, counted: Mask, at: Indices) -> Array:
     """Mean of the values, 0 where not counted, within NEAR samples of each place; 0 where none is counted."""
     low, high = np.maximum(at - NEAR, 0), np.minimum(at + NEAR, len(values) - 1)
-    total, count = np.cumsum(values), np.cumsum(counted)
-    near, many = (one[high] - np.where(low > 0, one[low - 1], 0) for one in (total, count))
-    return near / np.maximum(many, 1)
+
+    def near(some: Array | Mask) -> Array:
+        total = np.cumsum(some)
+        return total[high] - np.where(low > 0, total[low - 1], 0)
+
+    return near(values) / np.maximum(near(counted), 1)
 
 
 def _median(values: Array) -> float:
@@ -150,17 +149,16 @@ def _runs(marked: Mask) -> tuple[Indices, Indices]:
 
 def far_from_median(z: Array) -> tuple[Mask, bool]:
     """The samples of z, shape (n,), far from the centred median; whether there are more than by chance."""
-    far, distances = np.zeros(len(z), dtype=bool), _from_median(z)
-    far[np.isfinite(z)] = distances > START_SIGMAS
+    present = np.isfinite(z)
+    far, distances = np.zeros(len(z), dtype=bool), _from_median(z[present])
+    far[present] = distances > START_SIGMAS
     return far, beyond_chance(distances, START_SIGMAS)
 
 
-def _from_median(z: Array) -> Array:
-    """Distances of the finite samples from the centred median, in standard deviations of the noise they show."""
-    present = np.isfinite(z)
-    samples = z if present.all() else z[present]
+def _from_median(samples: Array) -> Array:
+    """Distances of finite samples from the centred median, in standard deviations of the noise they show."""
     distances = np.empty(len(samples))
-    kernels.median_distances(samples, np.empty(WINDOW), distances)
+    kernels.median_distances(samples, WINDOW, distances)
     scale = NORMAL * _median(distances)
     if scale == 0.0 and distances.any():
         scale = _median(distances[distances > 0.0])
@@ -185,17 +183,25 @@ def more_than_chance(scores: Array, z: Array) -> bool:
     return bool(scores.any()) and beyond_chance(np.sqrt(scores[np.isfinite(z)]), SIGMAS)
 
 
-def is_suspect(z: Array, steps: Array, q: float, r: float) -> bool:
-    """Whether z, shape (n,), may hold spikes that a fit with q and r, unit², did not set aside."""
-    if repeats(z) or beyond_chance(_from_median(z), START_SIGMAS):
-        return True
-    return more_than_chance(unpredicted(z, steps, q, r, 0.0), z)
+def suspect_each(z: Array, steps: Array, starts: Indices, q: Array, r: Array) -> Mask:
+    """Whether each record may hold spikes that a fit with its q and r did not set aside; as `unpredicted_each`."""
+    scores, suspect = unpredicted_each(z, steps, starts, q, r), q + r > 0.0
+    for k in np.flatnonzero(suspect).tolist():
+        here = slice(int(starts[k]), int(starts[k + 1]))
+        present = np.isfinite(z[here])
+        samples = z[here] if present.all() else z[here][present]
+        spiky = _repeat(samples) or beyond_chance(_from_median(samples), START_SIGMAS)
+        suspect[k] = spiky or more_than_chance(scores[here], z[here])
+    return suspect
 
 
 def repeats(z: Array) -> bool:
     """Whether so many readings of z, shape (n,), equal the one before that steps of the readings count too."""
-    readings = z[np.isfinite(z)]
-    return int(np.count_nonzero(readings[1:] == readings[:-1])) > EQUAL_SHARE * (len(readings) - 1)
+    return _repeat(z[np.isfinite(z)])
+
+
+def _repeat(samples: Array) -> bool:
+    return int(np.count_nonzero(samples[1:] == samples[:-1])) > EQUAL_SHARE * (len(samples) - 1)
 
 
 def rounding_variance(z: Array) -> float:

@@ -211,7 +211,7 @@ def _trimmed(first: int, last: int, count: int) -> tuple[int, int]:
 def _far(readings: Array, step: float) -> NDArray[np.bool_]:
     """The samples far from the centred median of five: spikes."""
     distance, scale = np.empty(len(readings)), np.empty(len(readings))
-    kernels.median_distances(readings, np.empty(5), distance)
+    kernels.median_distances(readings, 5, distance)
     last = max(len(readings) - MIN_SAMPLES - 1, 0) // MIN_SAMPLES * MIN_SAMPLES  # the last part may be longer
     scale[:last].reshape(-1, MIN_SAMPLES)[:] = np.median(distance[:last].reshape(-1, MIN_SAMPLES), axis=1)[:, None]
     scale[last:] = np.median(distance[last:]) if len(distance) else 0.0
