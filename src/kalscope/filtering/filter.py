@@ -448,7 +448,8 @@ class GrowingRun:
     @property
     def result(self) -> FilterResult:
         """The rows kept, len(self) of them, once there are any; loglik, m and rejected cover all rows."""
-        assert self._sums is not None, "nothing was filtered"
+        if self._sums is None:
+            raise BadSetting("the result must be read after the first rows (got none)")
         return replace(self._sums, **{name: self._view(row) for name, row in self._rows.items()})
 
     def _view(self, row: Array) -> Array:
