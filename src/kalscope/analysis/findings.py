@@ -44,7 +44,7 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "changes": ("noise changes", "note", "The record changes as it goes on: one pair cannot fit all of it."),
     "steps": ("signal steps", "note", "The signal steps: no q both follows it and smooths well between the steps."),
     "gate": ("gate too narrow", "bad", "The outlier gate rejects more than single outliers."),
-    "shape": ("long tails", "note", "Large errors are more frequent than a normal distribution has them."),
+    "shape": ("long tails", "note", "Large errors are more frequent than in a normal distribution."),
     "no_pair": ("no result", "bad", ""),
     "fused": ("fused", "good", ""),
     "shared_noise": ("sensors share noise", "bad", ""),

@@ -301,9 +301,8 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
             words = without
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
-        case actions.UseStillStretch(first, last):
-            start, end = answer.recording.time[[first, last - 1]].tolist()
-            words = [f"--still {start!r}:{end!r}"]
+        case actions.UseStillStretch():
+            words = ["--still auto"]
         case actions.Scale(q_factor, r_factor) if params is not None:
             q, r = params.q * q_factor, float(params.r) * r_factor
             words = [f"--q {q:.4g} --r {r:.4g} of kalscope open and filter"]
