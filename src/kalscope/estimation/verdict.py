@@ -109,8 +109,8 @@ def set_aside(count: int, present: int, plain: Estimate, gate: float | None) -> 
         return "No sample was set aside: each is predicted by the samples before it or by those after it."
     them, were, what = ("it", "It was", "is a spike") if count == 1 else ("them", "They were", "are spikes")
     text = (
-        f"{whole(count)} of {whole(present)} samples {what} ({percent(count / present)}): neither the samples before "
-        f"nor those after predict {them}. {were} set aside; with {them} {_pair_of(plain)}."
+        f"{whole(count)} of {whole(present)} samples {what} ({percent(count / present)}): neither the samples "
+        f"before nor those after predict {them}. {were} set aside; with {them} {_pair_of(plain)}."
     )
     if gate is not None:
         text += f" The filter gets a gate of {trimmed(gate)} σ, which ignores such samples."
