@@ -1,9 +1,8 @@
 """What the user types for a port, and what the system lists."""
 
-from types import SimpleNamespace
-
 import pytest
 from each import each
+from serial.tools.list_ports_common import ListPortInfo
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
@@ -119,14 +118,8 @@ def test_a_baud_rate_that_is_none_is_named(address):
 
 
 def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
-    found = [
-        SimpleNamespace(
-            device="COM10", description="n/a", serial_number=None, vid=None, pid=None, manufacturer=None
-        ),
-        SimpleNamespace(
-            device="COM9", description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A"
-        ),
-    ]
+    found = [ListPortInfo("COM10"), ListPortInfo("COM9")]
+    vars(found[1]).update(description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A")
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
 

@@ -34,9 +34,6 @@ class LostPort:
         self._maybe_fail("read")
         return b"1"
 
-    def write(self, _data):
-        self._maybe_fail("write")
-
     def close(self):
         self.closed = True
 
@@ -68,12 +65,12 @@ def termios_error():
     ],
     ids=lambda error: type(error).__module__ + "." + type(error).__name__,
 )
-@each("where", ["read", "in_waiting", "write"])
+@each("where", ["read", "in_waiting"])
 def test_whatever_is_raised_it_is_one_sentence(error, where, opened):
     raw = LostPort(error, where)
     port = opened(raw)
-    with pytest.raises(BadDevice, match="cannot write to port /dev/ttyX" if where == "write" else "was unplugged"):
-        port.write(b"x") if where == "write" else port.fetch()
+    with pytest.raises(BadDevice, match="was unplugged"):
+        port.fetch()
     port.close()
     port.close()
     assert raw.closed
@@ -112,5 +109,5 @@ def test_what_is_no_port_or_has_no_server_says_so(tmp_path):
     (tmp_path / "log.csv").write_text("1\n")
     with pytest.raises(BadDevice, match="cannot be opened at"):
         SerialPort(PortSpec(str(tmp_path / "log.csv")), bool, None)
-    with pytest.raises(BadDevice, match="nothing listens at 127"):
+    with pytest.raises(BadDevice, match=r"127.0.0.1:1 cannot be reached \(Connection refused\)"):
         SocketPort(PortSpec("socket://127.0.0.1:1"), bool, None)

@@ -30,17 +30,20 @@ NAN = math.nan
 
 
 class Clock:
-    """A monotonic clock that is set by hand."""
+    """Clocks that are set by hand."""
 
-    def __init__(self) -> None:
-        self.now = STARTED
+    def __init__(self, now=STARTED, wall=WALL):
+        self.now, self._wall = now, wall
 
-    def __call__(self) -> float:
+    def monotonic(self):
         return self.now
+
+    def wall(self):
+        return self._wall
 
 
 def new_recorder(path, **settings):
-    return Recorder(path, source="test", **{"started": STARTED, "wall": WALL, "clock": Clock(), **settings})
+    return Recorder(path, "test", **{"clock": Clock(), **settings})
 
 
 def hand_over(recorder, data, at=STARTED, step=0.001):
@@ -79,7 +82,7 @@ def test_a_recording_is_comments_a_header_and_rows_of_host_time_device_time_and_
     )
     recorder = new_recorder(path)
     hand_over(recorder, with_time)
-    recorder.gap("unplugged", 2.5)
+    recorder.lose(0, "unplugged", 2.5)
     recorder.close()
     lines = path.read_text().splitlines()
     assert lines[0].startswith("# kalscope recording ")
@@ -209,10 +212,10 @@ def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
     layout, expected = layout_of(["a", "b"]), dict.fromkeys(["row", "rejected", "drop", "other"], 0)
     for number, (kind, text) in enumerate(events, 1):
         if kind == "drop":
-            recorder.drop(len(text))
+            recorder.lose(len(text))
             expected["drop"] += len(text)
         elif kind == "gap":
-            recorder.gap(text, 1.0)
+            recorder.lose(0, text, 1.0)
         else:
             rows = ((1.0, 2.0),) if kind == "row" else ()
             event = LineEvent(number, "row" if rows else kind, text, rows)
@@ -396,7 +399,8 @@ def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypa
         return recorder.error
 
     monkeypatch.setattr(recorder_module, "_fdatasync", sync)
-    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
+    monkeypatch.setattr(recorder_module, "SYNC_EVERY_S", 0.01)
+    recorder = new_recorder(tmp_path / "run.csv")
     wait_until(lambda: "Input/output error" in error(), "the word that the disk does not confirm")
     asked = len(calls)
     wait_until(lambda: len(calls) > asked, "another request")
@@ -415,7 +419,7 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     first.close()
     with path.open("ab") as file:
         file.write(b"99.1,3,1.")  # a crash
-    recorder = Recorder(path, source="test", started=50.0, wall=WALL + 60.0, clock=Clock(), resume=True)
+    recorder = new_recorder(path, clock=Clock(50.0, WALL + 60.0), resume=True)
     hand_over(recorder, b"number,half\n3,1.5\n", at=50.5)
     counts = recorder.close()
     assert data_lines(path) == ["0.001000,1,0.5", "0.002000,2,1", "60.501000,3,1.5"]
@@ -431,7 +435,7 @@ def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goe
     hand_over(first := new_recorder(path), b"a:1\na:2\n")
     first.close()
     for wall in (WALL + 10, WALL + 20):
-        recorder = Recorder(path, source="test", started=0.0, wall=wall, clock=Clock(), resume=True)
+        recorder = new_recorder(path, clock=Clock(0.0, wall), resume=True)
         hand_over(recorder, b"a:1 b:2\n", at=0.0)
         recorder.close()
     assert data_lines(path) == ["0.000000,1", "0.001000,2"]
@@ -443,16 +447,16 @@ def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goe
 def test_a_recording_in_progress_cannot_be_resumed_by_another(tmp_path):
     recorder = new_recorder(tmp_path / "run.csv")
     with pytest.raises(BadFile, match="being recorded"):
-        Recorder(tmp_path / "run.csv", source="test", started=0.0, wall=0.0, resume=True)
+        new_recorder(tmp_path / "run.csv", resume=True)
     recorder.close()
 
 
 def test_only_a_recording_can_be_resumed(tmp_path):
     with pytest.raises(BadFile, match=r"there is no recording .* to resume"):
-        Recorder(tmp_path / "none.csv", source="test", started=0.0, wall=0.0, resume=True)
+        new_recorder(tmp_path / "none.csv", resume=True)
     (tmp_path / "mine.csv").write_text("time,a\n1,2")
     with pytest.raises(BadFile, match="must begin with"):
-        Recorder(tmp_path / "mine.csv", source="test", started=0.0, wall=0.0, resume=True)
+        new_recorder(tmp_path / "mine.csv", resume=True)
     assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
 
 

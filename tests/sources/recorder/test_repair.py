@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
+from kalscope.sources.port.reader import Clock
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.recorder import Recorder, repair
@@ -26,13 +27,13 @@ SETTLED = 6
 def recorded(tmp_path_factory):
     """The bytes of a recording of ROWS, with a gap in it and its account at the end."""
     path = tmp_path_factory.mktemp("recorded") / "run.csv"
-    recorder = Recorder(path, source="serial:/dev/ttyACM0", started=0.0, wall=1.7e9)
+    recorder = Recorder(path, "serial:/dev/ttyACM0", clock=Clock(lambda: 0.0, lambda: 1.7e9))
     parser = LineParser()
     for i, row in enumerate(ROWS):
         parser.feed((",".join(map(repr, row)) + "\n").encode())
         recorder.write([(i / 100, event) for event in parser], parser.layout)
         if i == 8:
-            recorder.gap("unplugged", 2.5)
+            recorder.lose(0, "unplugged", 2.5)
     recorder.close()
     return path.read_bytes()
 
@@ -81,7 +82,7 @@ def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
     for cut in (*range(0, len(recorded), 3 * STEP), len(recorded)):
         path = tmp_path / f"{cut}.csv"
         path.write_bytes(recorded[:cut])
-        recorder = Recorder(path, source="again", started=0.0, wall=1.7e9 + 60.0, resume=True)
+        recorder = Recorder(path, "again", resume=True, clock=Clock(lambda: 0.0, lambda: 1.7e9 + 60.0))
         parser = LineParser()
         parser.feed(b"77.5,78,79.25\n")
         recorder.write([(0.0, event) for event in parser], parser.layout)

@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
 from queue import Empty, Full, Queue
 from typing import Self
@@ -34,7 +33,6 @@ from kalscope.sources.port.reader import (
     SYSTEM,
     BytesReceived,
     Clock,
-    Disconnected,
     Item,
     LineCounter,
     LinesDropped,
@@ -94,7 +92,7 @@ class CommandChannel:
     def send(
         self,
         line: str,
-        timeout: float | None = None,
+        timeout: float = ANSWER_S,
         *,
         is_reply: Callable[[str], bool] = bool,
         check: Callable[[], object] = bool,
@@ -103,7 +101,7 @@ class CommandChannel:
 
         Args:
             line: As for `LiveSource.send`, which also says what this returns and raises.
-            timeout: Seconds to wait; None = ANSWER_S.
+            timeout: Seconds to wait.
             is_reply: Whether a line with # belongs to the reply; by default every one.
             check: Called while it waits; what it raises ends the wait.
         """
@@ -113,7 +111,6 @@ class CommandChannel:
                 f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
                 f" (got {len(data) - 1} in {line[:80]!r})"
             )
-        timeout = ANSWER_S if timeout is None else timeout
         with self._one_at_a_time, self.listen() as remarks:
             known = self._disconnects
             self._write(data)
@@ -199,9 +196,9 @@ class RecordingStatus:
     """What keeps lines from reaching the disk; "" where nothing does."""
 
 
-@dataclass(frozen=True)
-class LiveStatus:
-    """The status of a live source. received = accepted + rejected + dropped, always."""
+@dataclass(kw_only=True)
+class LiveStatus(LineCounts):
+    """The status of a live source."""
 
     word: Word
     """closed, connecting, connected, or "disconnected, waiting"."""
@@ -209,29 +206,19 @@ class LiveStatus:
     """A sentence for the user: what is wrong and what to do; "" if nothing is."""
     port: str
     """What is open, or was open last."""
-    received: int
-    """Lines that arrived."""
     lines_per_s: float
     """Lines a second, over the last 2 s."""
     period: float | None
     """Measured sample period in s, the median step; None before two samples."""
     jitter: float | None
     """Half the width that holds nine of ten steps, in s; None before ten steps."""
-    accepted: int
-    """Lines that became samples."""
-    rejected: int
-    """Lines that should have become samples and did not."""
-    dropped: int
-    """Other lines: comments, headers, boot text, the first line after each opening, torn ones, `overrun`."""
-    overrun: int
-    """Of the dropped lines, those that came faster than they could be processed."""
     reconnects: int
     """How many times the port was opened again."""
     left_memory: int
     """Samples of this generation that are no longer kept."""
     max_read_latency: float
     """The longest time by which a read of the port was late, s."""
-    recording: RecordingStatus | None = None
+    recording: RecordingStatus | None
     """The active recording; None if there is none."""
 
 
@@ -317,13 +304,15 @@ class LiveSource:
         if keep < 1:
             raise BadSetting(f"keep must be at least 1 sample (got {keep})")
         self.spec = port_of(spec) if isinstance(spec, str) else spec
-        self._clock = clock
-        self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
         self.reconnect = reconnect
         """Whether the port is opened again when the board comes back."""
+        self.recorder: Recorder | None = None
+        """The active recorder; None if there is none."""
+        self._clock = clock
+        self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
         self._lines = LiveLines(options)
         self._layout: Layout | None = None
-        self._samples = LiveSamples(self.spec, keep, clock, options.rate, options.time_unit)
+        self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
         self._rate = LineRate()
@@ -332,8 +321,7 @@ class LiveSource:
         self._end_by = math.inf
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
-        self._recorder: Recorder | None = None
-        self._recorder_lock = threading.Lock()  # lines wait while one is begun or ended
+        self._recorder_lock = threading.Lock()  # lines wait while one is begun
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
@@ -391,7 +379,7 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self._recorder
+            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self.recorder
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
@@ -401,15 +389,10 @@ class LiveSource:
                 period=time.period,
                 jitter=time.jitter,
                 reconnects=max(state.opened - 1, 0),
-                left_memory=self._samples.left_memory,
+                left_memory=self._samples.store.first,
                 max_read_latency=reader.max_read_latency,
                 recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
             )
-
-    @property
-    def recorder(self) -> Recorder | None:
-        """The active recorder; None if there is none."""
-        return self._recorder
 
     def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
@@ -422,27 +405,24 @@ class LiveSource:
             BadSetting: a recording is active already.
             BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
         """
-        started, wall = self._clock.monotonic(), self._clock.wall()
         with self._recorder_lock:
-            if self._recorder is not None:
+            if self.recorder is not None:
                 raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            recorder = Recorder(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
-            self._recorder = recorder
-        return recorder
+            self.recorder = Recorder(Path(path), self.spec.text, resume=resume, clock=self._clock)
+            return self.recorder
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing if none is active."""
-        with self._recorder_lock:
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                recorder.close()
+        recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            recorder.close()
 
-    def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
+    def send(self, line: str, timeout: float = ANSWER_S) -> tuple[str, ...]:
         """Send one line to the board and wait for its answer, lines that begin with #.
 
         Args:
             line: At most 62 bytes, without newline: an AVR loses what comes in faster than it reads.
-            timeout: Seconds to wait; None = 5 s.
+            timeout: Seconds to wait.
 
         Returns:
             The lines of the answer: the first, and those that follow it before the next sample.
@@ -460,96 +440,92 @@ class LiveSource:
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
-                self._write([], self._layout)
+                self._write([])
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
                 if is_over:
                     return
                 continue
-            if isinstance(item, BytesReceived) and is_late:
-                item = self._rest(item)
-            self._handle(item)
+            self._handle(self._rest(item) if is_late and isinstance(item, BytesReceived) else item)
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
     def _rest(self, item: Item) -> LinesDropped:
         """An event and all that follow it, as lines that are left out: there is no time for them."""
-        lines, dropped, at = LineCounter(), 0, self._clock.monotonic()
+        lines, dropped, last, at = LineCounter(), 0, b"", self._clock.monotonic()
         with suppress(Empty):
             while True:
                 if isinstance(item, BytesReceived):
-                    dropped += lines.count(item.data)
+                    dropped, last = dropped + lines.count(item.data), item.data[-1:]
                     self._reader.taken += len(item.data)
                 elif isinstance(item, LinesDropped):
-                    dropped += item.count
+                    dropped, last = dropped + item.count, item.last
                 item = self._reader.items.get_nowait()
-        return LinesDropped(dropped, at, at)
+        return LinesDropped(dropped, at, at, last)
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, BytesReceived):
             self._take(item)
             self._reader.taken += len(item.data)
-        elif isinstance(item, Opened):
-            self._on_opened(item)
         elif isinstance(item, LinesDropped):
             with self._lock:
-                self._lines.overrun(item.count)
-            self._samples.time.interrupt()
-            self._report_drops()
-            self._note_gap("overrun", item.end - item.begin)
+                self._lines.overrun(item.count, item.last)
+                self._samples.time.interrupt()
+            self._note_loss(item.count, "overrun", item.end - item.begin)
+        elif isinstance(item, Opened):
+            self._on_opened(item)
         else:
-            self._on_disconnected(item)
+            self._disconnected_at = item.at
+            self.commands.on_disconnected()
+            if not self._samples.kept:
+                self._interrupt()
 
     def _on_opened(self, event: Opened) -> None:
+        self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
+        if event.starts != "where it stopped":
+            self._interrupt()
+            if lost_at is not None:
+                self._samples.time.interrupt()
+                self._note_loss(0, "unplug", event.at - lost_at)
         with self._lock:
             self._lines.opened(event.at, event.starts, keeps=event.keeps)
             self._samples.kept = event.keeps
-        self._line_at = event.at
-        if self._disconnected_at is not None and event.starts != "where it stopped":
-            self._samples.time.interrupt()
-            self._note_gap("unplug", event.at - self._disconnected_at)
-        self._disconnected_at = None
 
-    def _on_disconnected(self, event: Disconnected) -> None:
-        self._disconnected_at = event.at
+    def _interrupt(self) -> None:
+        """Drop the beginning of a line, whose end will not come."""
         with self._lock:
-            self._lines.disconnected()
-        self.commands.on_disconnected()
-        self._report_drops()
+            torn = self._lines.interrupted()
+        self._note_loss(torn)
 
     def _take(self, received: BytesReceived) -> None:
         """Write the lines of each layout, then show their samples and count them in one step."""
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
-        self._report_drops()
         self._rate.note(received.end, self._lines.counts.received)
         if not batch:
             return
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
-        stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
-        runs = [list(run) for _, run in groupby(stamped, key=lambda line: id(line[2]))]
-        for run in runs:
-            self._layout = run[0][2]
-            self._write([(at, event) for at, event, _ in run], self._layout)
+        runs = list[tuple[Layout | None, list[tuple[float, LineEvent]]]]()
+        for at, (event, layout) in zip(moments, batch, strict=True):
+            if not runs or runs[-1][0] is not layout:
+                runs.append((layout, []))
+            runs[-1][1].append((at, event))
+        for self._layout, stamped in runs:
+            self._write(stamped)
         with self._lock:
-            for run in runs:
-                self.commands.on_events((event for _, event, _ in run), *self._samples.position)
-                if (layout := run[0][2]) is not None:
-                    self._samples.keep([(at, event) for at, event, _ in run], layout)
+            for layout, stamped in runs:
+                samples = self._samples
+                self.commands.on_events((event for _, event in stamped), samples.store.end, samples.generation)
+                if layout is not None:
+                    samples.keep(stamped, layout)
             self._counts = replace(self._lines.counts)
 
-    def _write(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
+    def _write(self, stamped: list[tuple[float, LineEvent]]) -> None:
         with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.write(stamped, layout)
+            if self.recorder is not None:
+                self.recorder.write(stamped, self._layout)
 
-    def _report_drops(self) -> None:
-        dropped, self._lines.unreported_drops = self._lines.unreported_drops, 0
+    def _note_loss(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
         with self._recorder_lock:
-            if dropped and self._recorder is not None:
-                self._recorder.drop(dropped)
-
-    def _note_gap(self, kind: str, seconds: float) -> None:
-        with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.gap(kind, seconds)
+            if self.recorder is not None:
+                self.recorder.lose(lines, kind, seconds)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import socket
 import ssl
 import time
 from abc import abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -77,10 +77,9 @@ class MessagePort(OpenPort):
 
     starts = "at a line"
 
-    def __init__(self) -> None:
-        self.lines: bytearray = bytearray()
-        """What was gathered, and not fetched yet."""
-        self._held_until = 0.0
+    _held_until = 0.0
+    lines: bytes = b""
+    """What was gathered, and not fetched yet."""
 
     @abstractmethod
     def gather(self) -> None:
@@ -94,8 +93,7 @@ class MessagePort(OpenPort):
             self._held_until = now + (HOLD_S if self.lines.startswith(b">") else 0.0)
         if now < self._held_until and len(self.lines) < MAX_READ_BYTES:
             return b""
-        data = bytes(self.lines)
-        self.lines.clear()
+        data, self.lines = self.lines, b""
         return data
 
 
@@ -191,6 +189,8 @@ KEEP_ALIVE = 15
 """Seconds without a packet after which the broker is pinged."""
 MAX_MESSAGE = 8 << 20
 """Bytes of a message beyond which the connection is given up: it cannot be refused in any other way."""
+_REFUSED = 128
+"""The lowest reason code of MQTT by which a broker refuses."""
 
 _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
@@ -240,95 +240,87 @@ class _TlsSocket(ssl.SSLSocket):
 class MqttPort(MessagePort):
     """A subscription."""
 
+    prefixes = ("mqtt://", "mqtts://")
+    examples = ("mqtt://broker/topic",)
+    check = staticmethod(mqtt_parts)
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect and subscribe; see OpenPort."""
-        super().__init__()
         del last
         paho: Any = import_module("paho.mqtt.client")
         match = mqtt_parts(spec.url)
-        self._tls = match[1].lower() == "mqtts"
-        self._user, self._host = unquote(match[2] or ""), match[3] or match[4]
-        self._port = int(match[5] or (TLS_PORT if self._tls else PORT))
+        tls, self._host = match[1].lower() == "mqtts", match[3] or match[4]
+        port = int(match[5] or (TLS_PORT if tls else PORT))
         self._topic = _topic(match[6])
         self._topics = Topics(self._topic)
         self.when_silent = f"does anything publish on {self._topic}, and may this user read it?"
-        self.answers: dict[str, int] = {}
-        """The broker's answer to "connected" and "subscribed": a reason code of MQTT 5, 128 and more refuse."""
+        self._answer: int | None = None
+        """The broker's answer to the connection and the subscription, a reason code: 128 and more refuse."""
         self._client: Any = paho.Client(
             paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False
         )
         self._client.on_connect, self._client.on_subscribe = self._on_connect, self._on_subscribe
         self._client.on_message = self._take
-        try:
-            self._connect(is_ended)
-        except (OSError, UnicodeError, BadDevice) as error:
-            self.close()
-            raise BadDevice(self._failure(error)) from error
-
-    def _connect(self, is_ended: Callable[[], bool]) -> None:
-        client, end = self._client, time.monotonic() + CONNECT_TIMEOUT
-        client.connect_timeout = CONNECT_TIMEOUT
-        if self._user:
-            client.username_pw_set(self._user, os.environ.get(MQTT_PASSWORD))
-        if self._tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
+        if match[2]:
+            self._client.username_pw_set(unquote(match[2]), os.environ.get(MQTT_PASSWORD))
+        if tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
             context = ssl.create_default_context()
             context.sslsocket_class = _TlsSocket
-            client.tls_set_context(context)
-        client.connect(self._host, self._port, KEEP_ALIVE)
-        for step in ("connected", "subscribed"):
-            while step not in self.answers:
-                if is_ended() or time.monotonic() > end:
-                    raise TimeoutError
-                self.work(READ_TIMEOUT, step)
-            if self.answers[step] >= 128:
-                raise BadDevice(
-                    f"the broker {self._host} refuses this user or this topic (reason code {self.answers[step]}):"
-                    f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
-                )
-            if step == "connected":
-                client.subscribe(self._topic, 1)
+            self._client.tls_set_context(context)
+        try:
+            self._connect(port, is_ended)
+        except (OSError, UnicodeError) as error:
+            self.close()
+            if isinstance(error, BadDevice):
+                raise
+            raise BadDevice(connect_failure(self._host, port, error)) from error
 
-    def _failure(self, error: Exception) -> str:
-        """Why there is no connection."""
-        if isinstance(error, BadDevice):
-            return str(error)
-        if isinstance(error, ssl.SSLCertVerificationError):
-            return (
-                f"the certificate of {self._host} is not trusted ({short(error.verify_message)}):"
-                " set SSL_CERT_FILE=ca.pem to name your own authority"
+    def _connect(self, port: int, is_ended: Callable[[], bool]) -> None:
+        end = time.monotonic() + CONNECT_TIMEOUT
+        self._client.connect_timeout = CONNECT_TIMEOUT
+        self._client.connect(self._host, port, KEEP_ALIVE)
+        while self._answer is None:
+            if is_ended() or time.monotonic() > end:
+                raise TimeoutError
+            self._work(READ_TIMEOUT)
+        if self._answer >= _REFUSED:
+            raise BadDevice(
+                f"the broker {self._host} refuses this user or this topic (reason code {self._answer}):"
+                f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
             )
-        return connect_failure(self._host, self._port, error)
 
-    def _on_connect(self, _client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
-        self.answers["connected"] = code.value
+    def _on_connect(self, client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
+        if code.value >= _REFUSED:
+            self._answer = code.value
+        else:
+            client.subscribe(self._topic, 1)
 
     def _on_subscribe(self, _client: Any, _data: Any, _id: Any, codes: Any, _properties: Any) -> None:
-        self.answers["subscribed"] = max((code.value for code in codes), default=128)
+        self._answer = max((code.value for code in codes), default=_REFUSED)
 
     def _take(self, _client: Any, _data: Any, message: Any) -> None:
-        try:
+        topic = "topic"
+        with suppress(UnicodeDecodeError):
             topic = message.topic
-        except UnicodeDecodeError:
-            topic = "topic"
         self.lines += self._topics.lines(topic, message.payload, retained=bool(message.retain))
 
     def gather(self) -> None:
         """Take what has arrived."""
         known = len(self.lines)
-        self.work(READ_TIMEOUT)
+        self._work(READ_TIMEOUT)
         while known < len(self.lines) < MAX_READ_BYTES:
             known = len(self.lines)
-            self.work(0.0)
+            self._work(0.0)
 
-    def work(self, timeout: float, answer: str = "") -> None:
+    def _work(self, timeout: float) -> None:
         """Let the client read one packet, or wait for one.
 
         Raises:
-            BadDevice: the connection was lost, and there is neither a line to fetch nor the answer that is waited
-                for: a broker that refuses closes the connection at once.
+            BadDevice: the connection was lost, and there is neither a line to fetch nor a refusal: a broker that
+                refuses closes the connection at once.
         """
         is_lost = self._client.loop(timeout) != 0
-        if is_lost and not self.lines and answer not in self.answers:
+        if is_lost and not self.lines and (self._answer or 0) < _REFUSED:
             raise BadDevice(f"the broker {self._host} closed the connection")
         coming = getattr(self._client, "_in_packet", {}).get("remaining_length", 0)
         if coming > MAX_MESSAGE:
@@ -357,19 +349,16 @@ UDP_RECEIVE_BUFFER = 4 << 20
 """Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
 
 
-def interface_and_port(address: str) -> tuple[str, int]:
-    """The interface and the port of an address; raises BadSetting as `host_and_port`."""
-    return host_and_port(address, LOOPBACK)
-
-
 class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
+    prefixes = ("udp://",)
+    examples = ("udp://:47269",)
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Bind it; see OpenPort."""
-        super().__init__()
         del is_ended, last
-        self._name, (host, port) = spec.url, interface_and_port(spec.url)
+        host, port = self.check(spec.url)
         self.when_silent = (
             f"does the board send to port {port} of this computer, and may it? 127.0.0.1 is for this computer only,"
             f" udp://0.0.0.0:{port} is open to all networks, a firewall may close it"
@@ -387,20 +376,22 @@ class UdpPort(MessagePort):
                 f"port {port} of {host} cannot be bound ({short(error)}): does another program use it, and is"
                 f" {host} an address of this computer? 0.0.0.0 means all of them"
             ) from error
-        self._socket.setblocking(False)
+
+    @staticmethod
+    def check(address: str) -> tuple[str, int]:
+        """The interface and the port of an address; see OpenPort."""
+        return host_and_port(address, LOOPBACK)
 
     def gather(self) -> None:
         """Take what has arrived."""
-        try:
-            if select.select([self._socket], [], [], READ_TIMEOUT)[0]:
-                for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
-                    if len(self.lines) >= MAX_READ_BYTES:
-                        break
-                    self.lines += lines_of(self._socket.recv(MAX_DATAGRAM))
-        except (BlockingIOError, InterruptedError, ConnectionError):  # none waits; errors of earlier datagrams
-            pass
-        except OSError as error:
-            raise BadDevice(f"{self._name} can no longer be read ({short(error)})") from error
+        # None waits; errors of earlier datagrams.
+        with suppress(TimeoutError, BlockingIOError, InterruptedError, ConnectionError):
+            self._socket.settimeout(READ_TIMEOUT)
+            for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
+                self.lines += lines_of(self._socket.recv(MAX_DATAGRAM))
+                if len(self.lines) >= MAX_READ_BYTES:
+                    break
+                self._socket.settimeout(0.0)
 
     def close(self) -> None:
         """Release the port."""

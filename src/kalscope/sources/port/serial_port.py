@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import re
-import select
 import socket
+import ssl
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -50,22 +50,13 @@ def list_ports() -> tuple[PortInfo, ...]:
     """The serial ports that the system knows, by name. A pseudo-terminal is never among them."""
     from serial.tools import list_ports as pyserial
 
-    return tuple(sorted((_info(port) for port in pyserial.comports()), key=lambda info: _natural(info.device)))
+    return tuple(map(_info, sorted(pyserial.comports())))
 
 
-def _info(port: object) -> PortInfo:
-    def text(name: str) -> str:
-        value = getattr(port, name, None)
-        return "" if value in (None, "n/a") else str(value)
-
-    vid, pid = getattr(port, "vid", None), getattr(port, "pid", None)
-    usb = (vid, pid) if isinstance(vid, int) and isinstance(pid, int) else None
-    return PortInfo(text("device"), text("description"), text("serial_number"), text("manufacturer"), usb)
-
-
-def _natural(device: str) -> list[tuple[int, str]]:
-    """COM10 after COM9."""
-    return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"([0-9]+)", device)]
+def _info(port: Any) -> PortInfo:
+    texts = (port.device, port.description, port.serial_number, port.manufacturer)
+    usb = None if port.vid is None or port.pid is None else (port.vid, port.pid)
+    return PortInfo(*("" if text in (None, "n/a") else str(text) for text in texts), usb=usb)
 
 
 # tcp://host:port, which pyserial writes socket://: a board, or a program, that sends its lines over TCP.
@@ -90,17 +81,23 @@ def host_and_port(address: str, default: str = "") -> tuple[str, int]:
 
 def connect_failure(host: str, port: int, error: Exception) -> str:
     """Why a connection could not be made, and what to do."""
-    if isinstance(error, socket.gaierror | UnicodeError):
-        return f"no computer is known by the name {host} ({short(getattr(error, 'strerror', None) or error)})"
-    if isinstance(error, ConnectionRefusedError):
-        return f"nothing listens at {host}:{port}: does the board, or the broker, run there?"
+    if isinstance(error, ssl.SSLCertVerificationError):
+        why = short(error.verify_message)
+        return (
+            f"the certificate of {host} is not trusted ({why}): set SSL_CERT_FILE=ca.pem to name your own authority"
+        )
     if isinstance(error, TimeoutError):
-        return f"{host}:{port} does not answer within {CONNECT_TIMEOUT:g} s"
-    return f"{host}:{port} cannot be reached ({short(error)})"
+        return f"{host}:{port} does not answer within {CONNECT_TIMEOUT:g} s: is that its address?"
+    why = short(getattr(error, "strerror", None) or error)
+    return f"{host}:{port} cannot be reached ({why}): is that its address, and does anything listen there?"
 
 
 class SocketPort(OpenPort):
     """A connection over TCP."""
+
+    prefixes = ("tcp://", "socket://")
+    examples = ("tcp://host:port",)
+    check = staticmethod(host_and_port)
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
@@ -111,26 +108,21 @@ class SocketPort(OpenPort):
             self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT)
         except (OSError, UnicodeError) as error:
             raise BadDevice(connect_failure(host, port, error)) from error
-        self._socket.settimeout(WRITE_TIMEOUT)
+        self._socket.settimeout(READ_TIMEOUT)  # and no select(), which fails beyond 1,024 open files
 
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
         try:
-            if not select.select([self._socket], [], [], READ_TIMEOUT)[0]:
-                return b""
             data = self._socket.recv(MAX_READ_BYTES)
-        except OSError as error:
-            raise BadDevice(f"the connection to {self._name} was lost ({short(error)})") from error
+        except TimeoutError:
+            return b""
         if not data:
             raise BadDevice(f"the other side of {self._name} closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
-        try:
-            self._socket.sendall(data)
-        except OSError as error:
-            raise BadDevice(f"{self._name} accepts no data ({short(error)})") from error
+        self._socket.sendall(data)
 
     def close(self) -> None:
         """Close the connection."""
@@ -143,15 +135,6 @@ class SocketPort(OpenPort):
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
 _DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
-
-if sys.platform == "win32":
-    _TERMINAL_ERRORS: tuple[type[BaseException], ...] = ()
-else:
-    import termios
-
-    _TERMINAL_ERRORS = (termios.error,)
-LOST = (OSError, TypeError, *_TERMINAL_ERRORS)
-"""All that pyserial raises when a board is lost: OSError, of which its SerialException is one, and two more."""
 
 
 def is_serial_device(text: str) -> bool:
@@ -187,6 +170,10 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
 class SerialPort(OpenPort):
     """A serial port of this computer, under whatever name its board has now, or a URL of pyserial."""
 
+    prefixes = ("serial:", "rfc2217://")
+    examples = ("/dev/ttyACM0 or COM3@9600", "rfc2217://host:port")
+    has_baud = True
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
         del is_ended  # a driver opens at once
@@ -205,12 +192,17 @@ class SerialPort(OpenPort):
             self._port.open()
             if hasattr(self._port, "set_buffer_size"):
                 self._port.set_buffer_size(rx_size=_WINDOWS_BUFFER)
-        except (*LOST, ValueError) as error:
+        except Exception as error:
             self.close()
             raise BadDevice(open_failure(self.device, spec.baud, error)) from error
         paths = (self.device, os.path.realpath(self.device))
         found = [info.serial_number for info in listed if info.device in paths]
         self.serial_number = found[0] if found else self.serial_number
+
+    @staticmethod
+    def check(address: str) -> object:
+        """A path may be anything; see OpenPort."""
+        return host_and_port(address) if "://" in address else None
 
     def loss(self) -> str:
         """Why an open port was probably lost; pyserial raises the same for a pulled cable and a second reader."""
@@ -224,15 +216,14 @@ class SerialPort(OpenPort):
         try:
             # Never more than is there: a read that waits for the rest loses it all if the board is lost.
             return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
-        except LOST as error:
+        except ValueError:  # pyserial calls select(), which fails beyond 1,024 open files
+            raise
+        except Exception as error:  # OSError, TypeError and termios.error, which is neither
             raise BadDevice(self.loss()) from error
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
-        try:
-            self._port.write(data)
-        except LOST as error:
-            raise BadDevice(f"cannot write to port {self.device} ({short(error)})") from error
+        self._port.write(data)
 
     def close(self) -> None:
         """Release the port."""
@@ -240,7 +231,7 @@ class SerialPort(OpenPort):
         if port is None:
             return
         connection = getattr(port, "_socket", None)
-        with suppress(*LOST):  # the port is gone with the board
+        with suppress(Exception):  # the port is gone with the board
             port.close()
         if connection is not None:
             connection.close()  # pyserial forgets to, where the other side was faster
