@@ -498,6 +498,10 @@ class RecorderCounts:
         return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
 
 
+StampedLine = tuple[float, LineEvent, Layout | None]
+"""Monotonic time in s, a line, and the layout at that line: None as long as none is known."""
+
+
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
@@ -537,7 +541,7 @@ class Recorder:
         self._sync = threading.Thread(target=self._keep_synced, name="kalscope-sync", daemon=True)
         self._sync.start()
         sync_folder(self.path.parent)
-        self.write([], None)
+        self.write([])
 
     def _open(self, *, resume: bool) -> None:
         """Open the file and queue its first comments."""
@@ -616,22 +620,13 @@ class Recorder:
         """The names of the parts."""
         return " and ".join(path.name for path in self.paths)
 
-    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Write lines; called often, also without lines, and never raises disk errors.
-
-        Args:
-            stamped: (monotonic time in s, line), in order of time.
-            layout: Of all these rows: lines before and after a new layout are two calls. None as long as
-                no layout is known; then no line is a row.
-        """
+    def write(self, stamped: Sequence[StampedLine]) -> None:
+        """Write lines, in order of time; called often, also without lines, and never raises disk errors."""
         with self._lock:
-            if self._closed:
-                return
-            if layout is not None and layout is not self._layout and any(one.kind == "row" for _, one in stamped):
-                self._use(layout)  # with its first row: names of variables may come long before
-            for at, event in stamped:
-                self._take(at, event)
-            self._flush()
+            if not self._closed:
+                for line in stamped:
+                    self._take(*line)
+                self._flush()
 
     def lose(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
         """Count lines that were lost before they could be passed on.
@@ -685,11 +680,13 @@ class Recorder:
         self._csv = AppendFile(path, start + header)
         self._parts.append(self._csv)
 
-    def _take(self, at: float, event: LineEvent) -> None:
+    def _take(self, at: float, event: LineEvent, layout: Layout | None) -> None:
         host, issues = at - self._started + self._offset, event.issues
-        if event.kind == "row":
-            time = self._layout.time if self._layout else None
-            self._csv.put("".join(row_line(time, self._channels, host, row) for row in event.rows), 1)
+        if event.kind == "row" and layout is not None:
+            if layout is not self._layout:  # with its first row: names of variables may come long before
+                self._use(layout)
+            rows = (row_line(layout.time, self._channels, host, row) for row in event.rows)
+            self._csv.put("".join(rows), 1)
         elif event.kind != "rejected":
             self._other += 1
             what = _WHAT.get(event.kind)

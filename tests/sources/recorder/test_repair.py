@@ -31,7 +31,7 @@ def recorded(tmp_path_factory):
     parser = LineParser()
     for i, row in enumerate(ROWS):
         parser.feed((",".join(map(repr, row)) + "\n").encode())
-        recorder.write([(i / 100, event) for event in parser], parser.layout)
+        recorder.write([(i / 100, event, parser.layout) for event in parser])
         if i == 8:
             recorder.lose(0, "unplugged", 2.5)
     recorder.close()
@@ -85,7 +85,7 @@ def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
         recorder = Recorder(path, "again", resume=True, clock=Clock(lambda: 0.0, lambda: 1.7e9 + 60.0))
         parser = LineParser()
         parser.feed(b"77.5,78,79.25\n")
-        recorder.write([(0.0, event) for event in parser], parser.layout)
+        recorder.write([(0.0, event, parser.layout) for event in parser])
         assert recorder.close().written == 1
         before = values_in(recorded[: recorded.rfind(b"\n", 0, cut) + 1])
         assert values_in(path.read_bytes()) == [*before, (77.5, 78.0, 79.25)]

@@ -39,11 +39,10 @@ class SampleStore:
         self.keep = keep
         self.first: int = 0
         """Number of the first row that is kept, counted from the first that ever arrived."""
-        self._most = keep + max(keep // _ROOM, 1)
-        self._time = np.empty(min(_FIRST_SIZE, self._most))
-        # One channel after the other in memory: each is filtered and drawn by itself.
-        self._values = np.empty((channels, self._time.size))
         self._used: int = 0
+        self._most = keep + max(keep // _ROOM, 1)
+        # Time, then one channel after the other in memory: each is filtered and drawn by itself.
+        self._data = np.empty((1 + channels, min(_FIRST_SIZE, self._most)))
 
     def __len__(self) -> int:
         return self._used
@@ -62,41 +61,34 @@ class SampleStore:
         """
         done = 0
         while done < len(time):
-            if self._used == self._time.size:
+            if self._used == self._data.shape[1]:
                 self._make_room()
-            count = min(len(time) - done, self._time.size - self._used)
-            new = slice(self._used, self._used + count)
-            self._time[new] = time[done : done + count]
-            self._values[:, new] = np.asarray(values[done : done + count], dtype=np.float64).T
-            self._used += count
-            done += count
+            count = min(len(time) - done, self._data.shape[1] - self._used)
+            part, new = slice(done, done + count), slice(self._used, self._used + count)
+            self._data[0, new], self._data[1:, new] = time[part], np.asarray(values[part]).T
+            done, self._used = done + count, self._used + count
 
     def widened(self, channels: int, keep: int) -> SampleStore:
         """A store of these rows with more channels, which have no values up to now; this one stays as it is."""
+        time, values = self.views()
         leave = max(self._used - keep, 0)
-        time, values = self._time[leave : self._used], self._values[:, leave : self._used].T
-        missing = np.full((len(time), channels - len(self._values)), np.nan)
-        wider = SampleStore(channels, keep)
-        wider.append(time, np.hstack([values, missing]))
+        wider, missing = SampleStore(channels, keep), np.full((len(time), channels - values.shape[1]), np.nan)
+        wider.append(time[leave:], np.hstack([values, missing])[leave:])
         wider.first = self.first + leave
         return wider
 
     def views(self) -> tuple[Array, Array]:
         """Time, shape (n,), and values, shape (n, channels), of what is kept; neither can be written."""
-        time, values = self._time[: self._used], self._values[:, : self._used].T
+        time, values = self._data[0, : self._used], self._data[1:, : self._used].T
         time.flags.writeable = values.flags.writeable = False
         return time, values
 
     def _make_room(self) -> None:
-        size = self._time.size
+        size = self._data.shape[1]
         leave = max(self._used - self.keep, 0) if size == self._most else 0
-        kept = slice(leave, self._used)
-        room = self._most if leave else min(2 * size, self._most)
-        time, values = np.empty(room), np.empty((len(self._values), room))
-        count = self._used - leave
-        time[:count], values[:, :count] = self._time[kept], self._values[:, kept]
-        self._time, self._values, self._used = time, values, count
-        self.first += leave
+        data = np.empty((len(self._data), self._most if leave else min(2 * size, self._most)))
+        data[:, : self._used - leave] = self._data[:, leave : self._used]
+        self._data, self._used, self.first = data, self._used - leave, self.first + leave
 
 
 # When the samples of a stream were taken: by the stamps of the board if it sends any, else by their arrival.
@@ -353,13 +345,8 @@ class LiveSamples:
             return None
         if known is not None and (known.version, known.generation) == (store.end, self.generation):
             return known
-        report = ReadReport(
-            lines=counts.received,
-            rows=counts.accepted,
-            rejected=counts.rejected,
-            comments=counts.dropped,
-            notes=self._layout.notes if self._layout else (),
-        )
+        notes = self._layout.notes if self._layout else ()
+        report = ReadReport(counts.received, counts.accepted, counts.rejected, comments=counts.dropped, notes=notes)
         period, url = self.time.period, self._spec.url
         if not period or not self._period or abs(period / self._period - 1) > _PERIOD_MOVES:
             self._period = period

@@ -15,9 +15,10 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from queue import Empty, Full, Queue
 from typing import Self
@@ -29,21 +30,10 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.port.reader import (
-    SYSTEM,
-    BytesReceived,
-    Clock,
-    Item,
-    LineCounter,
-    LinesDropped,
-    Opened,
-    PortReader,
-    Word,
-)
+from kalscope.sources.port.reader import SYSTEM, BytesReceived, Clock, Item, LinesDropped, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
-from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import Recorder, RecorderCounts
+from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
 
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
@@ -62,20 +52,19 @@ _MAX_REMARKS = 1000
 """Remarks that may wait for a listener; further ones are dropped."""
 
 
-class BoardGone(BadDevice):
-    """The board was disconnected or unplugged before it answered."""
-
-
 @dataclass(frozen=True)
 class Remark:
     """A line with # and its place among the samples."""
 
     text: str
-    """The line; "" for the first sample after a remark, and where the board was disconnected."""
+    """The line; "" for the first sample after a remark."""
     row: int
     """Samples that came before it, counted from the first of its generation."""
     generation: int
     """That of `Snapshot.generation`."""
+
+
+_SILENCE = Remark("", 0, 0)
 
 
 class CommandChannel:
@@ -85,16 +74,15 @@ class CommandChannel:
         """Set up the channel; `write` sends bytes to the board."""
         self._write = write
         self._one_at_a_time = threading.Lock()
-        self._listeners: tuple[Queue[Remark], ...] = ()
-        self._is_after_remark = False
-        self._disconnects = 0
+        self._remarks: Queue[Remark] | None = None
+        self._is_after_remark = self._is_gone = False
 
     def send(
         self,
         line: str,
         timeout: float = ANSWER_S,
         *,
-        is_reply: Callable[[str], bool] = bool,
+        is_reply: Callable[[Remark], object] = bool,
         check: Callable[[], object] = bool,
     ) -> tuple[str, ...]:
         """Send a line and wait for the reply.
@@ -111,66 +99,54 @@ class CommandChannel:
                 f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
                 f" (got {len(data) - 1} in {line[:80]!r})"
             )
-        with self._one_at_a_time, self.listen() as remarks:
-            known = self._disconnects
-            self._write(data)
-            replies, end = list[str](), time.monotonic() + timeout
-            while time.monotonic() < end:
-                try:
-                    text = remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK)).text
-                except Empty:
-                    text = ""
-                if replies and not text:
-                    break
-                if self._disconnects != known:
-                    raise BoardGone("the board was disconnected before it answered")
-                if text and is_reply(text):
-                    end = end if replies else time.monotonic() + _MAX_REPLY_S
-                    replies.append(text)
-                if not replies:
-                    check()
+        with self._one_at_a_time:
+            self._remarks, self._is_gone = Queue(_MAX_REMARKS), False
+            try:
+                self._write(data)
+                replies, end = list[str](), time.monotonic() + timeout
+                while time.monotonic() < end:
+                    try:
+                        remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK))
+                    except Empty:
+                        remark = _SILENCE
+                    if replies and not remark.text:
+                        break
+                    if self._is_gone:
+                        raise BadDevice("the board was disconnected before it answered")
+                    if remark.text and is_reply(remark):
+                        end = end if replies else time.monotonic() + _MAX_REPLY_S
+                        replies.append(remark.text)
+                    if not replies:
+                        check()
+            finally:
+                self._remarks = None
         if not replies:
             raise BadDevice(
                 f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
             )
         return tuple(replies)
 
-    @contextmanager
-    def listen(self) -> Generator[Queue[Remark]]:
-        """Every line with # that arrives while the block runs, asked for or not."""
-        remarks = Queue[Remark](_MAX_REMARKS)
-        self._listeners = (*self._listeners, remarks)
-        try:
-            yield remarks
-        finally:
-            self._listeners = tuple(one for one in self._listeners if one is not remarks)
-
-    def on_events(self, events: Iterable[LineEvent], row: int = 0, generation: int = 0) -> None:
-        """Pass the comment lines among these to the listeners.
+    def on_events(self, events: Iterable[LineEvent], row: int, generation: int) -> None:
+        """Pass the comment lines among these to the command that waits.
 
         Args:
             events: The lines, in their order.
             row: Samples that came before them.
             generation: Of these samples.
         """
-        if not self._listeners:
+        if (remarks := self._remarks) is None:
             return
         for event in events:
             is_remark = event.kind == "comment" and event.text.startswith("#")
-            if is_remark or (event.kind == "row" and self._is_after_remark):
-                self._put(Remark(event.text if is_remark else "", row, generation))
-            self._is_after_remark = is_remark or (self._is_after_remark and event.kind != "row")
+            if is_remark or (event.rows and self._is_after_remark):
+                with suppress(Full):
+                    remarks.put_nowait(Remark(event.text if is_remark else "", row, generation))
+            self._is_after_remark = is_remark or (self._is_after_remark and not event.rows)
             row += len(event.rows)
 
     def on_disconnected(self) -> None:
         """End the wait for a reply that cannot come."""
-        self._disconnects += 1
-        self._put(Remark("", 0, 0))
-
-    def _put(self, remark: Remark) -> None:
-        for listener in self._listeners:
-            with suppress(Full):
-                listener.put_nowait(remark)
+        self._is_gone = True
 
 
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
@@ -230,7 +206,8 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
         counts: The lines that arrived.
         noise: Whether the bytes are not text.
     """
-    state, (seconds, check) = reader.state, reader.silence
+    state, check = reader.state, reader.port.when_silent if reader.port else ""
+    seconds = reader.clock.monotonic() - reader.received_at
     if state.reason:
         return state.reason
     if check and seconds >= _SILENT_AFTER:
@@ -311,7 +288,6 @@ class LiveSource:
         self._clock = clock
         self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
         self._lines = LiveLines(options)
-        self._layout: Layout | None = None
         self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
@@ -436,7 +412,7 @@ class LiveSource:
     def _run(self, stop: threading.Event) -> None:
         while True:
             is_late = self._clock.monotonic() > self._end_by
-            is_over = stop.is_set() and (is_late or not self._reader.is_open)
+            is_over = stop.is_set() and (is_late or self._reader.port is None)
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
@@ -445,22 +421,10 @@ class LiveSource:
                 if is_over:
                     return
                 continue
-            self._handle(self._rest(item) if is_late and isinstance(item, BytesReceived) else item)
+            # There may be no time for what still waits.
+            self._handle(self._reader.left_out(item) if is_late and isinstance(item, BytesReceived) else item)
             with self._lock:
                 self._counts = replace(self._lines.counts)
-
-    def _rest(self, item: Item) -> LinesDropped:
-        """An event and all that follow it, as lines that are left out: there is no time for them."""
-        lines, dropped, last, at = LineCounter(), 0, b"", self._clock.monotonic()
-        with suppress(Empty):
-            while True:
-                if isinstance(item, BytesReceived):
-                    dropped, last = dropped + lines.count(item.data), item.data[-1:]
-                    self._reader.taken += len(item.data)
-                elif isinstance(item, LinesDropped):
-                    dropped, last = dropped + item.count, item.last
-                item = self._reader.items.get_nowait()
-        return LinesDropped(dropped, at, at, last)
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, BytesReceived):
@@ -476,7 +440,7 @@ class LiveSource:
         else:
             self._disconnected_at = item.at
             self.commands.on_disconnected()
-            if not self._samples.kept:
+            if not self._samples.kept:  # else the rest of the line may follow
                 self._interrupt()
 
     def _on_opened(self, event: Opened) -> None:
@@ -497,7 +461,7 @@ class LiveSource:
         self._note_loss(torn)
 
     def _take(self, received: BytesReceived) -> None:
-        """Write the lines of each layout, then show their samples and count them in one step."""
+        """Write the lines, then show their samples and count them in one step."""
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
         self._rate.note(received.end, self._lines.counts.received)
@@ -505,25 +469,20 @@ class LiveSource:
             return
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
-        runs = list[tuple[Layout | None, list[tuple[float, LineEvent]]]]()
-        for at, (event, layout) in zip(moments, batch, strict=True):
-            if not runs or runs[-1][0] is not layout:
-                runs.append((layout, []))
-            runs[-1][1].append((at, event))
-        for self._layout, stamped in runs:
-            self._write(stamped)
+        stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
+        self._write(stamped)
         with self._lock:
-            for layout, stamped in runs:
-                samples = self._samples
-                self.commands.on_events((event for _, event in stamped), samples.store.end, samples.generation)
-                if layout is not None:
-                    samples.keep(stamped, layout)
+            for _, group in groupby(stamped, key=lambda line: id(line[2])):
+                run, samples = list(group), self._samples
+                self.commands.on_events((event for _, event, _ in run), samples.store.end, samples.generation)
+                if (layout := run[0][2]) is not None:
+                    samples.keep([(at, event) for at, event, _ in run], layout)
             self._counts = replace(self._lines.counts)
 
-    def _write(self, stamped: list[tuple[float, LineEvent]]) -> None:
+    def _write(self, stamped: list[StampedLine]) -> None:
         with self._recorder_lock:
             if self.recorder is not None:
-                self.recorder.write(stamped, self._layout)
+                self.recorder.write(stamped)
 
     def _note_loss(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
         with self._recorder_lock:

@@ -70,7 +70,7 @@ class GrowingFile:
         """
         data = self._file.read(PIECE)
         if not data and self._is_replaced():
-            raise Replaced
+            raise Replaced("it was replaced or cut short, and is read from its beginning")
         self.place = moved(self.place, data)
         return data
 

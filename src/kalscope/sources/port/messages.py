@@ -24,9 +24,8 @@ from kalscope.sources.port.reader import (
     READ_TIMEOUT,
     OpenPort,
     quoted,
-    short,
 )
-from kalscope.sources.port.serial_port import connect_failure, host_and_port
+from kalscope.sources.port.serial_port import host_and_port
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -40,19 +39,13 @@ _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 _LINE_END = re.compile(r"[\r\n]+")
 
 
-def decoded(data: bytes) -> str:
-    """A message as text: UTF-8, or where it is not, Latin-1, as the line parser reads it."""
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
 def lines_of(data: bytes) -> bytes:
     r"""The lines of one message, each with its \n; b"" for none. A binary one is one line, to be rejected."""
     if _BINARY.search(data):
         return b"\0" + data[:MAX_SHOWN].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
-    return "".join(f"{_marked(line)}\n" for line in _LINE_END.split(decoded(data)) if line.strip()).encode()
+    return "".join(
+        f"{_marked(line)}\n" for line in _LINE_END.split(data.decode("utf-8", "replace")) if line.strip()
+    ).encode()
 
 
 def _marked(line: str) -> str:
@@ -139,7 +132,7 @@ class Topics:
             return _line(name, f"({len(payload)} bytes: a payload must have at most {MAX_PAYLOAD})")
         if _BINARY.search(payload):
             return lines_of(payload)
-        text = " ".join(decoded(payload).split())
+        text = " ".join(payload.decode("utf-8", "replace").split())
         values = _values(text)
         if self._is_one and [of for of, _, _ in values] != [""]:
             return f"# retained: {text}\n".encode() if retained else lines_of(payload)
@@ -269,11 +262,9 @@ class MqttPort(MessagePort):
             self._client.tls_set_context(context)
         try:
             self._connect(port, is_ended)
-        except (OSError, UnicodeError) as error:
+        except BaseException:
             self.close()
-            if isinstance(error, BadDevice):
-                raise
-            raise BadDevice(connect_failure(self._host, port, error)) from error
+            raise
 
     def _connect(self, port: int, is_ended: Callable[[], bool]) -> None:
         end = time.monotonic() + CONNECT_TIMEOUT
@@ -281,7 +272,7 @@ class MqttPort(MessagePort):
         self._client.connect(self._host, port, KEEP_ALIVE)
         while self._answer is None:
             if is_ended() or time.monotonic() > end:
-                raise TimeoutError
+                raise TimeoutError(f"no answer within {CONNECT_TIMEOUT:g} s")
             self._work(READ_TIMEOUT)
         if self._answer >= _REFUSED:
             raise BadDevice(
@@ -290,10 +281,8 @@ class MqttPort(MessagePort):
             )
 
     def _on_connect(self, client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
-        if code.value >= _REFUSED:
-            self._answer = code.value
-        else:
-            client.subscribe(self._topic, 1)
+        self._answer = code.value if code.value >= _REFUSED else None
+        client.subscribe(self._topic, 1)
 
     def _on_subscribe(self, _client: Any, _data: Any, _id: Any, codes: Any, _properties: Any) -> None:
         self._answer = max((code.value for code in codes), default=_REFUSED)
@@ -321,7 +310,7 @@ class MqttPort(MessagePort):
         """
         is_lost = self._client.loop(timeout) != 0
         if is_lost and not self.lines and (self._answer or 0) < _REFUSED:
-            raise BadDevice(f"the broker {self._host} closed the connection")
+            raise OSError("the broker closed the connection")
         coming = getattr(self._client, "_in_packet", {}).get("remaining_length", 0)
         if coming > MAX_MESSAGE:
             raise BadDevice(f"a message of {coming} bytes comes from {self._host}: at most {MAX_MESSAGE} are read")
@@ -360,22 +349,17 @@ class UdpPort(MessagePort):
         del is_ended, last
         host, port = self.check(spec.url)
         self.when_silent = (
-            f"does the board send to port {port} of this computer, and may it? 127.0.0.1 is for this computer only,"
-            f" udp://0.0.0.0:{port} is open to all networks, a firewall may close it"
+            f"does the board send to this address, and do all firewalls let it? udp://0.0.0.0:{port} is open to all"
+            " networks of this computer"
         )
-        self._socket: Any = None
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-            family, kind, protocol, _, place = found[0]
-            self._socket = socket.socket(family, kind, protocol)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UDP_RECEIVE_BUFFER)
-            self._socket.bind(place)
-        except (OSError, UnicodeError) as error:
+            self._socket.bind((host, port))
+        except BaseException:
             self.close()
-            raise BadDevice(
-                f"port {port} of {host} cannot be bound ({short(error)}): does another program use it, and is"
-                f" {host} an address of this computer? 0.0.0.0 means all of them"
-            ) from error
+            raise
 
     @staticmethod
     def check(address: str) -> tuple[str, int]:
@@ -395,5 +379,4 @@ class UdpPort(MessagePort):
 
     def close(self) -> None:
         """Release the port."""
-        if self._socket is not None:
-            self._socket.close()
+        self._socket.close()

@@ -11,9 +11,9 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Literal
 
 from kalscope.errors import BadDevice, BadSetting
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 READ_TIMEOUT = 0.1
 """Seconds after which a read without data returns, so that close never waits longer."""
-WRITE_TIMEOUT = 2.0
-"""Seconds after which a write that is not accepted fails."""
 CONNECT_TIMEOUT = 5.0
 """Seconds within which the other side must answer."""
 MAX_READ_BYTES = 1 << 13
@@ -53,6 +51,8 @@ class OpenPort(ABC):
     """What is open, as users know it, where that is not the address: a board may come back under another path."""
     when_silent = ""
     """What to check where nothing arrives, a sentence without its full stop; "" where silence may be all right."""
+    when_lost = ""
+    """What to check where it is lost; "" for nothing."""
     starts: Start = "inside a line"
     """Where its first byte is."""
     keeps = False
@@ -306,26 +306,18 @@ class PortReader:
         """The current state of the port."""
         self.max_read_latency = 0.0
         """The longest time by which a read returned late, s."""
-        self._reconnect, self._clock, self._opener = reconnect, clock, opener or spec.transport
-        self._port: OpenPort | None = None
+        self.port: OpenPort | None = None
+        """What is open, as long as it may still be read."""
+        self.received_at = 0.0
+        """Monotonic time of the last bytes, or of the opening, s."""
+        self.clock = clock
+        """The source of the stamps."""
+        self._reconnect, self._opener = reconnect, opener or spec.transport
         self._last: OpenPort | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
-        self._received_at = 0.0
         self._queued = 0  # bytes
-
-    @property
-    def silence(self) -> tuple[float, str]:
-        """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
-        if self.state.word != "connected" or self._last is None:
-            return 0.0, ""
-        return self._clock.monotonic() - self._received_at, self._last.when_silent
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the port may still be read."""
-        return self._port is not None
 
     def start(self, *, require: bool = False) -> None:
         """Begin to read; does nothing while it runs.
@@ -367,10 +359,23 @@ class PortReader:
             BadDevice: the port is not open, or the board was lost while they were sent.
         """
         with self._write_lock:
-            if self._port is None:
+            if self.port is None:
                 raise BadDevice(f"port {self.state.device} is not connected ({self.state.word})")
             with _one_sentence(f"{self.state.device} accepts no data"):
-                self._port.write(data)
+                self.port.write(data)
+
+    def left_out(self, item: Item) -> LinesDropped:
+        """An event, and all that follow it in the queue, as lines that are left out."""
+        lines, dropped, last, at = LineCounter(), 0, b"", self.clock.monotonic()
+        with suppress(Empty):
+            while True:
+                if isinstance(item, BytesReceived):
+                    dropped, last = dropped + lines.count(item.data), item.data[-1:]
+                    self.taken += len(item.data)
+                elif isinstance(item, LinesDropped):
+                    dropped, last = dropped + item.count, item.last
+                item = self.items.get_nowait()
+        return LinesDropped(dropped, at, at, last)
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
         delay, waits = MIN_RETRY_DELAY, port is not None or not stop.is_set()
@@ -387,7 +392,7 @@ class PortReader:
                 self._set_state("disconnected, waiting" if waits else "closed", reason)
             if port is not None:
                 # After the state has changed, so that the consumer finds there why the board is gone.
-                self.items.put(Disconnected(self._clock.monotonic()))
+                self.items.put(Disconnected(self.clock.monotonic()))
                 port = None
             if waits:
                 stop.wait(delay)
@@ -401,9 +406,9 @@ class PortReader:
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} was closed before it had opened")
-        at = self._received_at = self._clock.monotonic()
+        at = self.received_at = self.clock.monotonic()
         with self._write_lock:
-            self._port = self._last = port
+            self.port = self._last = port
         # Before the state changes, so that a caller who sees "connected" finds the event.
         self.items.put(Opened(at, port.starts, port.keeps))
         self.state = PortState("connected", "", device, self.state.opened + 1)
@@ -411,15 +416,16 @@ class PortReader:
 
     def _read(self, port: OpenPort, stop: threading.Event) -> None:
         """Read until `stop`; then close the port. Raises BadDevice where the board is lost."""
-        clock, overload, silence = self._clock.monotonic, Overload(), 0.0
+        clock, overload, silence = self.clock.monotonic, Overload(), 0.0
         before = now = clock()
+        check = f": {port.when_lost}" if port.when_lost else ""
         try:
             while not stop.is_set():
                 if port.keeps and self._queued - self.taken > _KEPT_BYTES:
                     stop.wait(_KEPT_PAUSE)
                     continue
                 due = now + READ_TIMEOUT
-                with _one_sentence(f"{port.device or self.spec.url} was lost"):
+                with _one_sentence(f"{self.state.device} was lost", check):
                     data = port.fetch()
                 now = clock()
                 if not port.keeps:
@@ -428,7 +434,7 @@ class PortReader:
                     # Not `now - before`: a machine that stalls in a read receives nothing either.
                     silence = min(silence + READ_TIMEOUT, now - before)
                     continue
-                self._received_at = now
+                self.received_at = now
                 for item in overload.take(BytesReceived(data, before, now, silence), self._queued - self.taken):
                     self._queued += len(item.data) if isinstance(item, BytesReceived) else 0
                     self.items.put(item)
@@ -437,7 +443,7 @@ class PortReader:
             for gap in overload.end():
                 self.items.put(gap)
             with self._write_lock:
-                self._port = None
+                self.port = None
             port.close()
 
     def _set_state(self, word: Word, reason: str = "") -> None:
@@ -445,11 +451,12 @@ class PortReader:
 
 
 @contextmanager
-def _one_sentence(what: str) -> Generator[None]:
+def _one_sentence(what: str, check: str = "") -> Generator[None]:
     """Whatever a driver or a library raises is a BadDevice: it must not end the thread, which would say nothing."""
     try:
         yield
     except BadDevice:
         raise
     except Exception as error:
-        raise BadDevice(f"{what} ({short(error) or type(error).__name__})") from error
+        reason = short(getattr(error, "strerror", None) or error) or type(error).__name__
+        raise BadDevice(f"{what} ({reason}){check}") from error

@@ -6,7 +6,6 @@ import errno
 import os
 import re
 import socket
-import ssl
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,15 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.port.reader import (
-    CONNECT_TIMEOUT,
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    WRITE_TIMEOUT,
-    OpenPort,
-    quoted,
-    short,
-)
+from kalscope.sources.port.reader import CONNECT_TIMEOUT, MAX_READ_BYTES, READ_TIMEOUT, OpenPort, quoted, short
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -79,19 +70,6 @@ def host_and_port(address: str, default: str = "") -> tuple[str, int]:
     return host, int(match[3])
 
 
-def connect_failure(host: str, port: int, error: Exception) -> str:
-    """Why a connection could not be made, and what to do."""
-    if isinstance(error, ssl.SSLCertVerificationError):
-        why = short(error.verify_message)
-        return (
-            f"the certificate of {host} is not trusted ({why}): set SSL_CERT_FILE=ca.pem to name your own authority"
-        )
-    if isinstance(error, TimeoutError):
-        return f"{host}:{port} does not answer within {CONNECT_TIMEOUT:g} s: is that its address?"
-    why = short(getattr(error, "strerror", None) or error)
-    return f"{host}:{port} cannot be reached ({why}): is that its address, and does anything listen there?"
-
-
 class SocketPort(OpenPort):
     """A connection over TCP."""
 
@@ -102,12 +80,7 @@ class SocketPort(OpenPort):
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
         del is_ended, last  # the system's connect cannot be interrupted
-        self._name = spec.url
-        host, port = host_and_port(spec.url)
-        try:
-            self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT)
-        except (OSError, UnicodeError) as error:
-            raise BadDevice(connect_failure(host, port, error)) from error
+        self._socket = socket.create_connection(host_and_port(spec.url), CONNECT_TIMEOUT)
         self._socket.settimeout(READ_TIMEOUT)  # and no select(), which fails beyond 1,024 open files
 
     def fetch(self) -> bytes:
@@ -117,7 +90,7 @@ class SocketPort(OpenPort):
         except TimeoutError:
             return b""
         if not data:
-            raise BadDevice(f"the other side of {self._name} closed the connection")
+            raise OSError("the other side closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
@@ -132,6 +105,8 @@ class SocketPort(OpenPort):
 # Serial ports, and rfc2217://host:port. Wraps pyserial and works around its pitfalls.
 
 
+WRITE_TIMEOUT = 2.0
+"""Seconds after which a write that is not accepted fails."""
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
 _DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
@@ -173,13 +148,13 @@ class SerialPort(OpenPort):
     prefixes = ("serial:", "rfc2217://")
     examples = ("/dev/ttyACM0 or COM3@9600", "rfc2217://host:port")
     has_baud = True
+    when_lost = "was the board unplugged, or does another program read this port?"
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
         del is_ended  # a driver opens at once
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
-        self._is_url = "://" in spec.url
-        listed = () if self._is_url else list_ports()
+        listed = () if "://" in spec.url else list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
@@ -204,22 +179,10 @@ class SerialPort(OpenPort):
         """A path may be anything; see OpenPort."""
         return host_and_port(address) if "://" in address else None
 
-    def loss(self) -> str:
-        """Why an open port was probably lost; pyserial raises the same for a pulled cable and a second reader."""
-        if self._is_url:
-            return f"the other side of {self.device} closed the connection"
-        is_there = ", or another program reads this port" if os.path.exists(self.device) else ""
-        return f"the board was unplugged{is_there}"
-
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
-        try:
-            # Never more than is there: a read that waits for the rest loses it all if the board is lost.
-            return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
-        except ValueError:  # pyserial calls select(), which fails beyond 1,024 open files
-            raise
-        except Exception as error:  # OSError, TypeError and termios.error, which is neither
-            raise BadDevice(self.loss()) from error
+        # Never more than is there: a read that waits for the rest loses it all if the board is lost.
+        return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
 
     def write(self, data: bytes) -> None:
         """Send all of it."""

@@ -24,7 +24,7 @@ from urllib.parse import unquote
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.port import far_side
-from kalscope.sources.port.far_side import DEVICE, MARK, GrowingFile, Replaced, moved
+from kalscope.sources.port.far_side import DEVICE, MARK, GrowingFile, moved
 from kalscope.sources.port.reader import MAX_READ_BYTES, READ_TIMEOUT, OpenPort, quoted, short
 
 if TYPE_CHECKING:
@@ -48,10 +48,7 @@ class FilePort(OpenPort):
         """Open the file; see OpenPort."""
         del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
-        try:
-            self.file = GrowingFile(self.device, last.file.place if isinstance(last, FilePort) else (0, b""))
-        except (OSError, ValueError) as error:
-            raise BadDevice(f"{self.device} cannot be read ({_reason(error)})") from None
+        self.file = GrowingFile(self.device, last.file.place if isinstance(last, FilePort) else (0, b""))
         self.starts = "where it stopped" if self.file.place[0] else "at a line"
 
     @staticmethod
@@ -62,10 +59,7 @@ class FilePort(OpenPort):
 
     def fetch(self) -> bytes:
         """Bytes that were added; see OpenPort."""
-        try:
-            data = self.file.read()
-        except Replaced:
-            raise BadDevice(f"{self.device} was replaced or cut short: it is read from its beginning") from None
+        data = self.file.read()
         if not data:
             time.sleep(READ_TIMEOUT)
         return data
@@ -73,10 +67,6 @@ class FilePort(OpenPort):
     def close(self) -> None:
         """Close the file."""
         self.file.close()
-
-
-def _reason(error: Exception) -> str:
-    return short(getattr(error, "strerror", None) or error)
 
 
 # ssh://host/path.

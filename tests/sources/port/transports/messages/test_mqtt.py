@@ -111,7 +111,7 @@ def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
         live = opened(f"{running.address}/t")
         running.kill()
         wait_for(lambda: live.status().word == "disconnected, waiting")
-        wait_for(lambda: "cannot be reached (Connection refused)" in live.status().hint)
+        wait_for(lambda: "cannot be opened (Connection refused)" in live.status().hint)
         running.start()
         wait_for(lambda: live.status().word == "connected")
         with publisher(running) as client:
@@ -153,7 +153,7 @@ def test_a_broker_over_tls_must_be_trusted(tmp_path, monkeypatch, wait_for):
     keys = (f"certfile {tmp_path}/own.pem", f"keyfile {tmp_path}/own.key")
     with broker(tmp_path, "allow_anonymous true", *keys) as running:
         address = f"mqtts://127.0.0.1:{running.port}/t"
-        assert "the certificate of 127.0.0.1 is not trusted" in refusal(address)
+        assert "certificate verify failed" in refusal(address)
         monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
         live = opened(address)
         live.close()
@@ -171,14 +171,14 @@ def hang_up(listening, *answers):
 def test_a_server_that_stays_silent_is_given_up_at_once_where_nobody_waits():
     with socket.create_server(("127.0.0.1", 0)) as mute:
         asked = iter([False, False, True])
-        with pytest.raises(BadDevice, match="does not answer"):
+        with pytest.raises(TimeoutError, match="no answer within 5 s"):
             MqttPort(port_of(f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"), lambda: next(asked), None)
 
 
 def test_what_is_no_broker(open_broker):
-    assert "cannot be reached (Connection refused)" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
-    assert "no.such.host.invalid:1883 cannot be reached (" in refusal("mqtt://no.such.host.invalid/t")
-    assert "cannot be reached" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
+    assert "cannot be opened (Connection refused)" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
+    assert "no.such.host.invalid/t cannot be opened (" in refusal("mqtt://no.such.host.invalid/t")
+    assert "cannot be opened (" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
     with socket.create_server(("127.0.0.1", 0)) as mute:
         threading.Thread(target=hang_up, args=(mute,)).start()
         address = f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"

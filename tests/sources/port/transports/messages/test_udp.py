@@ -100,13 +100,11 @@ def test_plain_lines_are_read_as_from_any_board(sender, heard, wait_for):
     assert heard.snapshot().recording.names == ("heat", "light")
 
 
-def test_a_port_that_is_taken_and_an_address_of_another_machine(sender):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", sender.port))
-        with pytest.raises(BadDevice, match=rf"port {sender.port} of 127.0.0.1 cannot be bound"):
-            LiveSource(f"udp://:{sender.port}").start(require=True)
-    with pytest.raises(BadDevice, match=r"is 203\.0\.113\.7 an address of this computer"):
-        LiveSource(f"udp://203.0.113.7:{sender.port}").start(require=True)
+def test_a_port_that_is_taken_and_an_address_of_another_machine(sender, heard):
+    for host, why in (("127.0.0.1", "Address already in use"), ("203.0.113.7", "Cannot assign requested address")):
+        address = f"udp://{host}:{sender.port}"
+        with pytest.raises(BadDevice, match=rf"{address} cannot be opened \({why}\)"):
+            LiveSource(address).start(require=True)
 
 
 def test_a_source_from_which_nothing_arrives_says_what_to_check(sender, heard, wait_for, monkeypatch):
