@@ -155,10 +155,8 @@ def header_line(layout: Layout) -> str:
         unit = layout.columns[layout.time.index].unit or layout.time.unit
         cells.append(_cell(DEVICE_TIME, unit if layout.time.kind == "number" else "s"))
     taken = {"host time", DEVICE_TIME}
-    for i in layout.channels:
-        column = layout.columns[i]
-        name = unused_name(_harmless(column.name), taken, " ")
-        cells.append(_cell(name, column.unit))
+    columns = [layout.columns[i] for i in layout.channels]
+    cells += [_cell(unused_name(_harmless(column.name), taken, " "), column.unit) for column in columns]
     return ",".join(map(quoted, cells)) + "\n"
 
 
@@ -204,9 +202,7 @@ def _number(value: float) -> str:
 
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
-    unit = " ".join("".join(c if c.isprintable() and c not in "[]" else " " for c in unit).split())[
-        :_MAX_UNIT_LENGTH
-    ]
+    unit = one_line(unit.replace("[", " ").replace("]", " "))[:_MAX_UNIT_LENGTH]
     name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
     if unit:
         return f"{name} [{unit}]"
@@ -491,11 +487,9 @@ class RecorderCounts:
 
     def __str__(self) -> str:
         """The account in words."""
-        text = (
-            f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
-            f" + {self.dropped} dropped"
-        )
-        return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
+        text = f"{self.written} written + {self.rejected} rejected + {self.dropped} dropped"
+        others = f"; {self.other} other{'s' * (self.other != 1)}" if self.other else ""
+        return f"received {self.received} lines = {text}{others}"
 
 
 StampedLine = tuple[float, LineEvent, Layout | None]

@@ -74,7 +74,6 @@ class LiveLines:
         self._boot = False
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
-        self._void = 0  # consecutive rows without a number
         self._names = ""
         self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
@@ -169,27 +168,25 @@ class LiveLines:
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
         if is_damaged(text):
-            self._names, self._void = "", 0
+            self._names = ""
             self._recent.append(DAMAGED)
             return None
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
-        self._void = self._void + 1 if self._is_void(event) else 0
-        if fits and not (names and self._may_be_renamed):
+        if self._has_numbers(event) and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
         patience = _MAX_REJECTED_RUN if self.layout else self._patience
-        full = len(self._recent) >= patience and (event.kind != "row" or self._void >= patience)
+        full = len(self._recent) >= patience
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
         if full and self.layout is None:
             head, self._patience = head[-_UNKNOWN_RUN:], min(2 * patience, MAX_UNKNOWN_LINES)
         self._recent.clear()
-        self._void = 0
         return self._parser.adopt_layout(head, named=fits)
 
     def _names_columns(self, comment: str) -> bool:
@@ -203,12 +200,11 @@ class LiveLines:
             and len(re.split(r"[,;\t]", names)) == len(layout.columns)
         )
 
-    def _is_void(self, event: LineEvent) -> bool:
-        """Whether a line has the width of a row and no number, as `a:1,b:2` in a table of two columns."""
-        layout = self.layout
-        if event.kind != "row" or not event.issues or layout is None:
-            return False
-        return all(math.isnan(row[i]) for row in event.rows for i in layout.channels)
+    def _has_numbers(self, event: LineEvent) -> bool:
+        """Whether a line is a row with numbers; `a:1,b:2` has only the width of one in a table of two columns."""
+        if event.kind != "row" or not event.issues or self.layout is None:
+            return event.kind == "row"
+        return any(math.isfinite(row[i]) for row in event.rows for i in self.layout.channels)
 
     @property
     def _may_be_renamed(self) -> bool:

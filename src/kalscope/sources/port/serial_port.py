@@ -129,8 +129,6 @@ def new_port(device: str, **settings: Any) -> Any:
 def open_failure(device: str, baud: int, error: BaseException) -> str:
     """The error message where a port cannot be opened."""
     number, text = getattr(error, "errno", None), str(error)
-    if "://" in device:
-        return f"{device} does not answer ({short(error)})"
     if number == errno.ENOENT or "FileNotFoundError" in text:
         known = ", ".join(port.device for port in list_ports()) or "no serial port at all"
         return f"port {device} is not plugged in (the system lists {known})"
