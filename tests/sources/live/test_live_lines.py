@@ -59,14 +59,8 @@ def whole_lines(data):
     return len(re.split(rb"\r\n|\n|\r", data)) - 1
 
 
-def test_the_first_line_after_opening_is_dropped_for_it_may_be_half():
-    stream = Stream().feed(b"3,4\n1,2\n5,6\n")
-    assert stream.rows == [(1.0, 2.0), (5.0, 6.0)]
-    assert stream.lines.counts.dropped == 1
-
-
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
-def test_so_it_is_wherever_the_bytes_are_cut(end):
+def test_the_first_line_after_opening_is_dropped_wherever_the_bytes_are_cut(end):
     data = end.join([b"9", b"1,2", b"3,4", b"5,6"]) + end
     for cut in range(1, len(data)):
         stream = Stream().feed(data[:cut]).feed(data[cut:]).feed(b"7,8" + end)
@@ -95,21 +89,21 @@ def test_the_boot_text_of_a_chip_is_no_data():
     assert counts.dropped == whole_lines(ESP32)
 
 
-def test_a_line_that_a_reset_cuts_is_never_joined_to_the_next():
-    stream = Stream().feed(b"x\n511\n512\n5", 0.1).feed(b"13\n514\n", 1.5)
-    assert stream.rows == [(511.0,), (512.0,), (514.0,)]
-
-
-def test_a_line_that_this_machine_reads_late_is_no_line_that_a_reset_cut():
-    stream = Stream().feed(b"x\n511\n512\n5", 0.1).feed(b"13\n514\n", 1.5, silence=0.1)
-    assert stream.rows == [(511.0,), (512.0,), (513.0,), (514.0,)]
-
-
-def test_a_line_that_an_unplugging_cuts_is_never_joined_to_the_next():
-    stream = Stream().feed(b"x\n511\n512\n5", 3.0)
-    stream.feed(b"1", 0.1).reopen().feed(b"2\n513\n514\n")
-    assert stream.rows == [(511.0,), (512.0,), (513.0,), (514.0,)]
-    assert stream.lines.counts.dropped == 3
+@each(
+    ("silence", "unplugged", "rows"),
+    [
+        (None, False, [511, 512, 514]),  # a reset
+        (0.1, False, [511, 512, 513, 514]),  # this machine reads late
+        (0.1, True, [511, 512, 514]),
+    ],
+)
+def test_a_line_that_the_board_did_not_end_is_never_joined_to_the_next(silence, unplugged, rows):
+    stream = Stream().feed(b"x\n511\n512\n5", 0.1)
+    if unplugged:
+        stream.reopen()
+    stream.feed(b"13\n514\n", 1.5, silence=silence)
+    assert stream.rows == [(row,) for row in rows]
+    assert stream.lines.counts.received == 5 + unplugged
 
 
 def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
