@@ -160,17 +160,21 @@ def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_pa
     assert counts == RecorderCounts(received=7, written=4, rejected=3, other=2)
 
 
-def test_other_columns_begin_a_new_part_with_the_same_host_time(tmp_path):
+def test_other_columns_begin_a_new_part_with_the_same_host_time_which_is_resumed(tmp_path):
     path = tmp_path / "run.csv"
     recorder = new_recorder(path)
     hand_over(recorder, b"a:1\na:2\n")
     hand_over(recorder, b"a:3 b:4\n", at=STARTED + 5)
-    counts = recorder.close()
+    assert recorder.close().written == 3
+    assert recorder.paths == (path, tmp_path / "run-2.csv")
     assert data_lines(path) == ["0.000000,1", "0.001000,2"]
     assert path.read_text().endswith("# continued in run-2.csv: the columns changed\n")
-    assert data_lines(tmp_path / "run-2.csv") == ["5.000000,3,4"]
-    assert recorder.paths == (path, tmp_path / "run-2.csv")
-    assert counts.written == 3
+    recorder = new_recorder(path, clock=Clock(0.0, WALL + 10), resume=True)
+    hand_over(recorder, b"a:1 b:2\n", at=0.0)
+    recorder.close()
+    assert data_lines(tmp_path / "run-2.csv") == ["5.000000,3,4", "10.000000,1,2"]
+    assert read_ends(tmp_path / "run-2.csv")[0] == WALL
+    assert not (tmp_path / "run-3.csv").exists()
 
 
 # The account.
@@ -363,20 +367,6 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     assert counts.written == 1
     recording = read_recording(path)
     np.testing.assert_array_equal(recording.values, [[1, 0.5], [2, 1], [3, 1.5]])
-
-
-def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goes_on_there(tmp_path):
-    path = tmp_path / "run.csv"
-    hand_over(first := new_recorder(path), b"a:1\na:2\n")
-    first.close()
-    for wall in (WALL + 10, WALL + 20):
-        recorder = new_recorder(path, clock=Clock(0.0, wall), resume=True)
-        hand_over(recorder, b"a:1 b:2\n", at=0.0)
-        recorder.close()
-    assert data_lines(path) == ["0.000000,1", "0.001000,2"]
-    assert data_lines(tmp_path / "run-2.csv") == ["10.000000,1,2", "20.000000,1,2"]
-    assert read_ends(tmp_path / "run-2.csv")[0] == WALL
-    assert not (tmp_path / "run-3.csv").exists()
 
 
 def test_only_a_recording_that_no_program_writes_can_be_resumed(tmp_path):

@@ -49,14 +49,6 @@ def test_what_a_datagram_holds(datagram, rows):
     assert rows_of(lines_of(datagram.encode())) == rows
 
 
-def test_a_binary_datagram_is_one_rejected_line():
-    parser = LineParser()
-    parser.feed(b"1,2\n" + lines_of(bytes(range(256)) * 100))
-    (_, event) = parser
-    assert (event.kind, len(event.text)) == ("rejected", 200)
-    assert "printable" in event.issues[0].reason
-
-
 @given(st.binary(max_size=300))
 def test_no_datagram_breaks_a_line(data):
     lines = lines_of(data)

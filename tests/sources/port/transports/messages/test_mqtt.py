@@ -60,23 +60,10 @@ def refusal(address):
     return str(error.value)
 
 
-@each(
-    ("text", "says"),
-    [
-        ("mqtt://broker", "an address must be mqtt://broker/topic"),
-        ("mqtt://broker/", "an address must be mqtt://broker/topic"),
-        ("mqtt:///a", "an address must be mqtt://broker/topic"),
-        ("mqtt://broker:0/a", "an address must be mqtt://broker/topic"),
-        ("mqtt://broker/a/#/b", "a topic must have"),
-        ("mqtt://ada:sec/secret@broker/a", "must hold no password: ssh:// uses your keys"),
-        ("mqtt://ada:secret@broker/a", "must hold no password: ssh:// uses your keys"),
-    ],
-)
-def test_what_is_no_address_of_a_broker(text, says):
-    with pytest.raises(BadSetting) as error:
-        port_of(text)
-    assert says in str(error.value)
-    assert "secret" not in str(error.value)
+@each("text", ["broker", "broker/", "/a", "broker:0/a"])
+def test_what_is_no_address_of_a_broker(text):
+    with pytest.raises(BadSetting, match="an address must be mqtt://broker/topic"):
+        port_of(f"mqtt://{text}")
 
 
 @pytest.mark.slow
