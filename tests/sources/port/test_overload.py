@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,17 +9,7 @@ from hypothesis import strategies as st
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.lines import LiveLines
 from kalscope.sources.port import reader as events
-from kalscope.sources.port.reader import BytesReceived, LineCounter, LinesDropped, Overload
-
-PIECES = st.lists(st.binary(min_size=1, max_size=12) | st.text("1,\r\n", min_size=1, max_size=12).map(str.encode))
-LINE_END = re.compile(rb"\r\n|\r|\n")
-
-
-@given(PIECES)
-def test_lines_are_counted_wherever_the_stream_is_cut(pieces):
-    counter = LineCounter()
-    assert sum(map(counter.count, pieces)) == len(LINE_END.findall(b"".join(pieces)))
-
+from kalscope.sources.port.reader import BytesReceived, LinesDropped, Overload
 
 ENDS = st.lists(st.sampled_from([b"\n", b"\r\n", b"\r"]), min_size=1, max_size=40)
 

@@ -1,7 +1,7 @@
 """The thread that reads a port: every way a board goes is one calm state, and close frees the port."""
 
 import threading
-from itertools import count, pairwise
+from itertools import count
 from queue import Empty
 
 import pytest
@@ -15,7 +15,6 @@ from kalscope.sources.port.reader import (
     BytesReceived,
     Clock,
     Disconnected,
-    Opened,
     PortReader,
 )
 from kalscope.sources.port.registry import PortSpec
@@ -38,24 +37,6 @@ def taken(reader):
             items.append(reader.items.get_nowait())
         except Empty:
             return items
-
-
-def bytes_of(items):
-    return b"".join(item.data for item in items if isinstance(item, BytesReceived))
-
-
-def test_what_the_board_sends_arrives_whole_and_in_order(board, reader, wait_for):
-    reader.start(require=True)
-    sent = b"".join(b"%d,%d\n" % (i, i * i) for i in range(20_000))
-    board.say(sent)
-    items = []
-    wait_for(lambda: items.extend(taken(reader)) or len(bytes_of(items)) == len(sent))
-    assert isinstance(items[0], Opened)
-    assert bytes_of(items) == sent
-    spans = [(item.begin, item.end) for item in items[1:]]
-    assert spans == sorted(spans)
-    assert all(before[1] == after[0] for before, after in pairwise(spans))
-    assert reader.state.word == "connected"
 
 
 @each(

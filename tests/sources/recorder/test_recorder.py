@@ -375,6 +375,7 @@ def test_only_a_recording_that_no_program_writes_can_be_resumed(tmp_path):
     for name, says in (("run", "being recorded"), ("none", "there is no recording"), ("mine", "must begin with")):
         with pytest.raises(BadFile, match=says):
             new_recorder(tmp_path / f"{name}.csv", resume=True)
+    assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
     recorder.close()
 
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 from effort import FUZZ
-from hypothesis import given
-from hypothesis import strategies as st
 
 from kalscope.errors import BadFile
 from kalscope.sources.port.reader import Clock
@@ -91,35 +87,12 @@ def test_cut_at_any_byte_a_recording_can_be_resumed(tmp_path, recorded):
         assert values_in(path.read_bytes()) == [*before, (77.5, 78.0, 79.25)]
 
 
-@given(st.binary(max_size=300))
-def test_whatever_follows_a_recording_stays_in_one_of_the_two_files(tmp_path_factory, recorded, tail):
-    path = tmp_path_factory.mktemp("r") / "run.csv"
-    path.write_bytes(recorded + tail)
-    bytes_torn = repair(path)
-    torn = path.with_suffix(".torn")
-    moved = torn.read_bytes()[:-1] if torn.exists() else b""
-    assert path.read_bytes() + moved == recorded + tail
-    assert path.read_bytes().startswith(recorded)
-    assert b"\0" not in path.read_bytes()
-    assert bytes_torn == len(moved)
-
-
 def test_the_rejected_lines_have_a_torn_file_of_their_own(tmp_path):
     path = tmp_path / "run.rejects"
     path.write_bytes(b"# kalscope rejects 1\nhost time [s],line\n0.1,2\n0.2")
     assert repair(path) == 3
     assert (tmp_path / "run.rejects.torn").read_bytes() == b"0.2\n"
     assert path.read_bytes().endswith(b"0.1,2\n")
-
-
-@pytest.mark.parametrize("content", [b"time,a\n1,2\n3", b"PAR1", b"# my notes\n1,2"])
-def test_a_file_that_is_no_recording_is_left_alone(tmp_path, content):
-    path = tmp_path / "mine.csv"
-    path.write_bytes(content)
-    with pytest.raises(BadFile, match="must begin with"):
-        repair(path)
-    assert path.read_bytes() == content
-    assert os.listdir(tmp_path) == ["mine.csv"]
 
 
 def test_where_the_tail_cannot_be_kept_nothing_is_cut(tmp_path, recorded):

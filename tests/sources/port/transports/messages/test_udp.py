@@ -21,33 +21,25 @@ pytestmark = pytest.mark.usefixtures("no_thread_left")
 class Sender:
     """Sends datagrams to a port of this machine."""
 
-    def __init__(self):
-        self.port = free_port(socket.SOCK_DGRAM)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._socket.close()
+    def __init__(self, udp):
+        self.port, self._socket = free_port(socket.SOCK_DGRAM), udp
 
     def say(self, text):
-        data = text if isinstance(text, bytes) else text.encode()
-        self._socket.sendto(data, ("127.0.0.1", self.port))
+        self._socket.sendto(text if isinstance(text, bytes) else text.encode(), ("127.0.0.1", self.port))
 
 
 @pytest.fixture
 def sender():
-    with Sender() as sender:
-        yield sender
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        yield Sender(udp)
 
 
 @pytest.fixture
 def heard(sender):
-    with LiveSource(f"udp://:{sender.port}") as live:
-        live.close()
-        live.start(require=True)
-        yield live
+    live = LiveSource(f"udp://:{sender.port}")
+    live.start(require=True)
+    yield live
+    live.close()
 
 
 def test_every_datagram_arrives_from_the_first_one_on(sender, heard, wait_for):
