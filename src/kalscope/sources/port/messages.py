@@ -104,43 +104,32 @@ MAX_TOPIC = 200
 _CELLS = re.compile(r"[,;\s]+")
 _NO_NAME = re.compile(r"[:;]")
 _NO_MARK = re.compile(r"[>|§\x00-\x1f\x7f]")
-_TOPIC = re.compile(r"(?:(?:\+|[^+#/]*)/)*(?:\+|#|[^+#/]*)")
-"""A topic to subscribe to."""
 
 
-class Topics:
-    """The topics of one subscription."""
+def topic_lines(subscribed: str, topic: str, payload: bytes, *, retained: bool = False) -> bytes:
+    r"""The lines of one message, each with its \n.
 
-    def __init__(self, subscribed: str) -> None:
-        """Args: what is subscribed to, as `mqtt_parts` takes it."""
-        levels = subscribed.split("/")
-        wild = [i for i, level in enumerate(levels) if level in ("+", "#")]
-        self._skip = wild[0] if wild else len(levels) - 1
-        self._is_one = not wild
-
-    def lines(self, topic: str, payload: bytes, *, retained: bool = False) -> bytes:
-        r"""The lines of one message, each with its \n.
-
-        Args:
-            topic: Its topic.
-            payload: What it holds.
-            retained: Whether the broker had kept it: a value of unknown age, of which only the names are used.
-        """
-        levels = topic.split("/")
-        name = _printable("/".join(levels[self._skip :] or levels[-1:])).strip() or "topic"
-        if len(payload) > MAX_PAYLOAD:
-            return _line(name, f"({len(payload)} bytes: a payload must have at most {MAX_PAYLOAD})")
-        if _BINARY.search(payload):
-            return lines_of(payload)
-        text = " ".join(payload.decode("utf-8", "replace").split())
-        values = _values(text)
-        if self._is_one and [of for of, _, _ in values] != [""]:
-            return f"# retained: {text}\n".encode() if retained else lines_of(payload)
-        if not values:
-            return _line(name, f"{text}|t")
-        if retained:
-            return b"".join(_line(name + of, "") for of, _, _ in values)
-        return b"".join(_line(name + of, value + (f"§{unit}" if unit else "")) for of, value, unit in values)
+    Args:
+        subscribed: What is subscribed to: one topic, or several by + and #.
+        topic: Its topic.
+        payload: What it holds.
+        retained: Whether the broker had kept it: a value of unknown age, of which only the names are used.
+    """
+    levels, wild = topic.split("/"), [i for i, level in enumerate(subscribed.split("/")) if level in ("+", "#")]
+    name = _printable("/".join(levels[wild[0] if wild else -1 :] or levels[-1:])).strip() or "topic"
+    if len(payload) > MAX_PAYLOAD:
+        return _line(name, f"({len(payload)} bytes: a payload must have at most {MAX_PAYLOAD})")
+    if _BINARY.search(payload):
+        return lines_of(payload)
+    text = " ".join(payload.decode("utf-8", "replace").split())
+    values = _values(text)
+    if not wild and [of for of, _, _ in values] != [""]:
+        return f"# retained: {text}\n".encode() if retained else lines_of(payload)
+    if not values:
+        return _line(name, f"{text}|t")
+    if retained:
+        return b"".join(_line(name + of, "") for of, _, _ in values)
+    return b"".join(_line(name + of, value + (f"§{unit}" if unit else "")) for of, value, unit in values)
 
 
 def _printable(name: str) -> str:
@@ -202,21 +191,11 @@ def mqtt_parts(address: str) -> re.Match[str]:
         raise BadSetting(
             f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
         )
-    topic = _topic(match[6])
-    if not _TOPIC.fullmatch(topic) or not topic.isprintable() or len(topic.encode()) > 65_535:
-        raise BadSetting(
-            f"a topic must have levels between /, + for a whole level, # for all that follow (got {topic!r:.100})"
-        )
     try:
         import_module("paho.mqtt.client")
     except ImportError:
         raise BadSetting('mqtt:// needs paho-mqtt: pip install "kalscope[mqtt]" or pip install paho-mqtt') from None
     return match
-
-
-def _topic(written: str) -> str:
-    """A topic, from how an address writes it: %40 is @. Nothing else is decoded: a % is rare in a topic."""
-    return written.replace("%40", "@")
 
 
 class _TlsSocket(ssl.SSLSocket):
@@ -244,8 +223,7 @@ class MqttPort(MessagePort):
         match = mqtt_parts(spec.url)
         tls, self._host = match[1].lower() == "mqtts", match[3] or match[4]
         port = int(match[5] or (TLS_PORT if tls else PORT))
-        self._topic = _topic(match[6])
-        self._topics = Topics(self._topic)
+        self._topic = match[6].replace("%40", "@")  # nothing else is decoded: a % is rare in a topic
         self.when_silent = f"does anything publish on {self._topic}, and may this user read it?"
         self._answer: int | None = None
         """The broker's answer to the connection and the subscription, a reason code: 128 and more refuse."""
@@ -291,7 +269,7 @@ class MqttPort(MessagePort):
         topic = "topic"
         with suppress(UnicodeDecodeError):
             topic = message.topic
-        self.lines += self._topics.lines(topic, message.payload, retained=bool(message.retain))
+        self.lines += topic_lines(self._topic, topic, message.payload, retained=bool(message.retain))
 
     def gather(self) -> None:
         """Take what has arrived."""

@@ -177,6 +177,10 @@ def test_what_is_no_broker(open_broker):
         assert "(reason code 136)" in refusal(address)
 
 
+def test_a_topic_that_nobody_can_subscribe_to_is_refused(open_broker):
+    assert "cannot be opened (Invalid subscription filter.)" in refusal(f"{open_broker.address}/a/#/b")
+
+
 def test_a_message_beyond_every_measure_ends_the_connection():
     """Its broker says that 200 MB will come: no memory is spent on them."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
