@@ -14,7 +14,6 @@ import math
 import os
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.port.reader import SYSTEM, BytesReceived, Clock, Item, LinesDropped, Opened, PortReader, Word
+from kalscope.sources.port.reader import BytesReceived, Item, LinesDropped, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
@@ -152,8 +151,8 @@ class CommandChannel:
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER = 2.0
-"""Seconds over which the lines per second are averaged."""
+_RATE_OVER = 1.0
+"""Seconds over which the lines per second are averaged at least, and half of those at most."""
 _SILENT_AFTER = 5.0
 """Seconds after which a source that should send is reported as silent, and the step of that time."""
 _MIN_LINES_JUDGED = 20
@@ -224,21 +223,19 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
 
 
 class LineRate:
-    """Lines a second over the last seconds. One thread writes, any may read."""
+    """Lines a second over the last one to two seconds. One thread writes, any may read."""
 
     def __init__(self) -> None:
-        self._noted: deque[tuple[float, int]] = deque()
+        self._marks = ((-math.inf, 0), (-math.inf, 0))
         self.now = 0.0
         """Lines a second."""
 
     def note(self, at: float, received: int) -> None:
         """Note how many lines had arrived at the monotonic time `at`, s."""
-        noted = self._noted
-        noted.append((at, received))
-        while len(noted) > 2 and at - noted[1][0] > _RATE_OVER:
-            noted.popleft()
-        (begin, old), (end, new) = noted[0], noted[-1]
-        self.now = (new - old) / (end - begin) if end > begin else 0.0
+        (begin, old), (last, _) = self._marks
+        if at - last > _RATE_OVER:
+            self._marks = self._marks[1], (at, received)
+        self.now = (received - old) / (at - begin) if at > begin else 0.0
 
 
 # The source.
@@ -262,7 +259,6 @@ class LiveSource:
         *,
         reconnect: bool = True,
         keep: int = 1_000_000,
-        clock: Clock = SYSTEM,
         reader: PortReader | None = None,
     ) -> None:
         """Prepare; nothing is opened.
@@ -272,7 +268,6 @@ class LiveSource:
             options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back.
             keep: Samples per channel that are kept at least, fewer if there are very many channels.
-            clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
 
         Raises:
@@ -285,8 +280,8 @@ class LiveSource:
         """Whether the port is opened again when the board comes back."""
         self.recorder: Recorder | None = None
         """The active recorder; None if there is none."""
-        self._clock = clock
-        self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
+        self._reader = reader or PortReader(self.spec, reconnect=reconnect)
+        self._clock = self._reader.clock
         self._lines = LiveLines(options)
         self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples

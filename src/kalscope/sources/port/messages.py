@@ -213,7 +213,6 @@ class MqttPort(MessagePort):
     """A subscription."""
 
     prefixes = ("mqtt://", "mqtts://")
-    examples = ("mqtt://broker/topic",)
     check = staticmethod(mqtt_parts)
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
@@ -320,7 +319,6 @@ class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
     prefixes = ("udp://",)
-    examples = ("udp://:47269",)
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Bind it; see OpenPort."""

@@ -41,8 +41,6 @@ class OpenPort(ABC):
 
     prefixes: tuple[str, ...] = ()
     """How its addresses begin, in lower case; the usual one first."""
-    examples: tuple[str, ...] = ()
-    """Such addresses, for help texts."""
     has_baud = False
     """Whether an address may end with @ and a baud rate."""
     check: Callable[[str], object] = staticmethod(str)

@@ -38,7 +38,15 @@ def transport_of(text: str) -> type[OpenPort]:
 
 def address_examples() -> str:
     """Addresses of all kinds that users type, for help texts."""
-    return ", ".join(f'"{example}"' for one in TRANSPORTS for example in one.examples)
+    examples = (
+        "/dev/ttyACM0 or COM3@9600",
+        "rfc2217://host:port",
+        "ssh://host/dev/ttyACM0@115200",
+        "tcp://host:port",
+    )
+    return ", ".join(
+        f'"{address}"' for address in (*examples, "udp://:47269", "mqtt://broker/topic", "file:log.csv")
+    )
 
 
 # Names of ports as users type them. Nothing is opened.

@@ -74,7 +74,6 @@ class SocketPort(OpenPort):
     """A connection over TCP."""
 
     prefixes = ("tcp://", "socket://")
-    examples = ("tcp://host:port",)
     check = staticmethod(host_and_port)
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
@@ -144,7 +143,6 @@ class SerialPort(OpenPort):
     """A serial port of this computer, under whatever name its board has now, or a URL of pyserial."""
 
     prefixes = ("serial:", "rfc2217://")
-    examples = ("/dev/ttyACM0 or COM3@9600", "rfc2217://host:port")
     has_baud = True
     when_lost = "was the board unplugged, or does another program read this port?"
 

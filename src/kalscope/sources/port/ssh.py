@@ -41,7 +41,6 @@ class FilePort(OpenPort):
     """A file that is read as it grows. It continues where the last one ended, or at its beginning if replaced."""
 
     prefixes = (FILE_PREFIX,)
-    examples = ("file:log.csv",)
     keeps = True
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
@@ -138,7 +137,6 @@ class SshPort(OpenPort):
     """
 
     prefixes = ("ssh://",)
-    examples = ("ssh://host/dev/ttyACM0@115200",)
     has_baud = True
     check = staticmethod(ssh_parts)
 
