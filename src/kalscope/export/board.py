@@ -316,8 +316,8 @@ def values_in_use(
     return [answer for answer in map(read_answer, replies) if answer is not None]
 
 
-def _is_answer(remark: Remark) -> bool:
-    return is_refusal(remark.text) or read_answer(remark.text) is not None
+def _is_answer(remark: str) -> bool:
+    return is_refusal(remark) or read_answer(remark) is not None
 
 
 # Let a connected board measure its own noise, and measure the same samples here.
@@ -370,10 +370,10 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     answers: dict[str, tuple[Calibrated | NotCalibrated, Remark]] = {}
 
     def is_last(remark: Remark) -> bool:
-        answer = read_calibration(remark.text)
+        answer = read_calibration(remark)
         if answer is not None and answer.name in channels:
             answers[answer.name] = answer, remark
-        return is_refusal(remark.text) or len(answers) == len(channels)
+        return is_refusal(remark) or len(answers) == len(channels)
 
     def wait() -> None:
         progress((time.monotonic() - start) / seconds, "the board measures")
@@ -447,7 +447,7 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
     failed, done = "# not kept: ", "# kept " if kept else "# forgotten"
     command = "k" if kept else "f"
     answer, *_ = source.commands.send(
-        command, is_reply=lambda remark: is_refusal(remark.text) or remark.text.startswith((failed, done))
+        command, is_reply=lambda remark: is_refusal(remark) or remark.startswith((failed, done))
     )
     if is_refusal(answer):
         raise BadDevice(CANNOT)

@@ -51,19 +51,13 @@ _MAX_REMARKS = 1000
 """Remarks that may wait for a listener; further ones are dropped."""
 
 
-@dataclass(frozen=True)
-class Remark:
-    """A line with # and its place among the samples."""
+class Remark(str):
+    """A line with # and its place among the samples; "" for the first sample after one."""
 
-    text: str
-    """The line; "" for the first sample after a remark."""
-    row: int
+    row = 0
     """Samples that came before it, counted from the first of its generation."""
-    generation: int
+    generation = 0
     """That of `Snapshot.generation`."""
-
-
-_SILENCE = Remark("", 0, 0)
 
 
 class CommandChannel:
@@ -107,14 +101,14 @@ class CommandChannel:
                     try:
                         remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK))
                     except Empty:
-                        remark = _SILENCE
-                    if replies and not remark.text:
+                        remark = Remark()
+                    if replies and not remark:
                         break
                     if self._is_gone:
                         raise BadDevice("the board was disconnected before it answered")
-                    if remark.text and is_reply(remark):
+                    if remark and is_reply(remark):
                         end = end if replies else time.monotonic() + _MAX_REPLY_S
-                        replies.append(remark.text)
+                        replies.append(remark)
                     if not replies:
                         check()
             finally:
@@ -138,8 +132,10 @@ class CommandChannel:
         for event in events:
             is_remark = event.kind == "comment" and event.text.startswith("#")
             if is_remark or (event.rows and self._is_after_remark):
+                remark = Remark(event.text if is_remark else "")
+                remark.row, remark.generation = row, generation
                 with suppress(Full):
-                    remarks.put_nowait(Remark(event.text if is_remark else "", row, generation))
+                    remarks.put_nowait(remark)
             self._is_after_remark = is_remark or (self._is_after_remark and not event.rows)
             row += len(event.rows)
 

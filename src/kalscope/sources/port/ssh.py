@@ -150,7 +150,6 @@ class SshPort(OpenPort):
         self._alive_at = time.monotonic()
         self._pieces: Queue[bytes] = Queue(_MAX_WAITING)
         self._errors = self._unread = b""
-        self._closed = False
         window = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
         pipe = subprocess.PIPE
         self._ssh = subprocess.Popen(
@@ -203,7 +202,7 @@ class SshPort(OpenPort):
     def _pump(self) -> None:
         """Queue what ssh sends, and b"" at its end."""
         output, data = cast("IO[bytes]", self._ssh.stdout), b"begin"
-        while data and not self._closed:
+        while data:
             data = output.read(MAX_READ_BYTES)
             self._pieces.put(data)
 
@@ -248,7 +247,6 @@ class SshPort(OpenPort):
 
     def close(self) -> None:
         """End ssh and what it runs on the other machine, which ends with its standard input."""
-        self._closed = True
         with suppress(OSError):
             cast("IO[bytes]", self._ssh.stdin).close()
         self._ssh.terminate()
