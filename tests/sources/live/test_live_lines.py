@@ -1,6 +1,5 @@
 """Lines of a port: the first after an opening, boot text, another program on the board; every line is counted."""
 
-import random
 import re
 from itertools import pairwise
 
@@ -11,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.live.lines import MAX_UNKNOWN_LINES, LiveLines
+from kalscope.sources.live.lines import LiveLines
 from kalscope.sources.port.reader import BytesReceived
 
 ESP32 = b"""ets Jul 29 2019 12:21:46\r
@@ -115,23 +114,6 @@ def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
     assert stream.lines.counts.rejected == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("lines", "names"),
-    [
-        (b"temp,hum\n7,8\n9,10\n", ["temp", "hum"]),
-        (b"temp,hum,dew\n7,8,9\n9,10,11\n", ["temp", "hum", "dew"]),
-        (b"Na,K\n7,8\n9,10\n", ["Na", "K"]),
-        (b"u:7\nu:8\n", ["u"]),
-    ],
-)
-def test_another_program_on_the_board_brings_its_own_columns(lines, names):
-    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n" + b"5,6\n" * 5_000, 3.0)
-    stream.reopen().feed(b"x\n" + lines + lines.splitlines(keepends=True)[-1] * 40, 0.1)
-    assert stream.names == names
-    assert stream.rows[-1] in ((9.0, 10.0), (9.0, 10.0, 11.0), (8.0,))
-
-
 def test_words_among_the_numbers_are_no_new_names():
     stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n", 0.1).feed(b"5,6\nERR,OK\n7,8\n", 3.0).feed(b"9,10\n")
     assert stream.names == ["heat", "light"]
@@ -215,16 +197,3 @@ def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
             stream.feed((form.format(*((7 * i + 3 * k) % 11 for k in range(60))) + "\n").encode())
     assert stream.events[-1].kind == "row"
     assert np.count_nonzero(np.isfinite(stream.events[-1].rows[0])) == row.count("{}")
-
-
-DRAW = random.Random(4)
-DAMAGED = b"".join(DRAW.randbytes(60).translate(None, b"\r\n") + b"\x01\n" for _ in range(500))
-PRINTABLE = b"".join(bytes(DRAW.choices(range(32, 127), k=60)) + b"\n" for _ in range(500))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [DAMAGED, PRINTABLE, PRINTABLE + DAMAGED], ids=["bytes", "letters", "both"])
-@pytest.mark.parametrize("line", [b"1,2\n", b"a:1,b:2\n"])
-def test_a_good_board_after_noise_is_heard_within_so_many_lines(noise, line):
-    stream = Stream().feed(noise, 3.0).feed(line * (MAX_UNKNOWN_LINES + 1))
-    assert stream.rows[-1] == (1.0, 2.0)

@@ -1,6 +1,5 @@
 """The thread that reads a port: every way a board goes is one calm state, and close frees the port."""
 
-import threading
 from itertools import count
 from queue import Empty
 
@@ -81,19 +80,6 @@ def test_whatever_is_raised_at_an_opening_or_a_write_is_one_sentence(wait_for):
     with pytest.raises(BadDevice, match=r"x accepts no data \(no driver\)"):
         reader.write(b"1")
     reader.close()
-
-
-def test_the_wait_between_two_attempts_doubles_up_to_two_seconds():
-    waits, reader = [], None
-
-    class Stop(threading.Event):
-        def wait(self, timeout=None):
-            waits.append(timeout)
-            return len(waits) == 6 and (self.set() or True)
-
-    reader = PortReader(PortSpec("x"), opener=scripted())
-    reader._run(None, Stop())
-    assert waits == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
 
 
 def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):

@@ -23,7 +23,7 @@ from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import Recorder, RecorderCounts, escaped, read_ends
+from kalscope.sources.recorder import Recorder, RecorderCounts, read_ends
 
 STARTED, WALL = 1000.0, 1_763_678_912.25
 NAN = math.nan
@@ -377,11 +377,3 @@ def test_only_a_recording_that_no_program_writes_can_be_resumed(tmp_path):
             new_recorder(tmp_path / f"{name}.csv", resume=True)
     assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
     recorder.close()
-
-
-@given(st.text())
-def test_escaped_text_is_printable_and_comes_back(text):
-    shown = escaped(text)
-    assert shown.isprintable()
-    pieces = shown.encode("latin-1", "backslashreplace")
-    assert pieces.decode("unicode_escape") == text
