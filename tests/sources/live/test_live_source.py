@@ -199,6 +199,16 @@ def test_bytes_that_a_late_close_left_out_do_not_hold_up_the_next_start(monkeypa
         assert live.status().overrun == 200
 
 
+def test_an_error_in_a_line_is_reported_and_the_next_lines_are_read(monkeypatch, wait_for):
+    port = ScriptedPort([b"1,2\n", b"3,4\n"], "at a line")
+    live = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
+    feed, fails = live._lines.feed, iter([True])
+    monkeypatch.setattr(live._lines, "feed", lambda received: 1 / 0 if next(fails, False) else feed(received))
+    with live:
+        wait_for(lambda: live.status().accepted == 1)
+        assert live.status().hint == "an error of Kalscope left lines out (ZeroDivisionError: division by zero)"
+
+
 def test_a_second_reader_steals_lines_but_no_wrong_value_is_made_of_the_rest(board, live, wait_for):
     with serial.Serial(board.link, timeout=0.01) as thief:
         stop = threading.Event()

@@ -286,6 +286,7 @@ class LiveSource:
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._end_by = math.inf
+        self._failure = ""
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
         self._recorder_lock = threading.Lock()  # lines wait while one is begun
@@ -350,7 +351,7 @@ class LiveSource:
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
-                hint=hint_of(reader, self._counts, noise=self._lines.wrong_baud),
+                hint=self._failure or hint_of(reader, self._counts, noise=self._lines.wrong_baud),
                 port=state.device,
                 lines_per_s=self._rate.now if state.word == "connected" else 0.0,
                 period=time.period,
@@ -412,15 +413,19 @@ class LiveSource:
                 if is_over:
                     return
                 continue
-            # There may be no time for what still waits.
-            self._handle(self._reader.left_out(item) if is_late and isinstance(item, BytesReceived) else item)
+            if is_late and isinstance(item, BytesReceived):
+                item = self._reader.left_out(item)  # there is no time for what still waits
+            try:
+                self._handle(item)
+            except Exception as error:  # the thread must go on: without it nothing would be read, nor said
+                self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, BytesReceived):
-            self._take(item)
             self._reader.taken += len(item.data)
+            self._take(item)
         elif isinstance(item, LinesDropped):
             with self._lock:
                 self._lines.overrun(item.count, item.last)
