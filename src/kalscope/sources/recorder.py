@@ -587,17 +587,11 @@ class Recorder:
     def counts(self) -> RecorderCounts:
         """The account up to now."""
         files, rejected = self._files(), self._rejects.lines
-        written, unwritable = sum(part.lines for part in self._parts), sum(file.lost for file in files)
+        written, waiting = sum(part.lines for part in self._parts), sum(file.waiting for file in files)
+        unwritable = sum(file.lost for file in files)
         dropped = self._dropped + unwritable
-        return RecorderCounts(
-            received=written + rejected + dropped,
-            written=written,
-            rejected=rejected,
-            dropped=dropped,
-            unwritable=unwritable,
-            waiting=sum(file.waiting for file in files),
-            other=self._other,
-        )
+        received = written + rejected + dropped
+        return RecorderCounts(received, written, rejected, dropped, unwritable, waiting, self._other)
 
     @property
     def error(self) -> str:
