@@ -122,8 +122,8 @@ def watch_writes(live: LiveSource) -> list[Wait]:
     waits: list[Wait] = []
     write = live._write
 
-    def note(stamped, layout):
-        write(stamped, layout)
+    def note(stamped):
+        write(stamped)
         if stamped:
             waits.append((stamped[-1][0], time.monotonic()))
 

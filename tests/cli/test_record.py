@@ -173,7 +173,7 @@ def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp
     assert process.returncode == 0, err
     received, written, rejected, dropped = map(int, ACCOUNT.search(out).groups())
     assert received == written + rejected + dropped
-    assert board.sent < received <= board.sent + board.late
+    assert board.sent <= received <= board.sent + board.late
     numbers = [number for _, number, half in rows_in(path) if number == 2 * half]
     assert (len(numbers), rejected) == (written, 0)
     assert "# gap overrun " in path.read_text()
@@ -196,7 +196,7 @@ def test_a_board_that_goes_away_ends_it_where_that_was_asked_for(tmp_path):
         board.unplug()
         out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
-    assert "disconnected (the board was unplugged)" in err.splitlines()[-1]
+    assert "was the board unplugged" in err.splitlines()[-1]
     assert int(ACCOUNT.search(out)[2]) == len(rows_in(path))
     assert path.read_text().splitlines()[-1].startswith("# end: ")
 

@@ -367,53 +367,47 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     filters = [answer.name for answer in values_in_use(source, check=lambda: progress(0.0, "asking the board"))]
     number, channels = _measured_channels(snapshot.recording.names, filters, channel)
     command, start = calibration_command(seconds, number), time.monotonic()
-    answers: dict[str, Calibrated | NotCalibrated] = {}
+    answers: dict[str, tuple[Calibrated | NotCalibrated, Remark]] = {}
 
-    def is_last(line: str) -> bool:
-        answer = read_calibration(line)
+    def is_last(remark: Remark) -> bool:
+        answer = read_calibration(remark)
         if answer is not None and answer.name in channels:
-            answers[answer.name] = answer
-        return is_refusal(line) or len(answers) == len(channels)
+            answers[answer.name] = answer, remark
+        return is_refusal(remark) or len(answers) == len(channels)
 
     def wait() -> None:
         progress((time.monotonic() - start) / seconds, "the board measures")
 
     timeout = ANSWER_S + 2.0 * seconds  # it takes longer where it leaves samples out
-    with source.commands.listen() as remarks:
-        try:
-            replies = source.commands.send(command, timeout, is_reply=is_last, check=wait)
-        except Cancelled:
-            raise Cancelled(_cancel(source, number, answers)) from None
+    try:
+        replies = source.commands.send(command, timeout, is_reply=is_last, check=wait)
+    except Cancelled:
+        raise Cancelled(_cancel(source, number, [answer for answer, _ in answers.values()])) from None
     if any(map(is_refusal, replies)):
         raise BadDevice(CANNOT)
-    received = [remarks.get() for _ in range(remarks.qsize())]
-    last = {read_calibration(remark.text): remark for remark in received}
     return tuple(
-        Measurement(answers[name], _noise_here(source, here, answers[name], last.get(answers[name])))
-        for name, here in channels.items()
+        Measurement(answers[name][0], _noise_here(source, here, *answers[name])) for name, here in channels.items()
     )
 
 
-def _cancel(source: LiveSource, number: int | None, answers: dict[str, Calibrated | NotCalibrated]) -> str:
+def _cancel(source: LiveSource, number: int | None, answers: list[Calibrated | NotCalibrated]) -> str:
     """Cancel the measurement on the board; returns which values the board then uses, in words."""
     try:
         source.send(calibration_command(None, number), _CANCEL_S)
     except BadDevice:
         return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
-    measured = [name for name, answer in answers.items() if isinstance(answer, Calibrated)]
+    measured = [answer.name for answer in answers if isinstance(answer, Calibrated)]
     if measured:
         return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
     return f"{_CANCELLED}: the board keeps its values"
 
 
 def _noise_here(
-    source: LiveSource, channel: str, answer: Calibrated | NotCalibrated, remark: Remark | None
+    source: LiveSource, channel: str, answer: Calibrated | NotCalibrated, remark: Remark
 ) -> StillNoise | None:
     """The noise of the samples before the board's answer."""
     snapshot = source.snapshot()
-    if isinstance(answer, NotCalibrated) or snapshot is None or remark is None:
-        return None
-    if snapshot.generation != remark.generation:
+    if isinstance(answer, NotCalibrated) or snapshot is None or snapshot.generation != remark.generation:
         return None
     last = remark.row - snapshot.first
     with suppress(BadSetting):
@@ -453,7 +447,7 @@ def set_kept(source: LiveSource, *, kept: bool) -> None:
     failed, done = "# not kept: ", "# kept " if kept else "# forgotten"
     command = "k" if kept else "f"
     answer, *_ = source.commands.send(
-        command, is_reply=lambda line: is_refusal(line) or line.startswith((failed, done))
+        command, is_reply=lambda remark: is_refusal(remark) or remark.startswith((failed, done))
     )
     if is_refusal(answer):
         raise BadDevice(CANNOT)

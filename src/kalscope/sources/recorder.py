@@ -6,7 +6,7 @@
     NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
 
 All lines of a call go out in one `os.write`: a program that is killed loses only lines not passed yet.
-All clocks are passed in: host time is the difference of two monotonic times, so that no step of the wall clock
+Host time is the difference of two monotonic times, so that no step of the wall clock
 changes a row.
 """
 
@@ -18,8 +18,7 @@ import mmap
 import os
 import shutil
 import threading
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -27,10 +26,12 @@ from itertools import count as numbers
 from pathlib import Path
 
 from kalscope.common.files import sync_folder
-from kalscope.common.text import count, one_line, program, unused_name
+from kalscope.common.text import one_line, program, unused_name
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.cells import is_comment
+from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.port.reader import SYSTEM, Clock
 from kalscope.sources.reading.columns import Column, named_column, only_text
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
@@ -121,9 +122,6 @@ _FORMULA = ("=", "+", "-", "@")
 _MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
 _MAX_UNIT_LENGTH = 30
 
-RowEncoder = Callable[[float, Sequence[float]], str]
-"""Turns host time in s and the values of a row, one per column of the layout, into its line."""
-
 
 def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
     """The comment lines above the header; of the rejected lines the header, too.
@@ -147,8 +145,7 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
 
 def iso_utc(unix: float) -> str:
     """Unix time as ISO 8601 in UTC, with microseconds."""
-    stamp = datetime.fromtimestamp(unix, UTC).replace(tzinfo=None)
-    return f"{stamp.isoformat(timespec='microseconds')}Z"
+    return datetime.fromtimestamp(unix, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def header_line(layout: Layout) -> str:
@@ -158,30 +155,22 @@ def header_line(layout: Layout) -> str:
         unit = layout.columns[layout.time.index].unit or layout.time.unit
         cells.append(_cell(DEVICE_TIME, unit if layout.time.kind == "number" else "s"))
     taken = {"host time", DEVICE_TIME}
-    for i in layout.channels:
-        column = layout.columns[i]
-        name = unused_name(_harmless(column.name), taken, " ")
-        cells.append(_cell(name, column.unit))
+    columns = [layout.columns[i] for i in layout.channels]
+    cells += [_cell(unused_name(_harmless(column.name), taken, " "), column.unit) for column in columns]
     return ",".join(map(quoted, cells)) + "\n"
 
 
-def row_encoder(layout: Layout) -> RowEncoder:
-    """The function that writes the rows of a layout.
+def row_line(time: TimeColumn | None, channels: Sequence[int], host: float, row: Sequence[float]) -> str:
+    """The line of a row: host time in s, device time where the board sends it, the channels.
 
     A number is written with the fewest digits that give the same double, a missing value as an empty
     cell. A device time that is a calendar stamp or a clock is written in s since 1970 (UTC) or midnight.
     """
-    time, channels = layout.time, layout.channels
-
-    def encode(host: float, row: Sequence[float]) -> str:
-        cells = [f"{host:.6f}"]
-        if time is not None:
-            stamp = row[time.index]
-            cells.append(_number(stamp) if time.kind == "number" else _microseconds(stamp))
-        cells += [_number(row[i]) for i in channels]
-        return ",".join(cells) + "\n"
-
-    return encode
+    cells = [f"{host:.6f}"]
+    if time is not None:
+        stamp = row[time.index]
+        cells.append(_number(stamp) if time.kind == "number" or math.isnan(stamp) else f"{stamp / 1e6:.6f}")
+    return ",".join(cells + [_number(row[i]) for i in channels]) + "\n"
 
 
 def rejects_lines(host: float, number: int, text: str, issues: Iterable[LineIssue]) -> str:
@@ -211,18 +200,9 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else repr(value).removesuffix(".0")
 
 
-def _microseconds(stamp: float) -> str:
-    if math.isnan(stamp):
-        return ""
-    whole = round(abs(stamp))
-    return f"{'-' if stamp < 0 else ''}{whole // 1_000_000}.{whole % 1_000_000:06d}"
-
-
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
-    unit = " ".join("".join(c if c.isprintable() and c not in "[]" else " " for c in unit).split())[
-        :_MAX_UNIT_LENGTH
-    ]
+    unit = one_line(unit.replace("[", " ").replace("]", " "))[:_MAX_UNIT_LENGTH]
     name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
     if unit:
         return f"{name} [{unit}]"
@@ -319,6 +299,8 @@ def read_ends(path: Path) -> tuple[float | None, str, float]:
 # written waits in memory until there is space.
 
 
+SYNC_EVERY_S = 1.0
+"""Pause between two requests that the disk keep what it has, s."""
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 MAX_WAIT_BYTES = 32_000_000
@@ -326,11 +308,7 @@ MAX_WAIT_BYTES = 32_000_000
 bytes wait for 6 minutes."""
 _OVERHEAD = 60  # bytes of memory that each text takes besides
 
-_FULL = {
-    errno.ENOSPC: "the disk is full",
-    errno.EFBIG: "the file may not grow any further",
-    getattr(errno, "EDQUOT", errno.ENOSPC): "the disk is full (quota)",
-}
+_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
@@ -339,35 +317,32 @@ class AppendFile:
 
     def __init__(self, path: Path, head: str = "") -> None:
         """Name the file; it is opened by `open`, or by the first `flush`. `head` comes before all else."""
-        self.path = path
+        self.path, self._head = path, head
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
-        self.sync_error = ""
-        """The error of the last sync; "" if it succeeded."""
+        self._damage = self._sync_error = ""
         self.waiting = 0
         """Lines of the board in memory that have not reached the file."""
         self.lines = 0
         """Lines of the board that are in the file."""
         self.lost = 0
         """Lines of the board for which there was no memory left."""
-        self._head = head
         self._fd: int | None = None
         self._fd_lock = threading.Lock()
-        self._size = 0
-        self._dirty = self._losing = False
-        self._texts: list[bytes] = []  # what waits
-        self._bytes = 0
-        self._lost_before = 0
-        self._failed_at = self._retry_at = 0.0
-        self._kind = ""
+        self.size = 0
+        """Bytes of the file, without what other programs do to it."""
+        self._bytes = 0  # of what waits
+        self._dirty = False
+        self._texts: list[bytes] = []
+        self._failure = ("", 0.0, 0)  # its kind, when it began, the lines lost before
 
     @property
-    def idle(self) -> bool:
-        """True where nothing waits."""
-        return not self._texts
+    def problem(self) -> str:
+        """What is wrong with the file; "" for nothing."""
+        return self.error or self._damage or self._sync_error
 
-    def open(self, *, new: bool) -> None:
-        """Open the file, as a new one, or to append to it.
+    def open(self, *, new: bool) -> int:
+        """Open the file, as a new one, or to append to it; its descriptor.
 
         Raises:
             OSError: It cannot be opened (FileExistsError: it is there already), or another program appends to it.
@@ -379,18 +354,12 @@ class AppendFile:
         except BaseException:  # Ctrl+C as well must not keep the file open and locked
             os.close(fd)
             raise
-        self._fd = fd
-        self.measure()
-
-    def measure(self) -> None:
-        """Note the size of the open file, after it was repaired."""
-        if self._fd is not None:
-            self._size = os.fstat(self._fd).st_size
+        self._fd, self.size = fd, os.fstat(fd).st_size
+        return fd
 
     def put(self, text: str, lines: int = 0) -> None:
         """Queue the text of so many lines of the board for the next flush; it is lost if too much waits already."""
-        self._losing |= self._bytes > MAX_WAIT_BYTES  # until all that waits is written: one gap, not a hundred
-        if self._losing:
+        if self._bytes > MAX_WAIT_BYTES:  # until all that waits is written: one gap, not a hundred
             self.lost += lines
         else:
             self.note(text, lines)
@@ -410,60 +379,50 @@ class AppendFile:
             now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
         """
+        self._check()
         if not self._texts or (self.error and now < self._retry_at and not at_once):
             return
-        error = self._write()
-        if error is None and self.error:
-            lost = self.lost - self._lost_before
-            self.note(f"# gap {self._kind} {now - self._failed_at:.3f} s ({lost} lines dropped)\n")
-            error = self._write()
-        if error is None:
-            self.error, self._losing, self._lost_before = "", False, self.lost
-            return
-        if not self.error:
-            self._failed_at = now
-        is_full = error.errno in _FULL
-        self._kind = "disk full" if is_full else "write error"
-        reason = _FULL.get(error.errno or 0, error.strerror or str(error))
-        self.error = f"{reason}: lines for {self.path.name} wait in memory"
-        self._retry_at = now + RETRY_S
-
-    def _write(self) -> OSError | None:
-        """Write all that waits, or nothing; why it was nothing."""
-        data = memoryview(b"".join(self._texts))
-        size = len(data)
         try:
-            if self._fd is None:
-                self.open(new=False)
+            self._write()
             if self.error:
-                self._cut_back()
-            self._dirty = True
-            while data and self._fd is not None:
-                done = os.write(self._fd, data)
-                if not done:
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                data = data[done:]
+                kind, since, lost = self._failure
+                self.note(f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n")
+                self._write()
+            self.error = ""
         except OSError as error:
+            kind = "disk full" if error.errno in _FULL else "write error"
+            self._failure = (kind, *self._failure[1:]) if self.error else (kind, now, self.lost)
+            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} wait in memory"
+            self._retry_at = now + RETRY_S
+
+    def _check(self) -> None:
+        """Note what another program did to the file. A renamed file goes on under its new name."""
+        status = None if self._fd is None else os.fstat(self._fd)
+        if status and (not status.st_nlink or status.st_size < self.size):
+            self._damage = f"{self.path.name} was deleted or cut short by another program: record to a new file"
+
+    def _write(self) -> None:
+        """Write all that waits; where that raises OSError, nothing of it."""
+        fd = self.open(new=False) if self._fd is None else self._fd
+        data = b"".join(self._texts)
+        end, rest = self.size + len(data), memoryview(data)
+        try:
+            if self.error:
+                self._cut_back(fd)
+            self._dirty = True
+            while rest:
+                rest = rest[os.write(fd, rest) :]
+        except OSError:
             with suppress(OSError):  # tried again before the next write
-                self._cut_back()
-            return error
+                self._cut_back(fd)
+            raise
         self.lines, self.waiting = self.lines + self.waiting, 0
-        self._texts, self._bytes = [], 0
-        self._size += size
-        return None
+        self._texts, self._bytes, self.size = [], 0, end
 
-    def _cut_back(self) -> None:
+    def _cut_back(self, fd: int) -> None:
         """Cut off what a refused write left after the last whole line."""
-        if self._fd is not None and os.fstat(self._fd).st_size > self._size:
-            os.ftruncate(self._fd, self._size)
-
-    @property
-    def damage(self) -> str:
-        """What another program did to the file; "" for nothing. A renamed file goes on under its new name."""
-        own = None if self._fd is None else os.fstat(self._fd)
-        if own is None or (own.st_nlink and own.st_size >= self._size):
-            return ""
-        return f"{self.path.name} was deleted or cut short by another program: record to a new file"
+        if os.fstat(fd).st_size > self.size:
+            os.ftruncate(fd, self.size)
 
     def sync(self) -> None:
         """Sync the file to the disk; from any thread."""
@@ -473,10 +432,10 @@ class AppendFile:
             self._dirty = False
             try:
                 _fdatasync(self._fd)
-                self.sync_error = ""
+                self._sync_error = ""
             except OSError as error:
                 self._dirty = True  # sync once more
-                self.sync_error = f"the disk did not confirm what was written ({error.strerror or error})"
+                self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
 
     def close(self) -> None:
         """Close the file once the disk has it; what still waits is lost. Safe to call twice."""
@@ -490,16 +449,14 @@ class AppendFile:
 
 
 def _lock(fd: int) -> None:
-    """Two programs that append to one file would mix their lines. Windows has no such lock."""
+    """Two programs that append to one file would mix their lines."""
     try:
         import fcntl
-    except ImportError:
-        return
-    try:
+
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise OSError(errno.EBUSY, "it is being recorded") from None
-    except OSError:  # a file system without locks
+    except (ImportError, OSError):  # Windows, and some file systems, have no such locks
         return
 
 
@@ -530,27 +487,19 @@ class RecorderCounts:
 
     def __str__(self) -> str:
         """The account in words."""
-        text = (
-            f"received {self.received} lines = {self.written} written + {self.rejected} rejected"
-            f" + {self.dropped} dropped"
-        )
-        return text + (f"; {self.other} other{'s' * (self.other != 1)}" if self.other else "")
+        text = f"{self.written} written + {self.rejected} rejected + {self.dropped} dropped"
+        others = f"; {self.other} other{'s' * (self.other != 1)}" if self.other else ""
+        return f"received {self.received} lines = {text}{others}"
+
+
+StampedLine = tuple[float, LineEvent, Layout | None]
+"""Monotonic time in s, a line, and the layout at that line: None as long as none is known."""
 
 
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        source: str,
-        started: float,
-        wall: float,
-        resume: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-        sync_every: float = 1.0,
-    ) -> None:
+    def __init__(self, path: Path, source: str, *, resume: bool = False, clock: Clock = SYSTEM) -> None:
         """Create a recording, which never overwrites a file, or resume one that ended or that a crash cut short.
 
         To resume, the torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host
@@ -560,64 +509,46 @@ class Recorder:
         Args:
             path: NAME.csv; its folder exists, and the caller has checked that it may be written to.
             source: What is recorded, as the command line names it.
-            started: Monotonic time at host time 0, s.
-            wall: Unix time at host time 0, s.
             resume: Continue the recording at `path`.
-            clock: Monotonic clock, s; it times the retries on a full disk.
-            sync_every: Pause between two requests that the disk keep what it has, s.
+            clock: Host time 0 is its present time; its monotonic part times the retries on a full disk, too.
 
         Raises:
             BadFile: The name is taken (a free one is proposed), or the file cannot be created. To resume: there is
                 no such recording, it is being recorded, or it cannot be written to.
         """
-        self.path = path = Path(path)
+        self.path = Path(path)
         """NAME.csv, the first part."""
-        if not resume:
-            check_free(path)
-        self.error = ""
-        """What keeps lines from reaching the disk, in words; "" if nothing."""
-        self.counts = RecorderCounts()
-        """The account up to the last call."""
-        self.rejects_path = rejects_path(path)
+        self.rejects_path = rejects_path(self.path)
         """NAME.rejects; it exists once there is something in it."""
-        self._source, self._started, self._wall, self._clock = source, started, wall, clock
-        self._offset = 0.0
+        if not resume:
+            check_free(self.path)
+        self._source, self._clock = source, clock.monotonic
+        self._started, self._wall, self._offset = clock.monotonic(), clock.wall(), 0.0
         self._header = ""
         self._layout: Layout | None = None
-        self._encode: RowEncoder
+        self._channels: Sequence[int] = ()
         self._dropped = self._other = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._closed = False
         self._open(resume=resume)
-        self._publish()
-        self._sync = threading.Thread(
-            target=self._keep_synced, args=(sync_every,), name="kalscope-sync", daemon=True
-        )
+        self._sync = threading.Thread(target=self._keep_synced, name="kalscope-sync", daemon=True)
         self._sync.start()
-        sync_folder(path.parent)
-        with self._lock:
-            self._flush()
+        sync_folder(self.path.parent)
+        self.write([])
 
     def _open(self, *, resume: bool) -> None:
         """Open the file and queue its first comments."""
         parts = existing_parts(self.path) if resume else [self.path]
-        self._part, path = len(parts), parts[-1]
-        self._csv = AppendFile(path)
-        self._parts = [self._csv]
         has_rejects = resume and self.rejects_path.exists()
-        self._rejects = AppendFile(
-            self.rejects_path, "" if has_rejects else preamble(self._source, self._wall, rejects=True)
-        )
+        rejects_head = "" if has_rejects else preamble(self._source, self._wall, rejects=True)
+        self._part, self._csv = len(parts), AppendFile(parts[-1])
+        self._parts, self._rejects = [self._csv], AppendFile(self.rejects_path, rejects_head)
         try:
             self._csv.open(new=not resume)  # locked first: no other program appends while the tail is judged
-            if resume:
-                repair(path)
-                if has_rejects:
-                    repair(self.rejects_path)
-                self._csv.measure()
-                self._resume(*read_ends(path))
-            else:
+            if has_rejects:
+                repair(self.rejects_path)
+            if not resume or not self._resume(parts[-1]):
                 self._csv.note(preamble(self._source, self._wall))
         except BadFile:
             self._csv.close()
@@ -625,30 +556,47 @@ class Recorder:
         except (OSError, ValueError) as error:
             self._csv.close()
             reason = getattr(error, "strerror", None) or str(error)
-            raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
+            raise BadFile(f"cannot write the recording {str(parts[-1])!r}: {reason}") from None
 
-    def _resume(self, wall: float | None, header: str, host: float) -> None:
-        """Continue the host time and the columns of a part that begins and ends with these."""
-        if wall is None:  # a crash right after the start left no header
-            self._csv.note(preamble(self._source, self._wall))
-            return
+    def _resume(self, path: Path) -> bool:
+        """Repair a part, continue its host time and its columns; False where a crash left not even comments."""
+        self._csv.size -= repair(path)
+        wall, self._header, host = read_ends(path)
+        if wall is None:
+            return False
         since = self._wall - wall - host
-        self._offset, self._header = host + max(since, 0.0), header
+        self._offset = host + max(since, 0.0)
         length = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
         self._csv.note(
             f"# gap restart {length}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
             f" source: {escaped(self._source)}\n"
         )
+        return True
 
-    def _keep_synced(self, every: float) -> None:
-        """Sync the files to the disk once a second.
+    def _keep_synced(self) -> None:
+        """Sync the files to the disk.
 
         On a laptop that takes 0.1 ms, on a memory card seconds: in the thread that writes it would let lines pile
         up in memory, where a crash loses them.
         """
-        while not self._stop.wait(every):
+        while not self._stop.wait(SYNC_EVERY_S):
             for file in self._files():
                 file.sync()
+
+    @property
+    def counts(self) -> RecorderCounts:
+        """The account up to now."""
+        files, rejected = self._files(), self._rejects.lines
+        written, waiting = sum(part.lines for part in self._parts), sum(file.waiting for file in files)
+        unwritable = sum(file.lost for file in files)
+        dropped = self._dropped + unwritable
+        received = written + rejected + dropped
+        return RecorderCounts(received, written, rejected, dropped, unwritable, waiting, self._other)
+
+    @property
+    def error(self) -> str:
+        """What keeps lines from reaching the disk, in words; "" if nothing."""
+        return next(filter(None, (file.problem for file in self._files())), "")
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -657,61 +605,46 @@ class Recorder:
 
     @property
     def files(self) -> str:
-        """The names of the parts; where there are several, with the lines that are in each."""
-        if len(self._parts) == 1:
-            return self.path.name
-        return " and ".join(f"{part.path.name} ({count(part.lines)} lines)" for part in self._parts)
+        """The names of the parts."""
+        return " and ".join(path.name for path in self.paths)
 
-    def write(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout | None) -> None:
-        """Write lines; called often, also without lines, and never raises disk errors.
-
-        Args:
-            stamped: (monotonic time in s, line), in order of time.
-            layout: Of all these rows: lines before and after a new layout are two calls. None as long as
-                no layout is known; then no line is a row.
-        """
-        with self._lock:
-            if self._closed:
-                return
-            if layout is not None and layout is not self._layout and any(one.kind == "row" for _, one in stamped):
-                self._use(layout)  # with its first row: names of variables may come long before
-            for at, event in stamped:
-                self._take(at, event)
-            self._flush()
-
-    def gap(self, kind: str, seconds: float) -> None:
-        """Note in the file how long nothing was received, and why: "unplug", "suspend"."""
+    def write(self, stamped: Sequence[StampedLine]) -> None:
+        """Write lines, in order of time; called often, also without lines, and never raises disk errors."""
         with self._lock:
             if not self._closed:
-                self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n")
+                for line in stamped:
+                    self._take(*line)
                 self._flush()
 
-    def drop(self, count: int) -> None:
-        """Count lines that were lost before they could be passed on."""
+    def lose(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
+        """Count lines that were lost before they could be passed on.
+
+        Args:
+            lines: How many.
+            kind: Why nothing was received, "unplug" or "overrun"; the file notes it. "" = it does not.
+            seconds: For how long.
+        """
         with self._lock:
             if not self._closed:
-                self._dropped += count
-                self._publish()
+                self._dropped += lines
+                if kind:
+                    self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n")
+                    self._flush()
 
     def close(self) -> RecorderCounts:
         """Write the account as a last comment and close the files; safe to call twice, never raises disk errors."""
         with self._lock:
-            if self._closed:
-                return self.counts
-            self._closed = True
-            self._flush(at_once=True)
-            self._stop.set()
-            self._sync.join()
-            error = self.error
-            for file in (*self._parts[:-1], self._rejects):
-                file.close()
-            if not self._csv.error:
-                self._publish()
-                self._csv.note(f"# end: {self.counts}\n")
-                self._csv.flush(self._clock(), at_once=True)
-            self._csv.close()
-            self._publish()
-            self.error = self.error or error
+            if not self._closed:
+                self._closed = True
+                self._flush(at_once=True)
+                self._stop.set()
+                self._sync.join()
+                for file in (*self._parts[:-1], self._rejects):
+                    file.close()
+                if not self._csv.error:
+                    self._csv.note(f"# end: {self.counts}\n")
+                    self._csv.flush(self._clock(), at_once=True)
+                self._csv.close()
             return self.counts
 
     def _files(self) -> tuple[AppendFile, ...]:
@@ -724,8 +657,7 @@ class Recorder:
             self._csv.note(header)
         elif header != self._header:
             self._next_part(header)
-        self._layout, self._header = layout, header
-        self._encode = row_encoder(layout)
+        self._layout, self._header, self._channels = layout, header, layout.channels
 
     def _next_part(self, header: str) -> None:
         before = self._csv
@@ -736,44 +668,25 @@ class Recorder:
         self._csv = AppendFile(path, start + header)
         self._parts.append(self._csv)
 
-    def _take(self, at: float, event: LineEvent) -> None:
-        host = at - self._started + self._offset
-        if event.kind == "row":
-            self._csv.put("".join(self._encode(host, row) for row in event.rows), 1)
-            if event.issues:  # of single cells: the row has empty cells there
-                self._reject(host, event, event.issues, 0)
-        elif event.kind == "rejected":
-            self._reject(host, event, event.issues, 1)
-        else:
+    def _take(self, at: float, event: LineEvent, layout: Layout | None) -> None:
+        host, issues = at - self._started + self._offset, event.issues
+        if event.kind == "row" and layout is not None:
+            if layout is not self._layout:  # with its first row: names of variables may come long before
+                self._use(layout)
+            rows = (row_line(layout.time, self._channels, host, row) for row in event.rows)
+            self._csv.put("".join(rows), 1)
+        elif event.kind != "rejected":
             self._other += 1
-            if event.kind != "blank":
-                why = LineIssue(event.number, f"is {_WHAT.get(event.kind, event.kind)}", event.text)
-                self._reject(host, event, (why,), 0)
-
-    def _reject(self, host: float, event: LineEvent, issues: Sequence[LineIssue], lines: int) -> None:
-        self._rejects.put(rejects_lines(host, event.number, event.text, issues), lines)
+            what = _WHAT.get(event.kind)
+            issues = (LineIssue(event.number, f"is {what}", event.text),) if what else ()
+        if issues or event.kind == "rejected":  # those of single cells, too: the row has empty cells there
+            lines = rejects_lines(host, event.number, event.text, issues)
+            self._rejects.put(lines, int(event.kind == "rejected"))
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
         for file in self._files():
             file.flush(now, at_once=at_once)
         for part in self._parts[:-1]:
-            if part.idle:
+            if not part.error:  # nothing waits
                 part.close()
-        self._publish()
-
-    def _publish(self) -> None:
-        files, rejects = self._files(), self._rejects
-        written, unwritable = sum(part.lines for part in self._parts), sum(file.lost for file in files)
-        dropped = self._dropped + unwritable
-        self.counts = RecorderCounts(
-            received=written + rejects.lines + dropped,
-            written=written,
-            rejected=rejects.lines,
-            dropped=dropped,
-            unwritable=unwritable,
-            waiting=sum(file.waiting for file in files),
-            other=self._other,
-        )
-        errors = [error for file in files for error in (file.error, file.damage, file.sync_error)]
-        self.error = next(filter(None, errors), "")

@@ -197,7 +197,7 @@ def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, boa
     assert Session(opened(FILE)).connection() == NO_CONNECTION
 
 
-@pytest.mark.parametrize(("spec", "says"), [("", "must be named"), ("ftp://x", "must begin with ssh://")])
+@pytest.mark.parametrize(("spec", "says"), [("", "must be named"), ("ftp://x", "must begin with one of")])
 def test_what_is_no_port_is_refused(spec, says):
     with pytest.raises(BadSetting, match=says):
         port_named(spec, "9600", reset=True)

@@ -7,7 +7,6 @@ from each import each
 
 from kalscope.sources.live.lines import LineCounts
 from kalscope.sources.live.samples import ArrivedRow, LiveSamples, gathered
-from kalscope.sources.port.reader import SYSTEM
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.line_parser import LineParser
 
@@ -33,7 +32,7 @@ def test_rows_of_one_moment_are_one_row(rows, expected):
 
 
 def test_a_topic_that_is_new_later_gets_a_column_and_the_others_keep_their_samples():
-    samples, parser = LiveSamples(PortSpec("mqtt://broker/#"), 4, SYSTEM), LineParser()
+    samples, parser = LiveSamples(PortSpec("mqtt://broker/#"), 4), LineParser()
 
     def say(at, line):
         parser.feed(line)

@@ -25,18 +25,13 @@ def test_without_stamps_time_is_that_of_arrival_from_the_first_sample():
     assert (np.diff(time) > 0).all()
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6)])
-def test_stamps_of_the_board_are_the_time_to_the_last_digit(unit, scale):
-    clock = LiveTime(TimeColumn(0, "number", unit))
-    time = times_of(clock, [9.0, 9.3, 9.1, 9.9], [5000.0, 5010.0, 5020.0, 5030.0])
-    np.testing.assert_allclose(time, np.arange(4) * 10 * scale, rtol=1e-12, atol=1e-12)
-    assert clock.period == pytest.approx(10 * scale, rel=1e-9)
-
-
 @each(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 @each("speed", [1.0, 12.0])
-def test_a_unit_that_is_not_said_is_found_by_the_clock_of_the_host(unit, scale, speed):
-    clock = LiveTime(TimeColumn(0, "number", ""))
+@each("is_named", [True, False])
+def test_stamps_are_the_time_and_a_unit_without_name_is_found_by_the_clock_of_the_host(
+    unit, scale, speed, is_named
+):
+    clock = LiveTime(TimeColumn(0, "number", unit if is_named else ""))
     true = np.arange(200) * 0.01
     time = times_of(clock, (7 + true / speed).tolist(), (true / scale).tolist())
     np.testing.assert_allclose(time, true, atol=1e-9)

@@ -2,49 +2,42 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.live.lines import LiveLines
 from kalscope.sources.port import reader as events
-from kalscope.sources.port.reader import BytesReceived, LineCounter, LinesDropped, Overload
-
-PIECES = st.lists(st.binary(min_size=1, max_size=12) | st.text("1,\r\n", min_size=1, max_size=12).map(str.encode))
-LINE_END = re.compile(rb"\r\n|\r|\n")
-
-
-@given(PIECES)
-def test_lines_are_counted_wherever_the_stream_is_cut(pieces):
-    counter = LineCounter()
-    assert sum(map(counter.count, pieces)) == len(LINE_END.findall(b"".join(pieces)))
-
+from kalscope.sources.port.reader import BytesReceived, LinesDropped, Overload
 
 ENDS = st.lists(st.sampled_from([b"\n", b"\r\n", b"\r"]), min_size=1, max_size=40)
 
 
 @given(ENDS, st.lists(st.integers(1, 9), min_size=1), st.data())
-def test_every_line_is_handed_over_whole_or_counted(ends, sizes, data):
-    """However fast the consumer is: the lines kept and those dropped are the lines sent, none is half of two."""
-    lines = [b"%d" % number for number in range(100, 100 + len(ends))]
-    stream = b"".join(line + end for line, end in zip(lines, ends, strict=True))
+def test_every_line_is_read_whole_or_counted(ends, sizes, data):
+    """However fast the consumer is: the lines read and those dropped are the lines sent, none is half of two."""
+    sent = list(range(100, 100 + len(ends)))
+    stream = b"".join(b"%d" % number + end for number, end in zip(sent, ends, strict=True))
+    lines, rows = LiveLines(ReadOptions()), []
+    lines.opened(0.0, "at a line")
+
+    def consume(items):
+        for item in items:
+            if isinstance(item, LinesDropped):
+                lines.overrun(item.count, item.last)
+            else:
+                rows.extend(event.rows[0][0] for event in lines.feed(item) if event.kind == "row")
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(events, "MAX_WAITING_BYTES", 40)
-        queue, gate, at = [], Overload(), 0
+        gate, at = Overload(), 0
         for i in range(len(stream)):
             piece, at = stream[at : at + sizes[i % len(sizes)]], at + sizes[i % len(sizes)]
             if piece:
-                queue += gate.take(BytesReceived(piece, i, i + 1, 0.0), data.draw(st.sampled_from([0, 25, 60])))
-        queue += gate.end()
-    runs, dropped = [b""], 0
-    for item in queue:
-        if isinstance(item, LinesDropped):
-            dropped += item.count
-            runs.append(b"")
-        else:
-            runs[-1] += item.data
-    kept = [line for run in runs for line in LINE_END.split(run)[:-1]]
-    assert len(kept) + dropped == len(lines)
-    assert set(kept) <= set(lines)
-    assert kept == sorted(kept)
+                consume(gate.take(BytesReceived(piece, i, i + 1, 0.0), data.draw(st.sampled_from([0, 25, 60]))))
+        consume(gate.end())
+    assert rows == sorted(set(rows) & set(sent))
+    counts = lines.counts
+    assert counts.received == len(sent)
+    assert (counts.accepted, counts.rejected, counts.dropped) == (len(rows), 0, len(sent) - len(rows))

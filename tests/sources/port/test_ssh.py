@@ -46,9 +46,10 @@ def values(live):
     return live.snapshot().recording.values[:, 0]
 
 
-def test_a_port_of_another_machine_is_a_port(pi, board, wait_for):
+def test_a_port_of_another_machine_is_a_port_and_a_cut_connection_a_gap(pi, board, wait_for, tmp_path):
     with LiveSource(port_of(f"ssh://pi{board.link}@250000", reset=False)) as live:
         wait_for(lambda: live.status().word == "connected")
+        live.record(tmp_path / "run.csv")
         board.say(b"x\nheat,light\n")
         start = time.monotonic()
         for first in range(0, 3000, 10):
@@ -56,29 +57,17 @@ def test_a_port_of_another_machine_is_a_port(pi, board, wait_for):
             time.sleep(max(0.0, start + (first + 10) / 1000 - time.monotonic()))
         wait_for(lambda: kept(live) == 3000)
         np.testing.assert_array_equal(values(live), np.arange(3000))
-        status = live.status()
-        assert (status.received, status.accepted, status.rejected, status.dropped) == (3002, 3000, 0, 2)
         threading.Thread(target=lambda: (board.heard(), board.say(b"# q=0.01\r\n"))).start()
         assert live.send("q0.01", timeout=100) == ("# q=0.01",)
-
-
-def test_a_cut_connection_is_a_gap_and_comes_back(pi, board, tmp_path, wait_for):
-    with LiveSource(f"ssh://pi{board.link}") as live:
-        wait_for(lambda: live.status().word == "connected")
-        live.record(tmp_path / "run.csv")
-        board.say(b"x\n" + lines(0, 100))
-        wait_for(lambda: kept(live) == 100)
         pi.cut()
         wait_for(lambda: live.status().word != "connected")
         assert "there is no connection to pi" in live.status().hint
         wait_for(lambda: live.status().word == "connected")
-        board.say(b"x\n" + lines(100, 200))
-        wait_for(lambda: kept(live) == 201)
+        board.say(b"x\n" + lines(3000, 3100))
+        wait_for(lambda: kept(live) == 3101)
         status = live.status()
-        assert (status.reconnects, status.accepted) == (1, 200)
-    text = (tmp_path / "run.csv").read_text()
-    assert text.count("# gap unplug") == 1
-    assert text.count("\n") == 5 + 200 + 2
+        assert (status.received, status.accepted, status.rejected, status.reconnects) == (3104, 3100, 0, 1)
+    assert (tmp_path / "run.csv").read_text().count("# gap unplug") == 1
 
 
 def test_a_second_reader_is_refused(pi, board):
@@ -94,12 +83,12 @@ def test_a_second_reader_is_refused(pi, board):
     [
         (
             "ssh://stranger/dev/null",
-            "the host key of stranger is not known here, or it has changed: run",
+            r"no connection to stranger \(Host key verification failed.\): does ssh stranger",
         ),
-        ("ssh://impostor/dev/null", "the host key of impostor is not known here, or it has changed"),
+        ("ssh://impostor/dev/null", r"Host key verification failed.*Compare and accept the host key there"),
         ("ssh://closed/dev/null", r"there is no connection to closed \(.*refused\)"),
-        ("ssh://locked/dev/null", "locked accepts none of your keys, .* ssh-copy-id locked"),
-        ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi once"),
+        ("ssh://locked/dev/null", r"locked \(.*Permission denied.*by ssh-copy-id locked: no password"),
+        ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi"),
         ("ssh://bare/dev/null", "bare cannot read it there: .*command not found .*python3"),
         ("ssh://noisy/dev/null", "noisy cannot read it there: /dev/null: is not a serial port"),
         ("ssh://pi/dev/ttyNONE", "pi cannot read it there: /dev/ttyNONE: No such file"),
@@ -118,28 +107,23 @@ def test_without_ssh_there_is_one_sentence_too(monkeypatch, tmp_path):
         SshPort(port_of("ssh://pi/dev/ttyACM0"), bool, None)
 
 
-@each(
-    "text",
-    [
-        "ssh://",
-        "ssh://pi",
-        "ssh://user@pi",
-        "ssh:///dev/ttyACM0",
-        "ssh://-oProxyCommand=touch x/dev/ttyACM0",
-        "ssh://-oProxyCommand=x@pi/dev/ttyACM0",
-        "ssh://pi;touch x/dev/ttyACM0",
-        "ssh://$(touch x)/dev/ttyACM0",
-        "ssh://a@b@pi/dev/ttyACM0",
-        "ssh://pi:0/dev/ttyACM0",
-        "ssh://pi:70000/dev/ttyACM0",
-        "ssh://user:secret@pi/dev/ttyACM0",
-        "ssh://pi/dev/tty%0aACM0",
-        "ssh://pi/dev/ttyACM0@fast",
-    ],
-)
+NO_ADDRESSES = [
+    "",
+    "pi",
+    "user@pi",
+    "/dev/ttyACM0",
+    "a@b@pi/dev/ttyACM0",
+    "pi:0/dev/ttyACM0",
+    "pi:70000/dev/ttyACM0",
+]
+NO_ADDRESSES += ["-oProxyCommand=touch x/dev/ttyACM0", "-oProxyCommand=x@pi/dev/ttyACM0", "pi;touch x/dev/ttyACM0"]
+NO_ADDRESSES += ["$(touch x)/dev/ttyACM0", "user:secret@pi/dev/ttyACM0", "pi/dev/tty%0aACM0", "pi/dev/ttyACM0@fast"]
+
+
+@each("text", NO_ADDRESSES)
 def test_an_address_that_is_no_address_never_reaches_ssh(text):
     with pytest.raises(BadSetting, match=r"an address must (be|hold no password)|baud rate"):
-        port_of(text)
+        port_of(f"ssh://{text}")
 
 
 def test_a_path_is_never_run(pi, tmp_path, wait_for):

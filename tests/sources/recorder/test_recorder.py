@@ -23,24 +23,27 @@ from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import Recorder, RecorderCounts, escaped, read_ends
+from kalscope.sources.recorder import Recorder, RecorderCounts, read_ends
 
 STARTED, WALL = 1000.0, 1_763_678_912.25
 NAN = math.nan
 
 
 class Clock:
-    """A monotonic clock that is set by hand."""
+    """Clocks that are set by hand."""
 
-    def __init__(self) -> None:
-        self.now = STARTED
+    def __init__(self, now=STARTED, wall=WALL):
+        self.now, self._wall = now, wall
 
-    def __call__(self) -> float:
+    def monotonic(self):
         return self.now
+
+    def wall(self):
+        return self._wall
 
 
 def new_recorder(path, **settings):
-    return Recorder(path, source="test", **{"started": STARTED, "wall": WALL, "clock": Clock(), **settings})
+    return Recorder(path, "test", **{"clock": Clock(), **settings})
 
 
 def hand_over(recorder, data, at=STARTED, step=0.001):
@@ -48,12 +51,12 @@ def hand_over(recorder, data, at=STARTED, step=0.001):
     parser = LineParser()
     parser.feed(data)
     for i, event in enumerate(parser):
-        recorder.write([(at + i * step, event)], parser.layout)
+        recorder.write([(at + i * step, event, parser.layout)])
 
 
-def layout_of(names, units=None, time=None):
+def layout_of(names, units=None):
     columns = [Column(name, unit) for name, unit in zip(names, units or [""] * len(names), strict=True)]
-    return Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), ())
+    return Layout(LineFormat(), tuple(columns), None, 1, frozenset(), (), ())
 
 
 def row(number, *values):
@@ -79,7 +82,7 @@ def test_a_recording_is_comments_a_header_and_rows_of_host_time_device_time_and_
     )
     recorder = new_recorder(path)
     hand_over(recorder, with_time)
-    recorder.gap("unplugged", 2.5)
+    recorder.lose(0, "unplugged", 2.5)
     recorder.close()
     lines = path.read_text().splitlines()
     assert lines[0].startswith("# kalscope recording ")
@@ -97,7 +100,7 @@ def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("r") / "run.csv"
     recorder = new_recorder(path)
     layout = layout_of(["a", "b"])
-    recorder.write([(STARTED + i, row(i, value, 1)) for i, value in enumerate(values)], layout)
+    recorder.write([(STARTED + i, row(i, value, 1), layout) for i, value in enumerate(values)])
     recorder.close()
     cells = [line.split(",")[1] for line in data_lines(path)]
     again = np.array([float(cell) if cell else NAN for cell in cells])
@@ -107,32 +110,9 @@ def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
     np.testing.assert_array_equal(np.signbit(again[~np.isnan(again)]), np.signbit(numbers[~np.isnan(numbers)]))
 
 
-HOSTILE = [
-    "a,b",
-    'say "hi"',
-    "two\nlines",
-    "# comment",
-    "no#mark",
-    "5",
-    "nan",
-    "12:30",
-    "2024-01-01",
-    "a [b]",
-    "force (N)",
-    "Distance_cm",
-    "=cmd()",
-    " spaces ",
-    "",
-    "\x00\x07",
-    "host time",
-    "device time",
-    "time",
-    "日本 µ",
-    "x" * 300,
-    "'",
-    ";\t|",
-    "\\",
-]
+HOSTILE = ["a,b", 'say "hi"', "two\nlines", "# comment", "no#mark", "5", "nan", "12:30", "2024-01-01", "a [b]"]
+HOSTILE += ["force (N)", "Distance_cm", "=cmd()", " spaces ", "", "\x00\x07", "host time", "device time", "time"]
+HOSTILE += ["日本 µ", "x" * 300, "'", ";\t|", "\\"]
 
 
 @pytest.mark.parametrize("first", range(0, len(HOSTILE), 8))
@@ -142,8 +122,9 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     names = HOSTILE[first : first + 8]
     path = tmp_path / "run.csv"
     recorder = new_recorder(path)
-    events = [(STARTED + i, row(i, *(i * 10 + j / 4 for j in range(len(names))))) for i in range(20)]
-    recorder.write(events, layout_of(names, ["V", "", "a [b]", "", "#", ",", '"', ""][: len(names)]))
+    layout = layout_of(names, ["V", "", "a [b]", "", "#", ",", '"', ""][: len(names)])
+    expected = [[i * 10 + j / 4 for j in range(len(names))] for i in range(20)]
+    recorder.write([(STARTED + i, row(i, *values), layout) for i, values in enumerate(expected)])
     recorder.close()
     recording, table = read_recording(path), pd.read_csv(path, comment="#")
     told = []
@@ -153,7 +134,6 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
         told.append(f"{kept} 2" if kept in ("host time", "device time", *told) else kept)
     assert recording.names == tuple(told)
     assert recording.units == ("V", "", "a b", "", "#", ",", '"', "")[: len(names)]
-    expected = [[i * 10 + j / 4 for j in range(len(names))] for i in range(20)]
     np.testing.assert_array_equal(recording.values, expected)
     np.testing.assert_array_equal(recording.time, np.arange(20.0))
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
@@ -180,55 +160,46 @@ def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_pa
     assert counts == RecorderCounts(received=7, written=4, rejected=3, other=2)
 
 
-def test_other_columns_begin_a_new_part_with_the_same_host_time(tmp_path):
+def test_other_columns_begin_a_new_part_with_the_same_host_time_which_is_resumed(tmp_path):
     path = tmp_path / "run.csv"
     recorder = new_recorder(path)
     hand_over(recorder, b"a:1\na:2\n")
     hand_over(recorder, b"a:3 b:4\n", at=STARTED + 5)
-    counts = recorder.close()
+    assert recorder.close().written == 3
+    assert recorder.paths == (path, tmp_path / "run-2.csv")
     assert data_lines(path) == ["0.000000,1", "0.001000,2"]
     assert path.read_text().endswith("# continued in run-2.csv: the columns changed\n")
-    assert data_lines(tmp_path / "run-2.csv") == ["5.000000,3,4"]
-    assert recorder.paths == (path, tmp_path / "run-2.csv")
-    assert counts.written == 3
+    recorder = new_recorder(path, clock=Clock(0.0, WALL + 10), resume=True)
+    hand_over(recorder, b"a:1 b:2\n", at=0.0)
+    recorder.close()
+    assert data_lines(tmp_path / "run-2.csv") == ["5.000000,3,4", "10.000000,1,2"]
+    assert read_ends(tmp_path / "run-2.csv")[0] == WALL
+    assert not (tmp_path / "run-3.csv").exists()
 
 
 # The account.
 
-EVENTS = st.lists(
-    st.tuples(st.sampled_from(["row", "rejected", "blank", "comment", "header", "text", "drop", "gap"]), st.text()),
-    max_size=30,
-)
+KINDS = ["row", "rejected", "blank", "comment", "header", "text", "lost"]
 
 
 @pytest.mark.slow
-@given(EVENTS)
+@given(st.lists(st.tuples(st.sampled_from(KINDS), st.text()), max_size=30))
 def test_received_is_written_and_rejected_and_dropped(tmp_path_factory, events):
     path = tmp_path_factory.mktemp("r") / "run.csv"
     recorder = new_recorder(path)
-    layout, expected = layout_of(["a", "b"]), dict.fromkeys(["row", "rejected", "drop", "other"], 0)
+    layout, expected = layout_of(["a", "b"]), dict.fromkeys(KINDS, 0)
     for number, (kind, text) in enumerate(events, 1):
-        if kind == "drop":
-            recorder.drop(len(text))
-            expected["drop"] += len(text)
-        elif kind == "gap":
-            recorder.gap(text, 1.0)
+        expected[kind] += len(text) if kind == "lost" else 1
+        if kind == "lost":
+            recorder.lose(len(text), text, 1.0)
         else:
             rows = ((1.0, 2.0),) if kind == "row" else ()
-            event = LineEvent(number, "row" if rows else kind, text, rows)
-            recorder.write([(STARTED + number, event)], layout)
-            expected[kind if kind in ("row", "rejected") else "other"] += 1
+            recorder.write([(STARTED + number, LineEvent(number, kind, text, rows), layout)])
         assert law_holds(recorder.counts)
     counts = recorder.close()
-    assert law_holds(counts)
-    assert counts == RecorderCounts(
-        sum(expected.values()) - expected["other"],
-        expected["row"],
-        expected["rejected"],
-        expected["drop"],
-        other=expected["other"],
-    )
-    assert len(data_lines(path)) == counts.written if counts.written else True
+    written, rejected, *others, lost = expected.values()
+    assert counts == RecorderCounts(written + rejected + lost, written, rejected, lost, other=sum(others))
+    assert len(data_lines(path)) == counts.written
     assert path.read_text("utf-8").endswith(f"# end: {counts}\n")
 
 
@@ -237,7 +208,7 @@ def test_all_lines_of_a_hand_over_go_out_in_one_write(tmp_path, monkeypatch):
     sizes, write = [], os.write
     monkeypatch.setattr(recorder_module.os, "write", lambda fd, data: sizes.append(len(data)) or write(fd, data))
     layout = layout_of(["a"])
-    recorder.write([(STARTED + i / 1000, row(i, i)) for i in range(250)], layout)
+    recorder.write([(STARTED + i / 1000, row(i, i), layout) for i in range(250)])
     assert len(sizes) == 1
     assert len(data_lines(tmp_path / "run.csv")) == 250
     recorder.close()
@@ -250,16 +221,11 @@ def test_a_recording_is_never_overwritten_and_a_free_name_is_proposed(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("mine")
     (tmp_path / "run_2.csv").write_text("mine too")
-    with pytest.raises(BadFile, match=r"such as 'run_3.csv'"):
+    (tmp_path / "run_3.rejects").write_text("of another recording")
+    with pytest.raises(BadFile, match=r"such as 'run_4.csv'"):
         new_recorder(path)
     assert path.read_text() == "mine"
-
-
-def test_rejects_of_another_recording_are_not_mixed_with_ours(tmp_path):
-    (tmp_path / "run.rejects").write_text("theirs")
-    with pytest.raises(BadFile, match="exists already"):
-        new_recorder(tmp_path / "run.csv")
-    with pytest.raises(BadFile, match=r"\.rejects"):
+    with pytest.raises(BadFile, match=r"must not end in \.rejects"):
         new_recorder(tmp_path / "other.rejects")
 
 
@@ -268,9 +234,6 @@ def test_where_no_file_can_be_written_that_is_said_at_once(tmp_path, name):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadFile, match="cannot write the recording"):
         new_recorder(tmp_path / name)
-
-
-# Clocks.
 
 
 # Disks.
@@ -311,41 +274,23 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_all_come_when_the
             assert recorder.counts.written + recorder.counts.waiting == 6
             disk.room = 1_000_000
             clock.now += 1.0
-            recorder.write([], None)
+            recorder.write([])
             assert recorder.error == ""
             assert recorder.close() == RecorderCounts(6, 6)
         assert data_lines(path) == full
         assert ("# gap disk full 1.000 s (0 lines dropped)" in path.read_text()) == (room < size)
 
 
-@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO])
-def test_a_disk_that_refuses_is_said_at_the_very_write_and_asked_again_each_second(tmp_path, monkeypatch, error):
-    clock = Clock()
-    recorder = new_recorder(tmp_path / "run.csv", clock=clock)
-    disk = FullDisk(3, error)
-    monkeypatch.setattr(recorder_module.os, "write", disk)
-    hand_over(recorder, b"1,2\n")
-    assert "run.csv" in recorder.error
-    disk.room = 1_000_000
-    clock.now += 0.5
-    recorder.write([], None)
-    assert recorder.error
-    clock.now += 0.5
-    recorder.write([], None)
-    assert recorder.error == ""
-    recorder.close()
-
-
 def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_dropped(tmp_path, monkeypatch):
     path, clock, layout = tmp_path / "run.csv", Clock(), layout_of(["a"])
     recorder = new_recorder(path, clock=clock)
-    recorder.write([(STARTED, row(0, 0))], layout)
+    recorder.write([(STARTED, row(0, 0), layout)])
     disk = FullDisk(0)
     monkeypatch.setattr(recorder_module.os, "write", disk)
     monkeypatch.setattr(recorder_module, "MAX_WAIT_BYTES", 2500)
     for i in range(1, 201):  # 1 line/s
         clock.now = STARTED + i
-        recorder.write([(clock.now, row(i, i))], layout)
+        recorder.write([(clock.now, row(i, i), layout)])
         assert law_holds(recorder.counts)
     kept = recorder.counts.waiting
     assert 20 < kept < 40
@@ -353,7 +298,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_the_rest_is_counted_as_droppe
     disk.room = 1_000_000
     for i in (201, 202):
         clock.now = STARTED + i
-        recorder.write([(clock.now, row(i, i))], layout)
+        recorder.write([(clock.now, row(i, i), layout)])
     counts = recorder.close()
     assert law_holds(counts)
     assert [int(line.split(",")[1]) for line in data_lines(path)] == [*range(kept + 1), 202]
@@ -367,43 +312,41 @@ def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_wri
         recorder = new_recorder(tmp_path / f"{name}.csv")
         hand_over(recorder, b"a,b\n1,2\n")
         change(recorder.path)
-        recorder.write([], None)
+        recorder.write([])
         assert recorder.error == f"{name}.csv was deleted or cut short by another program: record to a new file"
         recorder.close()
 
 
 def test_closing_on_a_full_disk_counts_what_waited_as_dropped(tmp_path, monkeypatch):
-    recorder = new_recorder(tmp_path / "run.csv")
-    hand_over(recorder, b"1,2\n3,4\n")
-    monkeypatch.setattr(recorder_module.os, "write", FullDisk(5))
-    hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
-    assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
-    assert len(data_lines(tmp_path / "run.csv")) == 2
-    assert "full" in recorder.error
+    for error, says in (
+        (errno.EDQUOT, "disk full (Disk quota"),
+        (errno.EIO, "write error (Input/output error): lines"),
+    ):
+        path = tmp_path / f"{error}.csv"
+        with monkeypatch.context() as patch:
+            hand_over(recorder := new_recorder(path), b"1,2\n3,4\n")
+            patch.setattr(recorder_module.os, "write", FullDisk(5, error))
+            hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
+            assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
+        assert len(data_lines(path)) == 2
+        assert says in recorder.error
 
 
 def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypatch):
-    broken, calls = threading.Event(), []
+    broken = threading.Event()
     broken.set()
 
-    def sync(fd):
-        calls.append(fd)
+    def sync(_fd):
         if broken.is_set():
             raise OSError(errno.EIO, "Input/output error")
 
-    def error():
-        recorder.write([], None)
-        return recorder.error
-
     monkeypatch.setattr(recorder_module, "_fdatasync", sync)
-    recorder = new_recorder(tmp_path / "run.csv", sync_every=0.01)
-    wait_until(lambda: "Input/output error" in error(), "the word that the disk does not confirm")
-    asked = len(calls)
-    wait_until(lambda: len(calls) > asked, "another request")
+    monkeypatch.setattr(recorder_module, "SYNC_EVERY_S", 0.01)
+    recorder = new_recorder(tmp_path / "run.csv")
+    wait_until(lambda: "Input/output error" in recorder.error, "the word that the disk does not confirm")
     broken.clear()
-    wait_until(lambda: error() == "", "the disk's word")
-    hand_over(recorder, b"1,2\n")
-    assert recorder.close().written == 1
+    wait_until(lambda: recorder.error == "", "the disk's word, asked again")
+    recorder.close()
 
 
 # Going on.
@@ -415,7 +358,7 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     first.close()
     with path.open("ab") as file:
         file.write(b"99.1,3,1.")  # a crash
-    recorder = Recorder(path, source="test", started=50.0, wall=WALL + 60.0, clock=Clock(), resume=True)
+    recorder = new_recorder(path, clock=Clock(50.0, WALL + 60.0), resume=True)
     hand_over(recorder, b"number,half\n3,1.5\n", at=50.5)
     counts = recorder.close()
     assert data_lines(path) == ["0.001000,1,0.5", "0.002000,2,1", "60.501000,3,1.5"]
@@ -426,39 +369,11 @@ def test_a_resumed_recording_goes_on_in_its_file_and_says_how_long_nothing_came(
     np.testing.assert_array_equal(recording.values, [[1, 0.5], [2, 1], [3, 1.5]])
 
 
-def test_other_columns_after_a_restart_begin_a_new_part_and_the_next_restart_goes_on_there(tmp_path):
-    path = tmp_path / "run.csv"
-    hand_over(first := new_recorder(path), b"a:1\na:2\n")
-    first.close()
-    for wall in (WALL + 10, WALL + 20):
-        recorder = Recorder(path, source="test", started=0.0, wall=wall, clock=Clock(), resume=True)
-        hand_over(recorder, b"a:1 b:2\n", at=0.0)
-        recorder.close()
-    assert data_lines(path) == ["0.000000,1", "0.001000,2"]
-    assert data_lines(tmp_path / "run-2.csv") == ["10.000000,1,2", "20.000000,1,2"]
-    assert read_ends(tmp_path / "run-2.csv")[0] == WALL
-    assert not (tmp_path / "run-3.csv").exists()
-
-
-def test_a_recording_in_progress_cannot_be_resumed_by_another(tmp_path):
+def test_only_a_recording_that_no_program_writes_can_be_resumed(tmp_path):
     recorder = new_recorder(tmp_path / "run.csv")
-    with pytest.raises(BadFile, match="being recorded"):
-        Recorder(tmp_path / "run.csv", source="test", started=0.0, wall=0.0, resume=True)
-    recorder.close()
-
-
-def test_only_a_recording_can_be_resumed(tmp_path):
-    with pytest.raises(BadFile, match=r"there is no recording .* to resume"):
-        Recorder(tmp_path / "none.csv", source="test", started=0.0, wall=0.0, resume=True)
     (tmp_path / "mine.csv").write_text("time,a\n1,2")
-    with pytest.raises(BadFile, match="must begin with"):
-        Recorder(tmp_path / "mine.csv", source="test", started=0.0, wall=0.0, resume=True)
+    for name, says in (("run", "being recorded"), ("none", "there is no recording"), ("mine", "must begin with")):
+        with pytest.raises(BadFile, match=says):
+            new_recorder(tmp_path / f"{name}.csv", resume=True)
     assert (tmp_path / "mine.csv").read_text() == "time,a\n1,2"
-
-
-@given(st.text())
-def test_escaped_text_is_printable_and_comes_back(text):
-    shown = escaped(text)
-    assert shown.isprintable()
-    pieces = shown.encode("latin-1", "backslashreplace")
-    assert pieces.decode("unicode_escape") == text
+    recorder.close()

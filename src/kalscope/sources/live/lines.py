@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from kalscope.sources.grammar.cells import DAMAGED, OVERFLOWS, is_comment, is_damaged
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.port.reader import BytesReceived, Start
-from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
+from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
 
@@ -33,14 +33,12 @@ first attempts follow each run, and each that finds nothing doubles the lines un
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
-_MAX_KEPT_BYTES = 200
 
-_LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
 _CELL_END = re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
-_BOOT_TEXT = re.compile(rb"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
+_BOOT_TEXT = re.compile(r"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
 
 
 @dataclass
@@ -67,20 +65,15 @@ class LiveLines:
         self.counts = LineCounts()
         self.wrong_baud = False
         """True if the last 2 s brought no row and more than a quarter of odd bytes."""
-        self.unreported_drops = 0
-        """Lines that were dropped without an event; the caller resets it to 0 after reading it."""
         self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._may_prime = False  # the next bytes are the first of whole lines
-        self._raw = True  # bytes go to the parser as they arrive
-        self._held = bytearray()  # otherwise: the line being received
-        self._skip = self._whole = False
-        self._opened = 0.0
+        self._skip = self._whole = False  # the next line may be half of one; it was sent after a silence
+        self._opened = -math.inf
         self._boot = False
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
-        self._void = 0  # consecutive rows without a number
         self._names = ""
         self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
@@ -92,91 +85,70 @@ class LiveLines:
 
     def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
         """The port was opened at the monotonic time `at`, s; `starts` and `keeps` are those of `Opened`."""
+        if starts == "where it stopped":
+            return
         if keeps and not self.counts.received:
             self._parser = LineParser(self._options)  # a file may have a decimal comma
         inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
-        self._raw, self._skip, self._whole, self._boot = not inside, inside, False, inside
-        self._may_prime = starts == "at a line"
-        self._held.clear()
-        self._opened, self._fresh = at if inside else -math.inf, starts != "where it stopped"
+        self._skip, self._whole, self._boot = inside, False, inside
+        self._may_prime, self._fresh = not inside, True
+        self._opened = at if inside else -math.inf
         self._window, self.wrong_baud = (at, 0, 0), False
         self._patience = _UNKNOWN_RUN
 
-    def disconnected(self) -> None:
-        """The port was lost, and the rest of its last line with it."""
-        if self._parser.restart() or self._held:
-            self._drop()
-        self._held.clear()
+    def interrupted(self) -> int:
+        """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
+        torn = int(self._parser.restart())
+        self.counts.received += torn
+        self.counts.dropped += torn
+        return torn
 
-    def overrun(self, count: int) -> None:
-        """So many lines were left out, including the one being received; the next bytes begin a line."""
-        self._parser.restart()
-        self._held.clear()
-        self._skip = self._whole = False
+    def overrun(self, count: int, last: bytes) -> None:
+        """So many lines were left out, including the one being received; `last` is the last byte of them."""
+        self._parser.restart(last)
+        self._skip, self._whole = last not in (b"\n", b"\r"), False
         self.counts.received += count
         self.counts.dropped += count
         self.counts.overrun += count
-        self.unreported_drops += count
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
+        parser, rows = self._parser, self.counts.accepted
         self._boot = received.end - self._opened <= BOOT_SECONDS
         if self._may_prime and received.data.startswith(b">"):  # all variables of Teleplot at once
-            self._parser.prime(received.data.decode("utf-8", "replace").splitlines())
+            parser.prime(received.data.decode("utf-8", "replace").splitlines())
         self._may_prime = False
-        if not self._raw and received.silence > _SILENCE:
-            if not self._held:
+        if received.silence > _SILENCE:
+            if not parser.is_inside_line:
                 self._whole = True
             elif self._boot:
                 self._skip, self._whole = True, False  # the board was reset inside this line
-        self._parser.feed(received.data if self._raw else self._trusted(received.data))
-        rows = self.counts.accepted
-        while (event := self._parser.next_line()) is not None:
-            event = self._judged(event)
-            if event is not None:
-                yield event
+        parser.feed(received.data)
+        while (line := parser.next_text()) is not None:
+            trusted = self._is_trusted(line)
+            event = parser.read(line, trusted=trusted)
+            yield self._counted(self._judged(event) if trusted else event)
         self._check_for_noise(received, self.counts.accepted - rows)
 
-    def _trusted(self, data: bytes) -> bytes:
-        """Soon after an opening: the lines without the first one and without boot text."""
-        held, kept, at = self._held, bytearray(), 0
-        start = max(len(held) - 1, 0)
-        held += data
-        while (match := _LINE_END.search(held, max(at, start))) is not None:
-            line = bytes(held[at : match.start()])
-            if self._trust(line):
-                kept += line + b"\n"
-            else:
-                self._drop()
-            self._skip, self._whole, at = False, False, match.end()
-        del held[:at]
-        if len(held) > MAX_LINE_BYTES:
-            self._skip, self._whole = True, False
-            del held[_MAX_KEPT_BYTES:-1]
-        if not (self._boot or self._skip):
-            self._raw = True
-            kept += held
-            held.clear()
-        return bytes(kept)
-
-    def _trust(self, line: bytes) -> bool:
+    def _is_trusted(self, line: str) -> bool:
         """Whether a line is used; the first one is whole only after a silence, and never becomes a sample."""
         if self._skip:
-            text = line.decode("latin-1")
-            return is_comment(text) or (self._whole and _are_names(text))
-        return not _BOOT_TEXT.search(line)
+            whole, self._skip = self._whole, False
+            return is_comment(line) or (whole and _are_names(line))
+        return not (self._boot and _BOOT_TEXT.search(line))
 
-    def _judged(self, event: LineEvent) -> LineEvent | None:
-        """Count a line; None if it needs no event."""
+    def _judged(self, event: LineEvent) -> LineEvent:
+        """A line as it is read where it may show another program; while a board starts, damage is boot text."""
         # Where each line names its values, a row of bare numbers is text, but still shows another program.
         unknown = event.kind == "text" and (self.layout is None or _are_numbers(event.text))
         if event.kind == "comment" and self._names_columns(event.text):
             self._names = event.text.lstrip("#").strip()
         if unknown or event.kind in {"row", "rejected"}:
             event = self._after_program_change(event) or event
-            if event.kind == "rejected" and self._boot:
-                self._drop()
-                return None
+        is_boot_text = event.kind == "rejected" and self._boot
+        return LineEvent(event.number, "text", event.text) if is_boot_text else event
+
+    def _counted(self, event: LineEvent) -> LineEvent:
         counts = self.counts
         counts.received += 1
         if event.kind == "row":
@@ -196,27 +168,25 @@ class LiveLines:
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
         if is_damaged(text):
-            self._names, self._void = "", 0
+            self._names = ""
             self._recent.append(DAMAGED)
             return None
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
-        self._void = self._void + 1 if self._is_void(event) else 0
-        if fits and not (names and self._may_be_renamed):
+        if self._has_numbers(event) and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
         patience = _MAX_REJECTED_RUN if self.layout else self._patience
-        full = len(self._recent) >= patience and (event.kind != "row" or self._void >= patience)
+        full = len(self._recent) >= patience
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
         if full and self.layout is None:
             head, self._patience = head[-_UNKNOWN_RUN:], min(2 * patience, MAX_UNKNOWN_LINES)
         self._recent.clear()
-        self._void = 0
         return self._parser.adopt_layout(head, named=fits)
 
     def _names_columns(self, comment: str) -> bool:
@@ -230,12 +200,11 @@ class LiveLines:
             and len(re.split(r"[,;\t]", names)) == len(layout.columns)
         )
 
-    def _is_void(self, event: LineEvent) -> bool:
-        """Whether a line has the width of a row and no number, as `a:1,b:2` in a table of two columns."""
-        layout = self.layout
-        if event.kind != "row" or not event.issues or layout is None:
-            return False
-        return all(math.isnan(row[i]) for row in event.rows for i in layout.channels)
+    def _has_numbers(self, event: LineEvent) -> bool:
+        """Whether a line is a row with numbers; `a:1,b:2` has only the width of one in a table of two columns."""
+        if event.kind != "row" or not event.issues or self.layout is None:
+            return event.kind == "row"
+        return any(math.isfinite(row[i]) for row in event.rows for i in self.layout.channels)
 
     @property
     def _may_be_renamed(self) -> bool:
@@ -243,11 +212,6 @@ class LiveLines:
         layout = self.layout
         just_opened = self._boot or self._fresh
         return layout is not None and layout.form.kind == "table" and (just_opened or not layout.header_rows)
-
-    def _drop(self) -> None:
-        self.counts.received += 1
-        self.counts.dropped += 1
-        self.unreported_drops += 1
 
     def _check_for_noise(self, received: BytesReceived, rows: int) -> None:
         begin, size, odd = self._window

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,6 @@ from kalscope.recording import ReadReport, Recording
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.lines import LineCounts
-from kalscope.sources.port.reader import Clock
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.axis import unit_by_magnitude
 from kalscope.sources.reading.line_reader import LineEvent
@@ -39,11 +39,10 @@ class SampleStore:
         self.keep = keep
         self.first: int = 0
         """Number of the first row that is kept, counted from the first that ever arrived."""
-        self._most = keep + max(keep // _ROOM, 1)
-        self._time = np.empty(min(_FIRST_SIZE, self._most))
-        # One channel after the other in memory: each is filtered and drawn by itself.
-        self._values = np.empty((channels, self._time.size))
         self._used: int = 0
+        self._most = keep + max(keep // _ROOM, 1)
+        # Time, then one channel after the other in memory: each is filtered and drawn by itself.
+        self._data = np.empty((1 + channels, min(_FIRST_SIZE, self._most)))
 
     def __len__(self) -> int:
         return self._used
@@ -62,41 +61,34 @@ class SampleStore:
         """
         done = 0
         while done < len(time):
-            if self._used == self._time.size:
+            if self._used == self._data.shape[1]:
                 self._make_room()
-            count = min(len(time) - done, self._time.size - self._used)
-            new = slice(self._used, self._used + count)
-            self._time[new] = time[done : done + count]
-            self._values[:, new] = np.asarray(values[done : done + count], dtype=np.float64).T
-            self._used += count
-            done += count
+            count = min(len(time) - done, self._data.shape[1] - self._used)
+            part, new = slice(done, done + count), slice(self._used, self._used + count)
+            self._data[0, new], self._data[1:, new] = time[part], np.asarray(values[part]).T
+            done, self._used = done + count, self._used + count
 
     def widened(self, channels: int, keep: int) -> SampleStore:
         """A store of these rows with more channels, which have no values up to now; this one stays as it is."""
+        time, values = self.views()
         leave = max(self._used - keep, 0)
-        time, values = self._time[leave : self._used], self._values[:, leave : self._used].T
-        missing = np.full((len(time), channels - len(self._values)), np.nan)
-        wider = SampleStore(channels, keep)
-        wider.append(time, np.hstack([values, missing]))
+        wider, missing = SampleStore(channels, keep), np.full((len(time), channels - values.shape[1]), np.nan)
+        wider.append(time[leave:], np.hstack([values, missing])[leave:])
         wider.first = self.first + leave
         return wider
 
     def views(self) -> tuple[Array, Array]:
         """Time, shape (n,), and values, shape (n, channels), of what is kept; neither can be written."""
-        time, values = self._time[: self._used], self._values[:, : self._used].T
+        time, values = self._data[0, : self._used], self._data[1:, : self._used].T
         time.flags.writeable = values.flags.writeable = False
         return time, values
 
     def _make_room(self) -> None:
-        size = self._time.size
+        size = self._data.shape[1]
         leave = max(self._used - self.keep, 0) if size == self._most else 0
-        kept = slice(leave, self._used)
-        room = self._most if leave else min(2 * size, self._most)
-        time, values = np.empty(room), np.empty((len(self._values), room))
-        count = self._used - leave
-        time[:count], values[:, :count] = self._time[kept], self._values[:, kept]
-        self._time, self._values, self._used = time, values, count
-        self.first += leave
+        data = np.empty((len(self._data), self._most if leave else min(2 * size, self._most)))
+        data[:, : self._used - leave] = self._data[:, leave : self._used]
+        self._data, self._used, self.first = data, self._used - leave, self.first + leave
 
 
 # When the samples of a stream were taken: by the stamps of the board if it sends any, else by their arrival.
@@ -141,18 +133,16 @@ class LiveTime:
             file_period: Of a file, whose lines may come much later, or faster, than they were written: time from
                 row to row where it has no stamps, s. 0 for a board.
         """
-        self._column, self._file_period = column, file_period
+        self._turn_s = 0.0 if column is None else column.turn_s
+        self._file_period = file_period
         self._scale = _scale_of(column)
-        self._decided = column is None or self._scale is not None
-        self._pending: list[ArrivedRow] = []
+        self._pending: list[ArrivedRow] | None = None if column is None or self._scale else []
         self._time: float | None = None  # of the last row
         self._host = 0.0
         self._stamp = math.nan  # in s, of the last row whose stamp was accepted
         self._offset = 0.0  # time of a row is its stamp plus this
-        self._doubted = False
-        self._broken = False
-        self._steps = np.empty(_STEPS)
-        self._count = 0
+        self._doubted = self._broken = False
+        self._steps: deque[float] = deque(maxlen=_STEPS)
 
     def interrupt(self) -> None:
         """Note an interruption before the next row."""
@@ -165,11 +155,11 @@ class LiveTime:
         """
         times: list[float] = []
         values: list[tuple[float, ...]] = []
-        if not self._decided:
+        if self._pending is not None:
             self._pending += rows
-            if not self._decide():
+            if not self._is_scale_known(self._pending):
                 return times, values
-            rows, self._pending = self._pending, []
+            rows, self._pending = self._pending, None
         for row in rows:
             last = self._time
             time = self._next(row)
@@ -177,8 +167,7 @@ class LiveTime:
                 times.append(last + min(self.period or (time - last) / 2, (time - last) / 2))
                 values.append((math.nan,) * len(row.values))
             elif last is not None:
-                self._steps[self._count % _STEPS] = time - last
-                self._count += 1
+                self._steps.append(time - last)
             self._broken = False
             times.append(time)
             values.append(row.values)
@@ -191,107 +180,85 @@ class LiveTime:
         Where the stamps are so coarse that the steps are only 0, 1 and 2 of their unit, and where lines are stamped
         as they arrive, in bursts, it is the mean step without pauses.
         """
-        steps = self._steps[: min(self._count, _STEPS)]
-        if not steps.size or not steps.any():
+        steps = np.array(self._steps)
+        if not steps.any():
             return None
-        if self._scale is None:
-            return float(steps[steps <= max(_PAUSE, 20 * steps.mean())].mean())
         median = float(np.median(steps))
-        if median > 10 * self._scale:
-            return median or float(steps.mean())
-        ordinary = steps[steps <= max(5 * median, 5 * self._scale)]
-        return float(ordinary.mean()) or median or None
+        if self._scale is None:
+            longest = max(_PAUSE, 20 * steps.mean())
+        elif median > 10 * self._scale:
+            return median
+        else:
+            longest = 5 * max(median, self._scale)
+        return float(steps[steps <= longest].mean()) or median or None
 
     @property
     def jitter(self) -> float | None:
         """Half the width that holds nine of ten steps, in s; None before there are ten."""
-        steps = self._steps[: min(self._count, _STEPS)]
-        if steps.size < 10:
+        if len(self._steps) < 10:
             return None
-        low, high = np.percentile(steps, (5, 95))
+        low, high = np.percentile(self._steps, (5, 95))
         return round(float(high - low) / 2, 9)  # less is only the rounding of the stamps
 
-    def _decide(self) -> bool:
-        """Find the unit of the stamps by the clock of the host, or find that they are not a time."""
-        first, last = self._pending[0], self._pending[-1]
-        host, stamp = last.host - first.host, last.stamp - first.stamp
-        if len(self._pending) < 2 or (host < _LOOK and len(self._pending) < _SOON):
+    def _is_scale_known(self, rows: Sequence[ArrivedRow]) -> bool:
+        """Whether it was found what one unit of the stamps is, or that they are not a time."""
+        host, stamps = rows[-1].host - rows[0].host, np.array([row.stamp for row in rows])
+        if len(rows) < 2 or (host < _LOOK and len(rows) < _SOON):
             return False
-        self._decided = True
-        if stamp > 0:
-            self._scale = self._scale_by(host, np.array([row.stamp for row in self._pending]))
+        span = float(stamps[-1] - stamps[0])
+        if span > 0 and self._file_period:
+            self._scale = SECONDS_PER_UNIT[unit_by_magnitude(stamps[np.isfinite(stamps)])]
+        elif span > 0 and host > 0:  # by the clock of this computer
+            units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
+            self._scale = min(units, key=lambda scale: abs(math.log(span * scale / host)))
         return True
-
-    def _scale_by(self, host: float, stamps: Array) -> float | None:
-        """Seconds in one unit of stamps that came within `host` s; None if they are not a time."""
-        if self._file_period:
-            return SECONDS_PER_UNIT[unit_by_magnitude(stamps[np.isfinite(stamps)])]
-        units = [SECONDS_PER_UNIT[unit] for unit in ("s", "ms", "us", "ns")]
-        stamp = stamps[-1] - stamps[0]
-        return min(units, key=lambda scale: abs(math.log(stamp * scale / host))) if host > 0 else None
 
     def _next(self, row: ArrivedRow) -> float:
         """Time of the next row."""
-        if self._time is None:
-            self._time, self._host = 0.0, row.host
+        last, waited, self._host = self._time, max(row.host - self._host, 0.0), row.host
+        if last is None:
+            self._time = 0.0
             if self._scale is not None and math.isfinite(row.stamp):
                 self._stamp = row.stamp * self._scale
                 self._offset = -self._stamp
-            return 0.0
-        waited = max(row.host - self._host, 0.0)
-        self._host = row.host
-        time = (
-            self._by_stamp(row, waited)
-            if self._scale is not None
-            else self._time + (self._file_period or max(waited, _TICK))
-        )
-        self._time = max(time, self._time)
-        return self._time
-
-    def _by_stamp(self, row: ArrivedRow, waited: float) -> float:
-        """Time by the stamp where it can be trusted, else by the host's time since the last row."""
-        last, stamp = self._time or 0.0, row.stamp * (self._scale or 1.0)
-        if not math.isfinite(row.stamp):
-            return last if self._file_period else last + waited
-        if self._file_period:  # a step back is the beginning of another record, which follows at once
-            turn = self._clock_turn(stamp - self._stamp)
-            if stamp + turn < self._stamp:
-                self._offset = last + (self.period or _TICK) - stamp
-            self._offset += turn
-            self._stamp = stamp
-            return stamp + self._offset
-        turn = self._turn(row.stamp, stamp - self._stamp, waited)
-        step = stamp - self._stamp + turn
-        # An interruption must last as long by both clocks, else the board has restarted.
-        alike = not self._broken or abs(step - waited) <= 0.25 + 0.05 * waited
-        if 0 <= step <= 30 * waited + 10 and alike:
-            self._offset += turn
-        elif self._broken or self._doubted:
-            # From here on the stamps count from this row, whatever they were before.
-            self._offset = last + max(waited, _TICK) - stamp
+        elif self._scale is None:
+            self._time = last + (self._file_period or max(waited, _TICK))
         else:
+            self._time = max(self._by_stamp(last, row.stamp * self._scale, waited), last)
+        return self._time or 0.0
+
+    def _by_stamp(self, last: float, stamp: float, waited: float) -> float:
+        """Time by the stamp, in s, where it can be trusted, else by the host's time since the last row."""
+        if not math.isfinite(stamp):
+            return last if self._file_period else last + waited
+        turn = self._turn(stamp, waited)
+        step = stamp - self._stamp + turn
+        if self._file_period:
+            trusted, doubtful = not step < 0, False  # a step back begins another record, which follows at once
+            restart = last + (self.period or _TICK)
+        else:
+            # An interruption must last as long by both clocks, else the board has restarted.
+            alike = not self._broken or abs(step - waited) <= 0.25 + 0.05 * waited
+            trusted, doubtful = 0 <= step <= 30 * waited + 10 and alike, not (self._broken or self._doubted)
+            restart = last + max(waited, _TICK)
+        if not trusted and doubtful:
             self._doubted = True  # damaged, unless the next one agrees
             return last + waited
+        # From a restart on the stamps count from its row, whatever they were before.
+        self._offset = self._offset + turn if trusted else restart - stamp
         self._stamp, self._doubted = stamp, False
         return stamp + self._offset
 
-    def _clock_turn(self, step: float) -> float:
-        """Seconds of a day, or of whatever period the clock of the stamps has, where it wrapped; else 0."""
-        column = self._column
-        is_clock = column is not None and column.kind == "clock" and step < -column.turn_s / 2
-        return column.turn_s if column is not None and is_clock else 0.0
-
-    def _turn(self, raw: float, step: float, waited: float) -> float:
-        """Seconds of a full turn of the counter, where a step back is a wrap; else 0."""
-        if not step < 0:
-            return 0.0
-        scale = self._scale or 1.0
-        if self._column is not None and self._column.kind == "clock":
-            return self._clock_turn(step)
-        for size in _COUNTERS:
-            turn = size * scale
-            if self._stamp < turn and raw >= 0 and abs(step + turn - waited) <= 1.0 + 0.5 * waited:
-                return turn
+    def _turn(self, stamp: float, waited: float) -> float:
+        """Seconds of a full turn of the clock or the counter, where a step back is a wrap; else 0."""
+        step = stamp - self._stamp
+        if self._turn_s:
+            return self._turn_s if step < -self._turn_s / 2 else 0.0
+        if step < 0 <= stamp and not self._file_period:
+            for size in _COUNTERS:
+                turn = size * (self._scale or 1.0)
+                if self._stamp < turn and abs(step + turn - waited) <= 1.0 + 0.5 * waited:
+                    return turn
         return 0.0
 
 
@@ -311,8 +278,8 @@ def _scale_of(column: TimeColumn | None) -> float | None:
 
 MAX_NUMBERS = 1 << 25
 """Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each."""
-_PERIOD_EVERY = 0.25
 _PERIOD_MOVES = 0.005
+"""A smaller change of the period, as a share of it, is not shown: what is derived from it would flicker."""
 
 
 @dataclass(frozen=True)
@@ -326,87 +293,68 @@ class Snapshot:
     generation: int
     """Changes when the channels change: their names, units or count."""
     version: int
-    """Increases when samples are added."""
+    """Increases when samples are added: the number of those that ever arrived."""
 
 
-def gathered(rows: Sequence[ArrivedRow]) -> Iterator[ArrivedRow]:
+def gathered(rows: Sequence[ArrivedRow]) -> list[ArrivedRow]:
     """Merge rows of one variable each, from one read and one stamp of the board, into rows of all variables."""
-    row: ArrivedRow | None = None
+    merged: list[ArrivedRow] = []
     for new in rows:
-        if row is None:
-            row = new
-            continue
+        row = merged[-1] if merged else new
         alike = row.stamp == new.stamp or (math.isnan(row.stamp) and math.isnan(new.stamp))
         pairs = [*zip(row.values, new.values, strict=True)]
-        if alike and all(math.isnan(old) or math.isnan(value) for old, value in pairs):
-            row = replace(row, values=tuple(value if math.isnan(old) else old for old, value in pairs))
+        if merged and alike and all(math.isnan(old) or math.isnan(value) for old, value in pairs):
+            merged[-1] = replace(row, values=tuple(value if math.isnan(old) else old for old, value in pairs))
         else:
-            yield row
-            row = new
-    if row is not None:
-        yield row
+            merged.append(new)
+    return merged
 
 
 class LiveSamples:
     """The samples of one board, of the layout that it sends now."""
 
-    def __init__(
-        self, spec: PortSpec, keep: int, clock: Clock, rate: float | None = None, unit: str | None = None
-    ) -> None:
+    def __init__(self, spec: PortSpec, keep: int, rate: float | None = None, unit: str | None = None) -> None:
         """Prepare.
 
         Args:
             spec: The port, named in the Recording.
             keep: The least number of samples kept per channel.
-            clock: Where the time comes from.
             rate: Rows a second of a file without times; None = 1.
             unit: Unit of numeric stamps, as the user gives it; None = the column's.
         """
-        self._spec, self._keep, self._clock, self._unit = spec, keep, clock, unit
+        self._spec, self._keep, self._unit = spec, keep, unit
         self._file_period = 1.0 / (rate or 1.0)
         self.kept = False
         """Whether the lines come from a file: their time of arrival then means nothing."""
-        self._layout: Layout | None = None
-        self.time: LiveTime = LiveTime(None)
+        self.time = LiveTime(None)
         """When the samples were taken."""
-        self._store: SampleStore | None = None
+        self.store = SampleStore(0, 1)
+        """The samples of this generation."""
+        self.generation = 0
+        """As in `Snapshot`."""
+        self._layout: Layout | None = None
         self._names: tuple[str, ...] = ()
         self._units: tuple[str, ...] = ()
-        self._generation = self._version = 0
         self._snapshot: Snapshot | None = None
         self._period: float | None = None
-        self._period_at = -1e9
-
-    @property
-    def left_memory(self) -> int:
-        """Samples of this generation that are no longer kept."""
-        return self._store.first if self._store is not None else 0
-
-    @property
-    def position(self) -> tuple[int, int]:
-        """Samples of this generation that ever arrived, and its number."""
-        return (0 if self._store is None else self._store.end), self._generation
 
     def snapshot(self, counts: LineCounts) -> Snapshot | None:
         """All that is kept, with the line counts so far; the same object while nothing was added."""
-        store, known = self._store, self._snapshot
-        if store is None or not len(store):
+        store, known = self.store, self._snapshot
+        if not len(store):
             return None
-        if known is not None and (known.version, known.generation) == (self._version, self._generation):
+        if known is not None and (known.version, known.generation) == (store.end, self.generation):
             return known
+        notes = self._layout.notes if self._layout else ()
+        report = ReadReport(counts.received, counts.accepted, counts.rejected, comments=counts.dropped, notes=notes)
+        period, url = self.time.period, self._spec.url
+        if not period or not self._period or abs(period / self._period - 1) > _PERIOD_MOVES:
+            self._period = period
         time, values = store.views()
-        report = ReadReport(
-            lines=counts.received,
-            rows=counts.accepted,
-            rejected=counts.rejected,
-            comments=counts.dropped,
-            notes=self._layout.notes if self._layout else (),
-        )
-        url, period = self._spec.url, self._steady_period()
         recording = Recording(
-            time, self._names, self._units, values, period, report, source=self._spec.text, title=url
+            time, self._names, self._units, values, self._period, report, source=self._spec.text, title=url
         )
-        self._snapshot = Snapshot(recording, store.first, self._generation, self._version)
+        self._snapshot = Snapshot(recording, store.first, self.generation, store.end)
         return self._snapshot
 
     def keep(self, stamped: Sequence[tuple[float, LineEvent]], layout: Layout) -> None:
@@ -415,19 +363,11 @@ class LiveSamples:
             self._adopt(layout)
         at, channels = (layout.time.index if layout.time else -1), layout.channels
         rows = [
-            ArrivedRow(host, row[at] if at >= 0 else float("nan"), tuple(row[i] for i in channels))
+            ArrivedRow(host, row[at] if at >= 0 else math.nan, tuple(row[i] for i in channels))
             for host, event in stamped
-            if event.kind == "row"
             for row in event.rows
         ]
-        if not rows:
-            return
-        if layout.form.kind == "teleplot":
-            rows = list(gathered(rows))
-        time, values = self.time.place(rows)
-        if time and self._store is not None:
-            self._store.append(time, values)
-            self._version += 1
+        self.store.append(*self.time.place(gathered(rows) if layout.form.kind == "teleplot" else rows))
 
     def _adopt(self, layout: Layout) -> None:
         """Another layout: a new generation, unless the channels and the time are the same.
@@ -435,32 +375,22 @@ class LiveSamples:
         Where a variable of Teleplot was added, the others keep their samples. A table with more columns is that of
         another program, whatever they are called.
         """
-        known, self._layout = self._layout, layout
+        known, self._layout, many = self._layout, layout, len(self._names)
         names = tuple(layout.columns[i].name for i in layout.channels)
         units = tuple(layout.columns[i].unit for i in layout.channels)
-        if known is not None and (names, units, layout.time) == (self._names, self._units, known.time):
+        before = known and (self._names, self._units, known.time)
+        is_same = before == (names[:many], units[:many], layout.time)
+        if is_same and len(names) == many:
             return
-        many = len(self._names)
-        same = (names[:many], units[:many], layout.time) == (self._names, self._units, known and known.time)
-        grows = layout.form.kind == "teleplot" and same
         self._names, self._units = names, units
-        self._generation += 1
+        self.generation += 1
         keep = min(self._keep, MAX_NUMBERS // max(len(names), 1))
-        if grows and self._store is not None:
-            self._store = self._store.widened(len(names), keep)
+        if is_same and layout.form.kind == "teleplot":
+            self.store = self.store.widened(len(names), keep)
             return
         column = layout.time
         if column is not None and column.kind == "number":
             column = replace(column, unit=self._unit or column.unit)
         self.time = LiveTime(column, self._file_period if self.kept else 0.0)
-        self._store = SampleStore(len(names), keep)
-        self._period, self._period_at = None, -1e9
-
-    def _steady_period(self) -> float | None:
-        """The period, updated only when it has really changed, so that values derived from it do not flicker."""
-        now = self._clock.monotonic()
-        if self._period is None or now - self._period_at > _PERIOD_EVERY:
-            period, self._period_at = self.time.period, now
-            if period is None or self._period is None or abs(period / self._period - 1) > _PERIOD_MOVES:
-                self._period = period
-        return self._period
+        self.store = SampleStore(len(names), keep)
+        self._period = None

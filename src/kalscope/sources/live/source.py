@@ -14,9 +14,8 @@ import math
 import os
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterable
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -30,22 +29,10 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.port.reader import (
-    SYSTEM,
-    BytesReceived,
-    Clock,
-    Disconnected,
-    Item,
-    LineCounter,
-    LinesDropped,
-    Opened,
-    PortReader,
-    Word,
-)
+from kalscope.sources.port.reader import BytesReceived, Item, LinesDropped, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
-from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import Recorder, RecorderCounts
+from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
 
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
@@ -64,19 +51,12 @@ _MAX_REMARKS = 1000
 """Remarks that may wait for a listener; further ones are dropped."""
 
 
-class BoardGone(BadDevice):
-    """The board was disconnected or unplugged before it answered."""
+class Remark(str):
+    """A line with # and its place among the samples; "" for the first sample after one."""
 
-
-@dataclass(frozen=True)
-class Remark:
-    """A line with # and its place among the samples."""
-
-    text: str
-    """The line; "" for the first sample after a remark, and where the board was disconnected."""
-    row: int
+    row = 0
     """Samples that came before it, counted from the first of its generation."""
-    generation: int
+    generation = 0
     """That of `Snapshot.generation`."""
 
 
@@ -87,23 +67,22 @@ class CommandChannel:
         """Set up the channel; `write` sends bytes to the board."""
         self._write = write
         self._one_at_a_time = threading.Lock()
-        self._listeners: tuple[Queue[Remark], ...] = ()
-        self._is_after_remark = False
-        self._disconnects = 0
+        self._remarks: Queue[Remark] | None = None
+        self._is_after_remark = self._is_gone = False
 
     def send(
         self,
         line: str,
-        timeout: float | None = None,
+        timeout: float = ANSWER_S,
         *,
-        is_reply: Callable[[str], bool] = bool,
+        is_reply: Callable[[Remark], object] = bool,
         check: Callable[[], object] = bool,
     ) -> tuple[str, ...]:
         """Send a line and wait for the reply.
 
         Args:
             line: As for `LiveSource.send`, which also says what this returns and raises.
-            timeout: Seconds to wait; None = ANSWER_S.
+            timeout: Seconds to wait.
             is_reply: Whether a line with # belongs to the reply; by default every one.
             check: Called while it waits; what it raises ends the wait.
         """
@@ -113,74 +92,63 @@ class CommandChannel:
                 f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
                 f" (got {len(data) - 1} in {line[:80]!r})"
             )
-        timeout = ANSWER_S if timeout is None else timeout
-        with self._one_at_a_time, self.listen() as remarks:
-            known = self._disconnects
-            self._write(data)
-            replies, end = list[str](), time.monotonic() + timeout
-            while time.monotonic() < end:
-                try:
-                    text = remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK)).text
-                except Empty:
-                    text = ""
-                if replies and not text:
-                    break
-                if self._disconnects != known:
-                    raise BoardGone("the board was disconnected before it answered")
-                if text and is_reply(text):
-                    end = end if replies else time.monotonic() + _MAX_REPLY_S
-                    replies.append(text)
-                if not replies:
-                    check()
+        with self._one_at_a_time:
+            self._remarks, self._is_gone = Queue(_MAX_REMARKS), False
+            try:
+                self._write(data)
+                replies, end = list[str](), time.monotonic() + timeout
+                while time.monotonic() < end:
+                    try:
+                        remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK))
+                    except Empty:
+                        remark = Remark()
+                    if replies and not remark:
+                        break
+                    if self._is_gone:
+                        raise BadDevice("the board was disconnected before it answered")
+                    if remark and is_reply(remark):
+                        end = end if replies else time.monotonic() + _MAX_REPLY_S
+                        replies.append(remark)
+                    if not replies:
+                        check()
+            finally:
+                self._remarks = None
         if not replies:
             raise BadDevice(
                 f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
             )
         return tuple(replies)
 
-    @contextmanager
-    def listen(self) -> Generator[Queue[Remark]]:
-        """Every line with # that arrives while the block runs, asked for or not."""
-        remarks = Queue[Remark](_MAX_REMARKS)
-        self._listeners = (*self._listeners, remarks)
-        try:
-            yield remarks
-        finally:
-            self._listeners = tuple(one for one in self._listeners if one is not remarks)
-
-    def on_events(self, events: Iterable[LineEvent], row: int = 0, generation: int = 0) -> None:
-        """Pass the comment lines among these to the listeners.
+    def on_events(self, events: Iterable[LineEvent], row: int, generation: int) -> None:
+        """Pass the comment lines among these to the command that waits.
 
         Args:
             events: The lines, in their order.
             row: Samples that came before them.
             generation: Of these samples.
         """
-        if not self._listeners:
+        if (remarks := self._remarks) is None:
             return
         for event in events:
             is_remark = event.kind == "comment" and event.text.startswith("#")
-            if is_remark or (event.kind == "row" and self._is_after_remark):
-                self._put(Remark(event.text if is_remark else "", row, generation))
-            self._is_after_remark = is_remark or (self._is_after_remark and event.kind != "row")
+            if is_remark or (event.rows and self._is_after_remark):
+                remark = Remark(event.text if is_remark else "")
+                remark.row, remark.generation = row, generation
+                with suppress(Full):
+                    remarks.put_nowait(remark)
+            self._is_after_remark = is_remark or (self._is_after_remark and not event.rows)
             row += len(event.rows)
 
     def on_disconnected(self) -> None:
         """End the wait for a reply that cannot come."""
-        self._disconnects += 1
-        self._put(Remark("", 0, 0))
-
-    def _put(self, remark: Remark) -> None:
-        for listener in self._listeners:
-            with suppress(Full):
-                listener.put_nowait(remark)
+        self._is_gone = True
 
 
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER = 2.0
-"""Seconds over which the lines per second are averaged."""
+_RATE_OVER = 1.0
+"""Seconds over which the lines per second are averaged at least, and half of those at most."""
 _SILENT_AFTER = 5.0
 """Seconds after which a source that should send is reported as silent, and the step of that time."""
 _MIN_LINES_JUDGED = 20
@@ -199,9 +167,9 @@ class RecordingStatus:
     """What keeps lines from reaching the disk; "" where nothing does."""
 
 
-@dataclass(frozen=True)
-class LiveStatus:
-    """The status of a live source. received = accepted + rejected + dropped, always."""
+@dataclass(kw_only=True)
+class LiveStatus(LineCounts):
+    """The status of a live source."""
 
     word: Word
     """closed, connecting, connected, or "disconnected, waiting"."""
@@ -209,29 +177,19 @@ class LiveStatus:
     """A sentence for the user: what is wrong and what to do; "" if nothing is."""
     port: str
     """What is open, or was open last."""
-    received: int
-    """Lines that arrived."""
     lines_per_s: float
     """Lines a second, over the last 2 s."""
     period: float | None
     """Measured sample period in s, the median step; None before two samples."""
     jitter: float | None
     """Half the width that holds nine of ten steps, in s; None before ten steps."""
-    accepted: int
-    """Lines that became samples."""
-    rejected: int
-    """Lines that should have become samples and did not."""
-    dropped: int
-    """Other lines: comments, headers, boot text, the first line after each opening, torn ones, `overrun`."""
-    overrun: int
-    """Of the dropped lines, those that came faster than they could be processed."""
     reconnects: int
     """How many times the port was opened again."""
     left_memory: int
     """Samples of this generation that are no longer kept."""
     max_read_latency: float
     """The longest time by which a read of the port was late, s."""
-    recording: RecordingStatus | None = None
+    recording: RecordingStatus | None
     """The active recording; None if there is none."""
 
 
@@ -243,7 +201,8 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
         counts: The lines that arrived.
         noise: Whether the bytes are not text.
     """
-    state, (seconds, check) = reader.state, reader.silence
+    state, check = reader.state, reader.port.when_silent if reader.port else ""
+    seconds = reader.clock.monotonic() - reader.received_at
     if state.reason:
         return state.reason
     if check and seconds >= _SILENT_AFTER:
@@ -260,21 +219,19 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
 
 
 class LineRate:
-    """Lines a second over the last seconds. One thread writes, any may read."""
+    """Lines a second over the last one to two seconds. One thread writes, any may read."""
 
     def __init__(self) -> None:
-        self._noted: deque[tuple[float, int]] = deque()
+        self._marks = ((-math.inf, 0), (-math.inf, 0))
         self.now = 0.0
         """Lines a second."""
 
     def note(self, at: float, received: int) -> None:
         """Note how many lines had arrived at the monotonic time `at`, s."""
-        noted = self._noted
-        noted.append((at, received))
-        while len(noted) > 2 and at - noted[1][0] > _RATE_OVER:
-            noted.popleft()
-        (begin, old), (end, new) = noted[0], noted[-1]
-        self.now = (new - old) / (end - begin) if end > begin else 0.0
+        (begin, old), (last, _) = self._marks
+        if at - last > _RATE_OVER:
+            self._marks = self._marks[1], (at, received)
+        self.now = (received - old) / (at - begin) if at > begin else 0.0
 
 
 # The source.
@@ -298,7 +255,6 @@ class LiveSource:
         *,
         reconnect: bool = True,
         keep: int = 1_000_000,
-        clock: Clock = SYSTEM,
         reader: PortReader | None = None,
     ) -> None:
         """Prepare; nothing is opened.
@@ -308,7 +264,6 @@ class LiveSource:
             options: How the lines are read; everything left open is detected.
             reconnect: Open the port again when the board comes back.
             keep: Samples per channel that are kept at least, fewer if there are very many channels.
-            clock: Where the time comes from.
             reader: The thread that reads; None = one for `spec`.
 
         Raises:
@@ -317,23 +272,24 @@ class LiveSource:
         if keep < 1:
             raise BadSetting(f"keep must be at least 1 sample (got {keep})")
         self.spec = port_of(spec) if isinstance(spec, str) else spec
-        self._clock = clock
-        self._reader = reader or PortReader(self.spec, reconnect=reconnect, clock=clock)
         self.reconnect = reconnect
         """Whether the port is opened again when the board comes back."""
+        self.recorder: Recorder | None = None
+        """The active recorder; None if there is none."""
+        self._reader = reader or PortReader(self.spec, reconnect=reconnect)
+        self._clock = self._reader.clock
         self._lines = LiveLines(options)
-        self._layout: Layout | None = None
-        self._samples = LiveSamples(self.spec, keep, clock, options.rate, options.time_unit)
+        self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
         self._rate = LineRate()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._end_by = math.inf
+        self._failure = ""
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
-        self._recorder: Recorder | None = None
-        self._recorder_lock = threading.Lock()  # lines wait while one is begun or ended
+        self._recorder_lock = threading.Lock()  # lines wait while one is begun
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
@@ -391,25 +347,20 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self._recorder
+            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self.recorder
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
-                hint=hint_of(reader, self._counts, noise=self._lines.wrong_baud),
+                hint=self._failure or hint_of(reader, self._counts, noise=self._lines.wrong_baud),
                 port=state.device,
                 lines_per_s=self._rate.now if state.word == "connected" else 0.0,
                 period=time.period,
                 jitter=time.jitter,
                 reconnects=max(state.opened - 1, 0),
-                left_memory=self._samples.left_memory,
+                left_memory=self._samples.store.first,
                 max_read_latency=reader.max_read_latency,
                 recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
             )
-
-    @property
-    def recorder(self) -> Recorder | None:
-        """The active recorder; None if there is none."""
-        return self._recorder
 
     def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
@@ -422,27 +373,24 @@ class LiveSource:
             BadSetting: a recording is active already.
             BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
         """
-        started, wall = self._clock.monotonic(), self._clock.wall()
         with self._recorder_lock:
-            if self._recorder is not None:
+            if self.recorder is not None:
                 raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            recorder = Recorder(Path(path), source=self.spec.text, started=started, wall=wall, resume=resume)
-            self._recorder = recorder
-        return recorder
+            self.recorder = Recorder(Path(path), self.spec.text, resume=resume, clock=self._clock)
+            return self.recorder
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing if none is active."""
-        with self._recorder_lock:
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                recorder.close()
+        recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            recorder.close()
 
-    def send(self, line: str, timeout: float | None = None) -> tuple[str, ...]:
+    def send(self, line: str, timeout: float = ANSWER_S) -> tuple[str, ...]:
         """Send one line to the board and wait for its answer, lines that begin with #.
 
         Args:
             line: At most 62 bytes, without newline: an AVR loses what comes in faster than it reads.
-            timeout: Seconds to wait; None = 5 s.
+            timeout: Seconds to wait.
 
         Returns:
             The lines of the answer: the first, and those that follow it before the next sample.
@@ -456,100 +404,83 @@ class LiveSource:
     def _run(self, stop: threading.Event) -> None:
         while True:
             is_late = self._clock.monotonic() > self._end_by
-            is_over = stop.is_set() and (is_late or not self._reader.is_open)
+            is_over = stop.is_set() and (is_late or self._reader.port is None)
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
-                self._write([], self._layout)
+                self._write([])
                 self._rate.note(self._clock.monotonic(), self._lines.counts.received)
                 if is_over:
                     return
                 continue
-            if isinstance(item, BytesReceived) and is_late:
-                item = self._rest(item)
-            self._handle(item)
+            if is_late and isinstance(item, BytesReceived):
+                item = self._reader.left_out(item)  # there is no time for what still waits
+            try:
+                self._handle(item)
+            except Exception as error:  # the thread must go on: without it nothing would be read, nor said
+                self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
-    def _rest(self, item: Item) -> LinesDropped:
-        """An event and all that follow it, as lines that are left out: there is no time for them."""
-        lines, dropped, at = LineCounter(), 0, self._clock.monotonic()
-        with suppress(Empty):
-            while True:
-                if isinstance(item, BytesReceived):
-                    dropped += lines.count(item.data)
-                    self._reader.taken += len(item.data)
-                elif isinstance(item, LinesDropped):
-                    dropped += item.count
-                item = self._reader.items.get_nowait()
-        return LinesDropped(dropped, at, at)
-
     def _handle(self, item: Item) -> None:
         if isinstance(item, BytesReceived):
-            self._take(item)
             self._reader.taken += len(item.data)
-        elif isinstance(item, Opened):
-            self._on_opened(item)
+            self._take(item)
         elif isinstance(item, LinesDropped):
             with self._lock:
-                self._lines.overrun(item.count)
-            self._samples.time.interrupt()
-            self._report_drops()
-            self._note_gap("overrun", item.end - item.begin)
+                self._lines.overrun(item.count, item.last)
+                self._samples.time.interrupt()
+            self._note_loss(item.count, "overrun", item.end - item.begin)
+        elif isinstance(item, Opened):
+            self._on_opened(item)
         else:
-            self._on_disconnected(item)
+            self._disconnected_at = item.at
+            self.commands.on_disconnected()
+            if not self._samples.kept:  # else the rest of the line may follow
+                self._interrupt()
 
     def _on_opened(self, event: Opened) -> None:
+        self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
+        if event.starts != "where it stopped":
+            self._interrupt()
+            if lost_at is not None:
+                self._samples.time.interrupt()
+                self._note_loss(0, "unplug", event.at - lost_at)
         with self._lock:
             self._lines.opened(event.at, event.starts, keeps=event.keeps)
             self._samples.kept = event.keeps
-        self._line_at = event.at
-        if self._disconnected_at is not None and event.starts != "where it stopped":
-            self._samples.time.interrupt()
-            self._note_gap("unplug", event.at - self._disconnected_at)
-        self._disconnected_at = None
 
-    def _on_disconnected(self, event: Disconnected) -> None:
-        self._disconnected_at = event.at
+    def _interrupt(self) -> None:
+        """Drop the beginning of a line, whose end will not come."""
         with self._lock:
-            self._lines.disconnected()
-        self.commands.on_disconnected()
-        self._report_drops()
+            torn = self._lines.interrupted()
+        self._note_loss(torn)
 
     def _take(self, received: BytesReceived) -> None:
-        """Write the lines of each layout, then show their samples and count them in one step."""
+        """Write the lines, then show their samples and count them in one step."""
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
-        self._report_drops()
         self._rate.note(received.end, self._lines.counts.received)
         if not batch:
             return
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
-        runs = [list(run) for _, run in groupby(stamped, key=lambda line: id(line[2]))]
-        for run in runs:
-            self._layout = run[0][2]
-            self._write([(at, event) for at, event, _ in run], self._layout)
+        self._write(stamped)
         with self._lock:
-            for run in runs:
-                self.commands.on_events((event for _, event, _ in run), *self._samples.position)
+            for _, group in groupby(stamped, key=lambda line: id(line[2])):
+                run, samples = list(group), self._samples
+                self.commands.on_events((event for _, event, _ in run), samples.store.end, samples.generation)
                 if (layout := run[0][2]) is not None:
-                    self._samples.keep([(at, event) for at, event, _ in run], layout)
+                    samples.keep([(at, event) for at, event, _ in run], layout)
             self._counts = replace(self._lines.counts)
 
-    def _write(self, stamped: list[tuple[float, LineEvent]], layout: Layout | None) -> None:
+    def _write(self, stamped: list[StampedLine]) -> None:
         with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.write(stamped, layout)
+            if self.recorder is not None:
+                self.recorder.write(stamped)
 
-    def _report_drops(self) -> None:
-        dropped, self._lines.unreported_drops = self._lines.unreported_drops, 0
+    def _note_loss(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
         with self._recorder_lock:
-            if dropped and self._recorder is not None:
-                self._recorder.drop(dropped)
-
-    def _note_gap(self, kind: str, seconds: float) -> None:
-        with self._recorder_lock:
-            if self._recorder is not None:
-                self._recorder.gap(kind, seconds)
+            if self.recorder is not None:
+                self.recorder.lose(lines, kind, seconds)

@@ -29,9 +29,7 @@ DEVICE = -1
 MAX_SILENCE = 15
 """Seconds without a line on standard input after which a port is given up."""
 PIECE = 8_192
-"""Bytes of one read of a file, unless its first line is longer."""
-MAX_PIECE = 65_536
-"""Bytes of a line beyond which it comes in pieces."""
+"""Bytes of one read of a file."""
 MAX_BEFORE = 64
 """Bytes before a position in a file by which the position is recognised."""
 _POLL = 0.1
@@ -42,15 +40,14 @@ class Replaced(Exception):
 
 
 class GrowingFile:
-    """Reads whole lines. What follows the last line end is left for later: it may be half a line."""
+    """Reads a file, and what is added to it."""
 
-    def __init__(self, path: str, position: int = 0, before: bytes = b"") -> None:
+    def __init__(self, path: str, place: tuple[int, bytes] = (0, b"")) -> None:
         """Open a file.
 
         Args:
             path: The file.
-            position: Where to begin.
-            before: The bytes before that position, MAX_BEFORE at most: where others are there now, it
+            place: Where to begin, and the bytes before it, MAX_BEFORE at most: where others are there now, it
                 begins at 0.
 
         Raises:
@@ -58,46 +55,41 @@ class GrowingFile:
         """
         if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened: a FIFO would wait for a writer
             raise OSError(errno.EINVAL, "must be a file or a serial port")
-        self._path = path
-        self._open_file = open(path, "rb", buffering=0)  # noqa: SIM115
-        start = position - len(before)
-        self.position = position if before and start >= 0 and self._at(start, len(before)) == before else 0
-        self.before = before if self.position else b""
+        self._path, self._file = path, open(path, "rb", buffering=0)  # noqa: SIM115
+        position, before = place
+        self._file.seek(max(position - len(before), 0))
+        is_same = bool(before) and self._file.read(len(before)) == before
+        self.place = place if is_same else (self._file.seek(0), b"")
 
     def read(self) -> bytes:
-        """The next whole lines, PIECE bytes at most, or one longer line; b"" where there are none yet.
+        """The next bytes, PIECE at most; b"" where there are none yet.
 
         Raises:
             Replaced: What follows is in another file.
             OSError: It cannot be read from the disk.
         """
-        data = self._at(self.position, PIECE)
-        end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
-        if not end and len(data) == PIECE:
-            data = self._at(self.position, MAX_PIECE)
-            ends = [data.find(mark) + 1 for mark in (b"\n", b"\r") if mark in data]
-            end = min(ends, default=len(data) if len(data) == MAX_PIECE else 0)
-        if not end and self._is_replaced():
-            raise Replaced
-        self.position += end
-        self.before = (self.before + data[:end])[-MAX_BEFORE:]
-        return data[:end]
-
-    def _at(self, position: int, size: int) -> bytes:
-        self._open_file.seek(position)
-        return self._open_file.read(size)
+        data = self._file.read(PIECE)
+        if not data and self._is_replaced():
+            raise Replaced("it was replaced or cut short, and is read from its beginning")
+        self.place = moved(self.place, data)
+        return data
 
     def _is_replaced(self) -> bool:
-        here = os.fstat(self._open_file.fileno())
+        here = os.fstat(self._file.fileno())
         try:
             there = os.stat(self._path)
         except OSError:  # renamed: it may still be written until the next one exists
             there = here
-        return here.st_size < self.position or (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+        return here.st_size < self.place[0] or not os.path.samestat(there, here)
 
     def close(self) -> None:
         """Close the file; may be called twice."""
-        self._open_file.close()
+        self._file.close()
+
+
+def moved(place: tuple[int, bytes], data: bytes) -> tuple[int, bytes]:
+    """The place after these bytes."""
+    return place[0] + len(data), (place[1] + data)[-MAX_BEFORE:]
 
 
 def open_device(path: str, baud: int, reset: bool) -> int:
@@ -172,13 +164,13 @@ def serve_device(request: dict[str, Any]) -> None:
 
 
 def serve_file(request: dict[str, Any]) -> None:
-    """Send the lines of a file, and those that are added, until the reader is gone or the file was replaced."""
-    file = GrowingFile(request["path"], request["position"], bytes.fromhex(request["before"]))
-    os.write(1, MARK + b"%d\n" % file.position)
+    """Send a file, and what is added to it, until the reader is gone or the file was replaced."""
+    file = GrowingFile(request["path"], (request["position"], bytes.fromhex(request["before"])))
+    os.write(1, MARK + b"%d\n" % file.place[0])
     while True:
-        lines = file.read()
-        if lines:
-            sys.stdout.buffer.write(lines)
+        data = file.read()
+        if data:
+            sys.stdout.buffer.write(data)
             sys.stdout.buffer.flush()
         elif select.select([0], [], [], _POLL)[0] and not os.read(0, 4096):
             return
@@ -186,13 +178,8 @@ def serve_file(request: dict[str, Any]) -> None:
 
 def main() -> None:
     """Do what the first line of standard input asks for."""
-    line = b""
-    while not line.endswith(b"\n"):
-        piece = os.read(0, 1)
-        if not piece:
-            return
-        line += piece
-    request = json.loads(line.decode("ascii"))
+    with open(0, "rb", buffering=0, closefd=False) as requests:  # unbuffered: what follows is for `serve_device`
+        request = json.loads(requests.readline())
     path = request["path"]
     request["path"] = os.path.expanduser(path) if path.startswith("~/") else path
     try:

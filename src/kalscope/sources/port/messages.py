@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import socket
 import ssl
 import time
 from abc import abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -24,9 +24,8 @@ from kalscope.sources.port.reader import (
     READ_TIMEOUT,
     OpenPort,
     quoted,
-    short,
 )
-from kalscope.sources.port.serial_port import connect_failure, host_and_port
+from kalscope.sources.port.serial_port import host_and_port
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -40,19 +39,13 @@ _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 _LINE_END = re.compile(r"[\r\n]+")
 
 
-def decoded(data: bytes) -> str:
-    """A message as text: UTF-8, or where it is not, Latin-1, as the line parser reads it."""
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
 def lines_of(data: bytes) -> bytes:
     r"""The lines of one message, each with its \n; b"" for none. A binary one is one line, to be rejected."""
     if _BINARY.search(data):
         return b"\0" + data[:MAX_SHOWN].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
-    return "".join(f"{_marked(line)}\n" for line in _LINE_END.split(decoded(data)) if line.strip()).encode()
+    return "".join(
+        f"{_marked(line)}\n" for line in _LINE_END.split(data.decode("utf-8", "replace")) if line.strip()
+    ).encode()
 
 
 def _marked(line: str) -> str:
@@ -77,10 +70,9 @@ class MessagePort(OpenPort):
 
     starts = "at a line"
 
-    def __init__(self) -> None:
-        self.lines: bytearray = bytearray()
-        """What was gathered, and not fetched yet."""
-        self._held_until = 0.0
+    _held_until = 0.0
+    lines: bytes = b""
+    """What was gathered, and not fetched yet."""
 
     @abstractmethod
     def gather(self) -> None:
@@ -94,8 +86,7 @@ class MessagePort(OpenPort):
             self._held_until = now + (HOLD_S if self.lines.startswith(b">") else 0.0)
         if now < self._held_until and len(self.lines) < MAX_READ_BYTES:
             return b""
-        data = bytes(self.lines)
-        self.lines.clear()
+        data, self.lines = self.lines, b""
         return data
 
 
@@ -113,43 +104,32 @@ MAX_TOPIC = 200
 _CELLS = re.compile(r"[,;\s]+")
 _NO_NAME = re.compile(r"[:;]")
 _NO_MARK = re.compile(r"[>|§\x00-\x1f\x7f]")
-_TOPIC = re.compile(r"(?:(?:\+|[^+#/]*)/)*(?:\+|#|[^+#/]*)")
-"""A topic to subscribe to."""
 
 
-class Topics:
-    """The topics of one subscription."""
+def topic_lines(subscribed: str, topic: str, payload: bytes, *, retained: bool = False) -> bytes:
+    r"""The lines of one message, each with its \n.
 
-    def __init__(self, subscribed: str) -> None:
-        """Args: what is subscribed to, as `mqtt_parts` takes it."""
-        levels = subscribed.split("/")
-        wild = [i for i, level in enumerate(levels) if level in ("+", "#")]
-        self._skip = wild[0] if wild else len(levels) - 1
-        self._is_one = not wild
-
-    def lines(self, topic: str, payload: bytes, *, retained: bool = False) -> bytes:
-        r"""The lines of one message, each with its \n.
-
-        Args:
-            topic: Its topic.
-            payload: What it holds.
-            retained: Whether the broker had kept it: a value of unknown age, of which only the names are used.
-        """
-        levels = topic.split("/")
-        name = _printable("/".join(levels[self._skip :] or levels[-1:])).strip() or "topic"
-        if len(payload) > MAX_PAYLOAD:
-            return _line(name, f"({len(payload)} bytes: a payload must have at most {MAX_PAYLOAD})")
-        if _BINARY.search(payload):
-            return lines_of(payload)
-        text = " ".join(decoded(payload).split())
-        values = _values(text)
-        if self._is_one and [of for of, _, _ in values] != [""]:
-            return f"# retained: {text}\n".encode() if retained else lines_of(payload)
-        if not values:
-            return _line(name, f"{text}|t")
-        if retained:
-            return b"".join(_line(name + of, "") for of, _, _ in values)
-        return b"".join(_line(name + of, value + (f"§{unit}" if unit else "")) for of, value, unit in values)
+    Args:
+        subscribed: What is subscribed to: one topic, or several by + and #.
+        topic: Its topic.
+        payload: What it holds.
+        retained: Whether the broker had kept it: a value of unknown age, of which only the names are used.
+    """
+    levels, wild = topic.split("/"), [i for i, level in enumerate(subscribed.split("/")) if level in ("+", "#")]
+    name = _printable("/".join(levels[wild[0] if wild else -1 :] or levels[-1:])).strip() or "topic"
+    if len(payload) > MAX_PAYLOAD:
+        return _line(name, f"({len(payload)} bytes: a payload must have at most {MAX_PAYLOAD})")
+    if _BINARY.search(payload):
+        return lines_of(payload)
+    text = " ".join(payload.decode("utf-8", "replace").split())
+    values = _values(text)
+    if not wild and [of for of, _, _ in values] != [""]:
+        return f"# retained: {text}\n".encode() if retained else lines_of(payload)
+    if not values:
+        return _line(name, f"{text}|t")
+    if retained:
+        return b"".join(_line(name + of, "") for of, _, _ in values)
+    return b"".join(_line(name + of, value + (f"§{unit}" if unit else "")) for of, value, unit in values)
 
 
 def _printable(name: str) -> str:
@@ -191,6 +171,8 @@ KEEP_ALIVE = 15
 """Seconds without a packet after which the broker is pinged."""
 MAX_MESSAGE = 8 << 20
 """Bytes of a message beyond which the connection is given up: it cannot be refused in any other way."""
+_REFUSED = 128
+"""The lowest reason code of MQTT by which a broker refuses."""
 
 _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
@@ -209,21 +191,11 @@ def mqtt_parts(address: str) -> re.Match[str]:
         raise BadSetting(
             f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
         )
-    topic = _topic(match[6])
-    if not _TOPIC.fullmatch(topic) or not topic.isprintable() or len(topic.encode()) > 65_535:
-        raise BadSetting(
-            f"a topic must have levels between /, + for a whole level, # for all that follow (got {topic!r:.100})"
-        )
     try:
         import_module("paho.mqtt.client")
     except ImportError:
         raise BadSetting('mqtt:// needs paho-mqtt: pip install "kalscope[mqtt]" or pip install paho-mqtt') from None
     return match
-
-
-def _topic(written: str) -> str:
-    """A topic, from how an address writes it: %40 is @. Nothing else is decoded: a % is rare in a topic."""
-    return written.replace("%40", "@")
 
 
 class _TlsSocket(ssl.SSLSocket):
@@ -240,96 +212,82 @@ class _TlsSocket(ssl.SSLSocket):
 class MqttPort(MessagePort):
     """A subscription."""
 
+    prefixes = ("mqtt://", "mqtts://")
+    check = staticmethod(mqtt_parts)
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect and subscribe; see OpenPort."""
-        super().__init__()
         del last
         paho: Any = import_module("paho.mqtt.client")
         match = mqtt_parts(spec.url)
-        self._tls = match[1].lower() == "mqtts"
-        self._user, self._host = unquote(match[2] or ""), match[3] or match[4]
-        self._port = int(match[5] or (TLS_PORT if self._tls else PORT))
-        self._topic = _topic(match[6])
-        self._topics = Topics(self._topic)
+        tls, self._host = match[1].lower() == "mqtts", match[3] or match[4]
+        port = int(match[5] or (TLS_PORT if tls else PORT))
+        self._topic = match[6].replace("%40", "@")  # nothing else is decoded: a % is rare in a topic
         self.when_silent = f"does anything publish on {self._topic}, and may this user read it?"
-        self.answers: dict[str, int] = {}
-        """The broker's answer to "connected" and "subscribed": a reason code of MQTT 5, 128 and more refuse."""
+        self._answer: int | None = None
+        """The broker's answer to the connection and the subscription, a reason code: 128 and more refuse."""
         self._client: Any = paho.Client(
             paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False
         )
         self._client.on_connect, self._client.on_subscribe = self._on_connect, self._on_subscribe
         self._client.on_message = self._take
-        try:
-            self._connect(is_ended)
-        except (OSError, UnicodeError, BadDevice) as error:
-            self.close()
-            raise BadDevice(self._failure(error)) from error
-
-    def _connect(self, is_ended: Callable[[], bool]) -> None:
-        client, end = self._client, time.monotonic() + CONNECT_TIMEOUT
-        client.connect_timeout = CONNECT_TIMEOUT
-        if self._user:
-            client.username_pw_set(self._user, os.environ.get(MQTT_PASSWORD))
-        if self._tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
+        if match[2]:
+            self._client.username_pw_set(unquote(match[2]), os.environ.get(MQTT_PASSWORD))
+        if tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
             context = ssl.create_default_context()
             context.sslsocket_class = _TlsSocket
-            client.tls_set_context(context)
-        client.connect(self._host, self._port, KEEP_ALIVE)
-        for step in ("connected", "subscribed"):
-            while step not in self.answers:
-                if is_ended() or time.monotonic() > end:
-                    raise TimeoutError
-                self.work(READ_TIMEOUT, step)
-            if self.answers[step] >= 128:
-                raise BadDevice(
-                    f"the broker {self._host} refuses this user or this topic (reason code {self.answers[step]}):"
-                    f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
-                )
-            if step == "connected":
-                client.subscribe(self._topic, 1)
+            self._client.tls_set_context(context)
+        try:
+            self._connect(port, is_ended)
+        except BaseException:
+            self.close()
+            raise
 
-    def _failure(self, error: Exception) -> str:
-        """Why there is no connection."""
-        if isinstance(error, BadDevice):
-            return str(error)
-        if isinstance(error, ssl.SSLCertVerificationError):
-            return (
-                f"the certificate of {self._host} is not trusted ({short(error.verify_message)}):"
-                " set SSL_CERT_FILE=ca.pem to name your own authority"
+    def _connect(self, port: int, is_ended: Callable[[], bool]) -> None:
+        end = time.monotonic() + CONNECT_TIMEOUT
+        self._client.connect_timeout = CONNECT_TIMEOUT
+        self._client.connect(self._host, port, KEEP_ALIVE)
+        while self._answer is None:
+            if is_ended() or time.monotonic() > end:
+                raise TimeoutError(f"no answer within {CONNECT_TIMEOUT:g} s")
+            self._work(READ_TIMEOUT)
+        if self._answer >= _REFUSED:
+            raise BadDevice(
+                f"the broker {self._host} refuses this user or this topic (reason code {self._answer}):"
+                f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
             )
-        return connect_failure(self._host, self._port, error)
 
-    def _on_connect(self, _client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
-        self.answers["connected"] = code.value
+    def _on_connect(self, client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
+        self._answer = code.value if code.value >= _REFUSED else None
+        client.subscribe(self._topic, 1)
 
     def _on_subscribe(self, _client: Any, _data: Any, _id: Any, codes: Any, _properties: Any) -> None:
-        self.answers["subscribed"] = max((code.value for code in codes), default=128)
+        self._answer = max((code.value for code in codes), default=_REFUSED)
 
     def _take(self, _client: Any, _data: Any, message: Any) -> None:
-        try:
+        topic = "topic"
+        with suppress(UnicodeDecodeError):
             topic = message.topic
-        except UnicodeDecodeError:
-            topic = "topic"
-        self.lines += self._topics.lines(topic, message.payload, retained=bool(message.retain))
+        self.lines += topic_lines(self._topic, topic, message.payload, retained=bool(message.retain))
 
     def gather(self) -> None:
         """Take what has arrived."""
         known = len(self.lines)
-        self.work(READ_TIMEOUT)
+        self._work(READ_TIMEOUT)
         while known < len(self.lines) < MAX_READ_BYTES:
             known = len(self.lines)
-            self.work(0.0)
+            self._work(0.0)
 
-    def work(self, timeout: float, answer: str = "") -> None:
+    def _work(self, timeout: float) -> None:
         """Let the client read one packet, or wait for one.
 
         Raises:
-            BadDevice: the connection was lost, and there is neither a line to fetch nor the answer that is waited
-                for: a broker that refuses closes the connection at once.
+            BadDevice: the connection was lost, and there is neither a line to fetch nor a refusal: a broker that
+                refuses closes the connection at once.
         """
         is_lost = self._client.loop(timeout) != 0
-        if is_lost and not self.lines and answer not in self.answers:
-            raise BadDevice(f"the broker {self._host} closed the connection")
+        if is_lost and not self.lines and (self._answer or 0) < _REFUSED:
+            raise OSError("the broker closed the connection")
         coming = getattr(self._client, "_in_packet", {}).get("remaining_length", 0)
         if coming > MAX_MESSAGE:
             raise BadDevice(f"a message of {coming} bytes comes from {self._host}: at most {MAX_MESSAGE} are read")
@@ -357,52 +315,44 @@ UDP_RECEIVE_BUFFER = 4 << 20
 """Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
 
 
-def interface_and_port(address: str) -> tuple[str, int]:
-    """The interface and the port of an address; raises BadSetting as `host_and_port`."""
-    return host_and_port(address, LOOPBACK)
-
-
 class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
+    prefixes = ("udp://",)
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Bind it; see OpenPort."""
-        super().__init__()
         del is_ended, last
-        self._name, (host, port) = spec.url, interface_and_port(spec.url)
+        host, port = self.check(spec.url)
         self.when_silent = (
-            f"does the board send to port {port} of this computer, and may it? 127.0.0.1 is for this computer only,"
-            f" udp://0.0.0.0:{port} is open to all networks, a firewall may close it"
+            f"does the board send to this address, and do all firewalls let it? udp://0.0.0.0:{port} is open to all"
+            " networks of this computer"
         )
-        self._socket: Any = None
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-            family, kind, protocol, _, place = found[0]
-            self._socket = socket.socket(family, kind, protocol)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UDP_RECEIVE_BUFFER)
-            self._socket.bind(place)
-        except (OSError, UnicodeError) as error:
+            self._socket.bind((host, port))
+        except BaseException:
             self.close()
-            raise BadDevice(
-                f"port {port} of {host} cannot be bound ({short(error)}): does another program use it, and is"
-                f" {host} an address of this computer? 0.0.0.0 means all of them"
-            ) from error
-        self._socket.setblocking(False)
+            raise
+
+    @staticmethod
+    def check(address: str) -> tuple[str, int]:
+        """The interface and the port of an address; see OpenPort."""
+        return host_and_port(address, LOOPBACK)
 
     def gather(self) -> None:
         """Take what has arrived."""
-        try:
-            if select.select([self._socket], [], [], READ_TIMEOUT)[0]:
-                for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
-                    if len(self.lines) >= MAX_READ_BYTES:
-                        break
-                    self.lines += lines_of(self._socket.recv(MAX_DATAGRAM))
-        except (BlockingIOError, InterruptedError, ConnectionError):  # none waits; errors of earlier datagrams
-            pass
-        except OSError as error:
-            raise BadDevice(f"{self._name} can no longer be read ({short(error)})") from error
+        # None waits; errors of earlier datagrams.
+        with suppress(TimeoutError, BlockingIOError, InterruptedError, ConnectionError):
+            self._socket.settimeout(READ_TIMEOUT)
+            for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
+                self.lines += lines_of(self._socket.recv(MAX_DATAGRAM))
+                if len(self.lines) >= MAX_READ_BYTES:
+                    break
+                self._socket.settimeout(0.0)
 
     def close(self) -> None:
         """Release the port."""
-        if self._socket is not None:
-            self._socket.close()
+        self._socket.close()

@@ -10,9 +10,10 @@ import re
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Literal
 
 from kalscope.errors import BadDevice, BadSetting
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 READ_TIMEOUT = 0.1
 """Seconds after which a read without data returns, so that close never waits longer."""
-WRITE_TIMEOUT = 2.0
-"""Seconds after which a write that is not accepted fails."""
 CONNECT_TIMEOUT = 5.0
 """Seconds within which the other side must answer."""
 MAX_READ_BYTES = 1 << 13
@@ -34,32 +33,45 @@ MAX_READ_BYTES = 1 << 13
 
 Start = Literal["inside a line", "at a line", "where it stopped"]
 """Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
-beginning of a line, as that of a message or a file; or right after the last whole line of the opening before."""
+beginning of a line, as that of a message or a file; or right after the last byte of the opening before."""
 
 
 class OpenPort(ABC):
-    """A port: to construct one is to open it. Each method raises BadDevice where the connection is lost.
+    """A port: to construct one is to open it. Methods raise an OSError where the connection is lost."""
 
-    Constructors take a PortSpec, a function that is true once the port is no longer needed (called at least every
-    READ_TIMEOUT s where that is possible), and the last port that was open, closed by now; None for the first.
-    They raise BadDevice where it cannot be opened: why, and what to do, a sentence without its full stop.
-    """
-
+    prefixes: tuple[str, ...] = ()
+    """How its addresses begin, in lower case; the usual one first."""
+    has_baud = False
+    """Whether an address may end with @ and a baud rate."""
+    check: Callable[[str], object] = staticmethod(str)
+    """Raises BadSetting where an address is malformed; the return value is not used. Opens nothing."""
     device = ""
     """What is open, as users know it, where that is not the address: a board may come back under another path."""
     when_silent = ""
     """What to check where nothing arrives, a sentence without its full stop; "" where silence may be all right."""
+    when_lost = ""
+    """What to check where it is lost; "" for nothing."""
     starts: Start = "inside a line"
     """Where its first byte is."""
     keeps = False
     """True where the other side keeps what is not read yet: it is then fetched no faster than it is used."""
 
     @abstractmethod
-    def fetch(self) -> bytes:
-        """Bytes that have arrived; after READ_TIMEOUT none.
+    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+        """Open it.
 
-        MAX_READ_BYTES at most, and beyond them only the end of a line, or a message, that is passed on whole.
+        Args:
+            spec: The port.
+            is_ended: True once it is no longer needed; called at least every READ_TIMEOUT s where that is possible.
+            last: The last port that was open, closed by now; None for the first.
+
+        Raises:
+            BadDevice: why it cannot be opened, and what to do, a sentence without its full stop.
         """
+
+    @abstractmethod
+    def fetch(self) -> bytes:
+        """Bytes that have arrived, little more than MAX_READ_BYTES; after READ_TIMEOUT none."""
 
     def write(self, data: bytes) -> None:
         """Send all of it. Here: refuse, as most transports only receive."""
@@ -194,27 +206,28 @@ class Disconnected:
 
 @dataclass(frozen=True)
 class LinesDropped:
-    """Lines were left out, because too many bytes waited; the next bytes begin a line."""
+    """Lines were left out, because too many bytes waited."""
 
     count: int
-    """How many, including the one whose beginning was passed on."""
+    """How many ended, the one whose beginning was passed on included."""
     begin: float
     """Monotonic time of the first of their bytes, s."""
     end: float
-    """Monotonic time of the next line that is kept, s."""
+    """Monotonic time of the last of their bytes, s."""
+    last: bytes
+    """Their last byte: the next bytes begin a line where it ends one."""
 
 
 Item = BytesReceived | Opened | LinesDropped | Disconnected
 """What the thread queues."""
 
 
-# Lines that come faster than their consumer takes them are left out whole, and counted.
+# Lines that come faster than their consumer takes them are left out, and counted.
 
 
 MAX_WAITING_BYTES = 1 << 20
 """Bytes that may wait for the consumer: 91 s of a port at 115200 baud. Beyond that lines are left out."""
 _LINE_END = re.compile(rb"\r\n?|\n")
-_SURE_LINE_END = re.compile(rb"\r\n|\n|\r(?=[^\n])")
 
 
 class LineCounter:
@@ -231,33 +244,26 @@ class LineCounter:
 
 
 class Overload:
-    """Leaves out whole lines while too many bytes wait, until half of them are taken: one gap, not a hundred."""
+    """Leaves out what is read while too many bytes wait, until half of them are taken: one gap, not a hundred."""
 
     def __init__(self) -> None:
         self._lines = LineCounter()
         self._gap: LinesDropped | None = None
 
     def take(self, received: BytesReceived, waiting: int) -> Iterator[LinesDropped | BytesReceived]:
-        """What is passed on of the next bytes: all, nothing, or the gap that ends here and the lines after it.
+        """What is passed on of the next bytes: all, after the gap that ends here if there is one, or nothing.
 
         Args:
             received: What was read.
             waiting: Bytes that the consumer has not taken yet.
         """
-        data, gap = received.data, self._gap
-        if gap is None and waiting + len(data) <= MAX_WAITING_BYTES:
-            self._lines.count(data)
+        ends, gap = self._lines.count(received.data), self._gap
+        if waiting + len(received.data) <= (MAX_WAITING_BYTES if gap is None else MAX_WAITING_BYTES // 2):
+            yield from self.end()
             yield received
             return
-        first_end = _SURE_LINE_END.search(data) if waiting <= MAX_WAITING_BYTES // 2 else None
-        cut = len(data) if first_end is None else first_end.end()
         begin, before = (received.begin, 0) if gap is None else (gap.begin, gap.count)
-        self._gap = LinesDropped(before + self._lines.count(data[:cut]), begin, received.end)
-        if first_end is not None:
-            yield from self.end()
-            if cut < len(data):
-                self._lines.count(data[cut:])
-                yield replace(received, data=data[cut:])
+        self._gap = LinesDropped(before + ends, begin, received.end, received.data[-1:])
 
     def end(self) -> Iterator[LinesDropped]:
         """The gap that is still open, if there is one: nothing follows."""
@@ -279,12 +285,7 @@ class PortReader:
     """One port and its thread."""
 
     def __init__(
-        self,
-        spec: PortSpec,
-        *,
-        reconnect: bool = True,
-        clock: Clock = SYSTEM,
-        opener: Opener | None = None,
+        self, spec: PortSpec, *, reconnect: bool = True, clock: Clock = SYSTEM, opener: Opener | None = None
     ) -> None:
         """Prepare; nothing is opened.
 
@@ -299,41 +300,22 @@ class PortReader:
         """The events in order."""
         self.taken = 0
         """Bytes that the consumer has taken out of the queue and processed; the consumer counts them."""
-        self._reconnect = reconnect
-        self._clock = clock
-        self._opener = opener or spec.transport.opener
+        self.state = PortState("closed", device=spec.url)
+        """The current state of the port."""
+        self.max_read_latency = 0.0
+        """The longest time by which a read returned late, s."""
+        self.port: OpenPort | None = None
+        """What is open, as long as it may still be read."""
+        self.received_at = 0.0
+        """Monotonic time of the last bytes, or of the opening, s."""
+        self.clock = clock
+        """The source of the stamps."""
+        self._reconnect, self._opener = reconnect, opener or spec.transport
         self._last: OpenPort | None = None
-        self._state = PortState("closed", device=spec.url)
-        self._port: OpenPort | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._write_lock = threading.Lock()
-        self._received_at = 0.0
         self._queued = 0  # bytes
-        self.max_read_latency = 0.0
-        """The longest time by which a read returned late, s."""
-
-    @property
-    def state(self) -> PortState:
-        """The current state of the port."""
-        return self._state
-
-    @property
-    def silence(self) -> tuple[float, str]:
-        """Seconds since the last bytes, or the opening, and what to check after many; (0, "") if not open."""
-        if self._state.word != "connected" or self._last is None:
-            return 0.0, ""
-        return self._clock.monotonic() - self._received_at, self._last.when_silent
-
-    @property
-    def running(self) -> bool:
-        """True from start to close, and until the board is lost if it does not reconnect."""
-        return self._thread is not None and self._thread.is_alive()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the port may still be read."""
-        return self._port is not None
 
     def start(self, *, require: bool = False) -> None:
         """Begin to read; does nothing while it runs.
@@ -344,19 +326,16 @@ class PortReader:
         Raises:
             BadDevice: the port cannot be opened, where that is required.
         """
-        if self.running:
+        if self._thread is not None and self._thread.is_alive():
             return
-        self._stop, port = threading.Event(), None
+        self._stop = stop = threading.Event()
         self._set_state("connecting")
-        if require:
-            try:
-                port = self._opened(self._stop)
-            except BadDevice as error:
-                self._set_state("closed", str(error))
-                raise
-        self._thread = threading.Thread(
-            target=self._run, args=(port, self._stop), name="kalscope port", daemon=True
-        )
+        try:
+            port = self._opened(stop) if require else None
+        except BadDevice as error:
+            self._set_state("closed", str(error))
+            raise
+        self._thread = threading.Thread(target=self._run, args=(port, stop), name="kalscope port", daemon=True)
         self._thread.start()
 
     def close(self, timeout: float = 3.0) -> None:
@@ -367,9 +346,9 @@ class PortReader:
         """
         self._stop.set()
         thread, self._thread = self._thread, None
-        if thread is not None and thread is not threading.current_thread():
+        if thread is not None:
             thread.join(timeout)
-        self._set_state("closed", self._state.reason if self._state.word == "closed" else "")
+        self._set_state("closed", self.state.reason if self.state.word == "closed" else "")
 
     def write(self, data: bytes) -> None:
         """Send bytes to the board.
@@ -378,60 +357,74 @@ class PortReader:
             BadDevice: the port is not open, or the board was lost while they were sent.
         """
         with self._write_lock:
-            port = self._port
-            if port is None:
-                raise BadDevice(f"port {self._state.device} is not connected ({self._state.word})")
-            port.write(data)
+            if self.port is None:
+                raise BadDevice(f"port {self.state.device} is not connected ({self.state.word})")
+            with _one_sentence(f"{self.state.device} accepts no data"):
+                self.port.write(data)
+
+    def left_out(self, item: Item) -> LinesDropped:
+        """An event, and all that follow it in the queue, as lines that are left out."""
+        lines, dropped, last, at = LineCounter(), 0, b"", self.clock.monotonic()
+        with suppress(Empty):
+            while True:
+                if isinstance(item, BytesReceived):
+                    dropped, last = dropped + lines.count(item.data), item.data[-1:]
+                    self.taken += len(item.data)
+                elif isinstance(item, LinesDropped):
+                    dropped, last = dropped + item.count, item.last
+                item = self.items.get_nowait()
+        return LinesDropped(dropped, at, at, last)
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
-        delay = MIN_RETRY_DELAY
-        while port is not None or not stop.is_set():
+        delay, waits = MIN_RETRY_DELAY, port is not None or not stop.is_set()
+        while waits:
+            reason = ""
             try:
                 port = port or self._opened(stop)
                 delay = MIN_RETRY_DELAY
-                reason = self._read(port, stop)
+                self._read(port, stop)
             except BadDevice as error:
-                reason = str(error)
-            is_closed = stop.is_set()
-            waits = self._reconnect and not is_closed
+                reason = "" if stop.is_set() else str(error)
+            waits = self._reconnect and not stop.is_set()
             if stop is self._stop:  # not started again in the meantime
-                self._set_state("disconnected, waiting" if waits else "closed", "" if is_closed else reason)
+                self._set_state("disconnected, waiting" if waits else "closed", reason)
             if port is not None:
                 # After the state has changed, so that the consumer finds there why the board is gone.
-                self.items.put(Disconnected(self._clock.monotonic()))
+                self.items.put(Disconnected(self.clock.monotonic()))
                 port = None
-            if not waits:
-                return
-            stop.wait(delay)
-            delay = min(2 * delay, MAX_RETRY_DELAY)
+            if waits:
+                stop.wait(delay)
+                waits, delay = not stop.is_set(), min(2 * delay, MAX_RETRY_DELAY)
 
     def _opened(self, stop: threading.Event) -> OpenPort:
         """Open the port and queue the event."""
-        port = self._opener(self.spec, stop.is_set, self._last)
+        with _one_sentence(f"{self.spec.url} cannot be opened"):
+            port = self._opener(self.spec, stop.is_set, self._last)
         device = port.device or self.spec.url
         if stop.is_set():  # closed, or started again, in the meantime
             port.close()
             raise BadDevice(f"port {device} was closed before it had opened")
-        at = self._received_at = self._clock.monotonic()
+        at = self.received_at = self.clock.monotonic()
         with self._write_lock:
-            self._port = self._last = port
+            self.port = self._last = port
         # Before the state changes, so that a caller who sees "connected" finds the event.
         self.items.put(Opened(at, port.starts, port.keeps))
-        self._state = PortState("connected", "", device, self._state.opened + 1)
+        self.state = PortState("connected", "", device, self.state.opened + 1)
         return port
 
-    def _read(self, port: OpenPort, stop: threading.Event) -> str:
-        """Read until the board is lost or `stop`; then close the port. Returns why it was lost."""
-        why, clock, overload = "", self._clock.monotonic, Overload()
+    def _read(self, port: OpenPort, stop: threading.Event) -> None:
+        """Read until `stop`; then close the port. Raises BadDevice where the board is lost."""
+        clock, overload, silence = self.clock.monotonic, Overload(), 0.0
         before = now = clock()
-        silence = 0.0
+        check = f": {port.when_lost}" if port.when_lost else ""
         try:
             while not stop.is_set():
                 if port.keeps and self._queued - self.taken > _KEPT_BYTES:
                     stop.wait(_KEPT_PAUSE)
                     continue
                 due = now + READ_TIMEOUT
-                data = port.fetch()
+                with _one_sentence(f"{self.state.device} was lost", check):
+                    data = port.fetch()
                 now = clock()
                 if not port.keeps:
                     self.max_read_latency = max(self.max_read_latency, now - due)
@@ -439,20 +432,29 @@ class PortReader:
                     # Not `now - before`: a machine that stalls in a read receives nothing either.
                     silence = min(silence + READ_TIMEOUT, now - before)
                     continue
-                self._received_at = now
+                self.received_at = now
                 for item in overload.take(BytesReceived(data, before, now, silence), self._queued - self.taken):
                     self._queued += len(item.data) if isinstance(item, BytesReceived) else 0
                     self.items.put(item)
                 before, silence = now, 0.0
-        except BadDevice as error:
-            why = str(error)
         finally:
             for gap in overload.end():
                 self.items.put(gap)
             with self._write_lock:
-                self._port = None
+                self.port = None
             port.close()
-        return why
 
     def _set_state(self, word: Word, reason: str = "") -> None:
-        self._state = replace(self._state, word=word, reason=reason)
+        self.state = replace(self.state, word=word, reason=reason)
+
+
+@contextmanager
+def _one_sentence(what: str, check: str = "") -> Generator[None]:
+    """Whatever a driver or a library raises is a BadDevice: it must not end the thread, which would say nothing."""
+    try:
+        yield
+    except BadDevice:
+        raise
+    except Exception as error:
+        reason = short(getattr(error, "strerror", None) or error) or type(error).__name__
+        raise BadDevice(f"{what} ({reason}){check}") from error

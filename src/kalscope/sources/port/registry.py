@@ -3,71 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from kalscope.errors import BadSetting
-from kalscope.sources.port.messages import (
-    MqttPort,
-    UdpPort,
-    interface_and_port,
-    mqtt_parts,
-)
-from kalscope.sources.port.reader import Opener, quoted, refuse_password
-from kalscope.sources.port.serial_port import SerialPort, SocketPort, host_and_port, is_serial_device
-from kalscope.sources.port.ssh import FILE_PREFIX, FilePort, SshPort, check_file, ssh_parts
+from kalscope.sources.port.messages import MqttPort, UdpPort
+from kalscope.sources.port.reader import OpenPort, quoted, refuse_password
+from kalscope.sources.port.serial_port import SerialPort, SocketPort, is_serial_device
+from kalscope.sources.port.ssh import FilePort, SshPort
 
-# The kinds of addresses.
-
-
-@dataclass(frozen=True)
-class Transport:
-    """One kind of address."""
-
-    prefixes: tuple[str, ...]
-    """How its addresses begin, in lower case; the usual one first."""
-    example: str
-    """Such an address, for help texts."""
-    check: Callable[[str], object]
-    """Raises BadSetting where an address is malformed; its return value is not used. Opens nothing."""
-    opener: Opener
-    """Opens it; imports what it needs."""
-    has_baud: bool = False
-    """Whether an address may end with @ and a baud rate."""
-
-    def begins(self, address: str) -> bool:
-        """Whether the address is of this kind."""
-        return address.lower().startswith(self.prefixes)
-
-    def refuse(self, address: str) -> None:
-        """Raise BadSetting where an address is malformed, or holds a password."""
-        if self.prefixes[0].endswith("://"):
-            refuse_password(address)
-        self.check(address)
-
-
-SERIAL = Transport(("serial:",), "/dev/ttyACM0 or COM3@9600", lambda _path: None, SerialPort, has_baud=True)
-"""A serial port of this computer; its path alone is an address, too."""
-TRANSPORTS = (
-    SERIAL,
-    Transport(("ssh://",), "ssh://host/dev/ttyACM0@115200", ssh_parts, SshPort, has_baud=True),
-    Transport(("tcp://", "socket://"), "tcp://host:port", host_and_port, SocketPort),
-    Transport(("udp://",), "udp://:47269", interface_and_port, UdpPort),
-    Transport(("mqtt://", "mqtts://"), "mqtt://broker/topic", mqtt_parts, MqttPort),
-    Transport((FILE_PREFIX,), "file:log.csv", check_file, FilePort),
-    Transport(("rfc2217://",), "rfc2217://host:port", host_and_port, SerialPort, has_baud=True),
-)
+TRANSPORTS: tuple[type[OpenPort], ...] = (SerialPort, SshPort, SocketPort, UdpPort, MqttPort, FilePort)
 """All kinds of address, in the order in which help texts name them."""
 
+_SERIAL = SerialPort.prefixes[0]
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
 
-def named_transport(text: str) -> Transport | None:
+def named_transport(text: str) -> type[OpenPort] | None:
     """The transport whose prefix `text` begins with; None for the bare path of a port, and for anything else."""
-    return next((one for one in TRANSPORTS if one.begins(text)), None)
+    return next((one for one in TRANSPORTS if text.lower().startswith(one.prefixes)), None)
 
 
-def transport_of(text: str) -> Transport:
+def transport_of(text: str) -> type[OpenPort]:
     """The transport of an address; without a prefix it is the path of a serial port.
 
     Raises:
@@ -75,14 +31,22 @@ def transport_of(text: str) -> Transport:
     """
     found = named_transport(text)
     if found is None and _SCHEME.match(text) is not None:
-        known = [one.prefixes[0] for one in TRANSPORTS if one.prefixes[0].endswith("://")]
-        raise BadSetting(f"an address must begin with {', '.join(known[:-1])} or {known[-1]} (got {quoted(text)})")
-    return found or SERIAL
+        known = ", ".join(prefix for one in TRANSPORTS for prefix in one.prefixes if prefix.endswith("://"))
+        raise BadSetting(f"an address must begin with one of {known} (got {quoted(text)})")
+    return found or SerialPort
 
 
 def address_examples() -> str:
     """Addresses of all kinds that users type, for help texts."""
-    return ", ".join(f'"{one.example}"' for one in TRANSPORTS)
+    examples = (
+        "/dev/ttyACM0 or COM3@9600",
+        "rfc2217://host:port",
+        "ssh://host/dev/ttyACM0@115200",
+        "tcp://host:port",
+    )
+    return ", ".join(
+        f'"{address}"' for address in (*examples, "udp://:47269", "mqtt://broker/topic", "file:log.csv")
+    )
 
 
 # Names of ports as users type them. Nothing is opened.
@@ -110,20 +74,22 @@ class PortSpec:
     def __post_init__(self) -> None:
         if not self.url.strip() or "\x00" in self.url:
             raise BadSetting(f"port must be a path such as /dev/ttyACM0 or COM3, or a URL (got {self.url!r})")
-        self.transport.refuse(self.url)
+        if "://" in self.url and self.transport is not FilePort:
+            refuse_password(self.url)
+        self.transport.check(self.url)
         if type(self.baud) is not int or not 1 <= self.baud <= MAX_BAUD:
             raise BadSetting(f"baud rate must be a whole number from 1 to {MAX_BAUD} (got {self.baud!r})")
 
     @property
-    def transport(self) -> Transport:
+    def transport(self) -> type[OpenPort]:
         """The kind of its address."""
         return transport_of(self.url)
 
     @property
     def text(self) -> str:
         """What `port_of` reads back: "serial:PORT@BAUD", or the address."""
-        if self.transport is SERIAL:
-            return f"{SERIAL.prefixes[0]}{self.url}@{self.baud}"
+        if "://" not in self.url and self.transport is SerialPort:
+            return f"{_SERIAL}{self.url}@{self.baud}"
         return self.url if self.baud == DEFAULT_BAUD else f"{self.url}@{self.baud}"
 
 
@@ -146,16 +112,15 @@ def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = T
         BadSetting: no port is named, or the baud rate is not a number in its range.
     """
     address = text.strip()
-    if SERIAL.begins(address):
-        address = address[len(SERIAL.prefixes[0]) :].strip()
-    transport = transport_of(address)
-    url, baud = _split_baud(address) if transport.has_baud else (address, str(DEFAULT_BAUD))
+    if address.lower().startswith(_SERIAL):
+        address = address[len(_SERIAL) :].strip()
+    url, baud = _split_baud(address) if transport_of(address).has_baud else (address, str(DEFAULT_BAUD))
     baud = default_baud if baud is None else baud
     if not (baud.isascii() and baud.isdecimal()):
         try:
-            transport.refuse(url)
+            PortSpec(url)
         except BadSetting:
-            transport.refuse(address)  # the whole one, since a message hides the password of a whole address only
+            PortSpec(address)  # the whole one, since a message hides the password of a whole address only
         raise BadSetting(f"baud rate must be a whole number, as in COM3@9600 (got {baud!r} in {quoted(text)})")
     return PortSpec(url, int(baud[:10]), reset)  # more digits are too many in any case
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import select
 import socket
 import sys
 from collections.abc import Callable
@@ -14,15 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.port.reader import (
-    CONNECT_TIMEOUT,
-    MAX_READ_BYTES,
-    READ_TIMEOUT,
-    WRITE_TIMEOUT,
-    OpenPort,
-    quoted,
-    short,
-)
+from kalscope.sources.port.reader import CONNECT_TIMEOUT, MAX_READ_BYTES, READ_TIMEOUT, OpenPort, quoted, short
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -50,22 +41,13 @@ def list_ports() -> tuple[PortInfo, ...]:
     """The serial ports that the system knows, by name. A pseudo-terminal is never among them."""
     from serial.tools import list_ports as pyserial
 
-    return tuple(sorted((_info(port) for port in pyserial.comports()), key=lambda info: _natural(info.device)))
+    return tuple(map(_info, sorted(pyserial.comports())))
 
 
-def _info(port: object) -> PortInfo:
-    def text(name: str) -> str:
-        value = getattr(port, name, None)
-        return "" if value in (None, "n/a") else str(value)
-
-    vid, pid = getattr(port, "vid", None), getattr(port, "pid", None)
-    usb = (vid, pid) if isinstance(vid, int) and isinstance(pid, int) else None
-    return PortInfo(text("device"), text("description"), text("serial_number"), text("manufacturer"), usb)
-
-
-def _natural(device: str) -> list[tuple[int, str]]:
-    """COM10 after COM9."""
-    return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"([0-9]+)", device)]
+def _info(port: Any) -> PortInfo:
+    texts = (port.device, port.description, port.serial_number, port.manufacturer)
+    usb = None if port.vid is None or port.pid is None else (port.vid, port.pid)
+    return PortInfo(*("" if text in (None, "n/a") else str(text) for text in texts), usb=usb)
 
 
 # tcp://host:port, which pyserial writes socket://: a board, or a program, that sends its lines over TCP.
@@ -88,49 +70,31 @@ def host_and_port(address: str, default: str = "") -> tuple[str, int]:
     return host, int(match[3])
 
 
-def connect_failure(host: str, port: int, error: Exception) -> str:
-    """Why a connection could not be made, and what to do."""
-    if isinstance(error, socket.gaierror | UnicodeError):
-        return f"no computer is known by the name {host} ({short(getattr(error, 'strerror', None) or error)})"
-    if isinstance(error, ConnectionRefusedError):
-        return f"nothing listens at {host}:{port}: does the board, or the broker, run there?"
-    if isinstance(error, TimeoutError):
-        return f"{host}:{port} does not answer within {CONNECT_TIMEOUT:g} s"
-    return f"{host}:{port} cannot be reached ({short(error)})"
-
-
 class SocketPort(OpenPort):
     """A connection over TCP."""
+
+    prefixes = ("tcp://", "socket://")
+    check = staticmethod(host_and_port)
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
         del is_ended, last  # the system's connect cannot be interrupted
-        self._name = spec.url
-        host, port = host_and_port(spec.url)
-        try:
-            self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT)
-        except (OSError, UnicodeError) as error:
-            raise BadDevice(connect_failure(host, port, error)) from error
-        self._socket.settimeout(WRITE_TIMEOUT)
+        self._socket = socket.create_connection(host_and_port(spec.url), CONNECT_TIMEOUT)
+        self._socket.settimeout(READ_TIMEOUT)  # and no select(), which fails beyond 1,024 open files
 
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
         try:
-            if not select.select([self._socket], [], [], READ_TIMEOUT)[0]:
-                return b""
             data = self._socket.recv(MAX_READ_BYTES)
-        except OSError as error:
-            raise BadDevice(f"the connection to {self._name} was lost ({short(error)})") from error
+        except TimeoutError:
+            return b""
         if not data:
-            raise BadDevice(f"the other side of {self._name} closed the connection")
+            raise OSError("the other side closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
-        try:
-            self._socket.sendall(data)
-        except OSError as error:
-            raise BadDevice(f"{self._name} accepts no data ({short(error)})") from error
+        self._socket.sendall(data)
 
     def close(self) -> None:
         """Close the connection."""
@@ -140,18 +104,11 @@ class SocketPort(OpenPort):
 # Serial ports, and rfc2217://host:port. Wraps pyserial and works around its pitfalls.
 
 
+WRITE_TIMEOUT = 2.0
+"""Seconds after which a write that is not accepted fails."""
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
 _DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
-
-if sys.platform == "win32":
-    _TERMINAL_ERRORS: tuple[type[BaseException], ...] = ()
-else:
-    import termios
-
-    _TERMINAL_ERRORS = (termios.error,)
-LOST = (OSError, TypeError, *_TERMINAL_ERRORS)
-"""All that pyserial raises when a board is lost: OSError, of which its SerialException is one, and two more."""
 
 
 def is_serial_device(text: str) -> bool:
@@ -171,8 +128,6 @@ def new_port(device: str, **settings: Any) -> Any:
 def open_failure(device: str, baud: int, error: BaseException) -> str:
     """The error message where a port cannot be opened."""
     number, text = getattr(error, "errno", None), str(error)
-    if "://" in device:
-        return f"{device} does not answer ({short(error)})"
     if number == errno.ENOENT or "FileNotFoundError" in text:
         known = ", ".join(port.device for port in list_ports()) or "no serial port at all"
         return f"port {device} is not plugged in (the system lists {known})"
@@ -187,12 +142,15 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
 class SerialPort(OpenPort):
     """A serial port of this computer, under whatever name its board has now, or a URL of pyserial."""
 
+    prefixes = ("serial:", "rfc2217://")
+    has_baud = True
+    when_lost = "was the board unplugged, or does another program read this port?"
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
         del is_ended  # a driver opens at once
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
-        self._is_url = "://" in spec.url
-        listed = () if self._is_url else list_ports()
+        listed = () if "://" in spec.url else list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
@@ -205,34 +163,26 @@ class SerialPort(OpenPort):
             self._port.open()
             if hasattr(self._port, "set_buffer_size"):
                 self._port.set_buffer_size(rx_size=_WINDOWS_BUFFER)
-        except (*LOST, ValueError) as error:
+        except Exception as error:
             self.close()
             raise BadDevice(open_failure(self.device, spec.baud, error)) from error
         paths = (self.device, os.path.realpath(self.device))
         found = [info.serial_number for info in listed if info.device in paths]
         self.serial_number = found[0] if found else self.serial_number
 
-    def loss(self) -> str:
-        """Why an open port was probably lost; pyserial raises the same for a pulled cable and a second reader."""
-        if self._is_url:
-            return f"the other side of {self.device} closed the connection"
-        is_there = ", or another program reads this port" if os.path.exists(self.device) else ""
-        return f"the board was unplugged{is_there}"
+    @staticmethod
+    def check(address: str) -> object:
+        """A path may be anything; see OpenPort."""
+        return host_and_port(address) if "://" in address else None
 
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
-        try:
-            # Never more than is there: a read that waits for the rest loses it all if the board is lost.
-            return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
-        except LOST as error:
-            raise BadDevice(self.loss()) from error
+        # Never more than is there: a read that waits for the rest loses it all if the board is lost.
+        return self._port.read(min(max(1, self._port.in_waiting), MAX_READ_BYTES))
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
-        try:
-            self._port.write(data)
-        except LOST as error:
-            raise BadDevice(f"cannot write to port {self.device} ({short(error)})") from error
+        self._port.write(data)
 
     def close(self) -> None:
         """Release the port."""
@@ -240,7 +190,7 @@ class SerialPort(OpenPort):
         if port is None:
             return
         connection = getattr(port, "_socket", None)
-        with suppress(*LOST):  # the port is gone with the board
+        with suppress(Exception):  # the port is gone with the board
             port.close()
         if connection is not None:
             connection.close()  # pyserial forgets to, where the other side was faster

@@ -24,7 +24,7 @@ from urllib.parse import unquote
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.port import far_side
-from kalscope.sources.port.far_side import DEVICE, MARK, MAX_BEFORE, MAX_PIECE, GrowingFile, Replaced
+from kalscope.sources.port.far_side import DEVICE, MARK, GrowingFile, moved
 from kalscope.sources.port.reader import MAX_READ_BYTES, READ_TIMEOUT, OpenPort, quoted, short
 
 if TYPE_CHECKING:
@@ -37,49 +37,35 @@ FILE_PREFIX = "file:"
 """How the address of a file that is followed begins."""
 
 
-def check_file(address: str) -> None:
-    """Raise BadSetting where the address of a file names none."""
-    if not address[len(FILE_PREFIX) :].strip():
-        raise BadSetting(f"the address of a file must be {FILE_PREFIX}PATH (got {address!r})")
-
-
 class FilePort(OpenPort):
     """A file that is read as it grows. It continues where the last one ended, or at its beginning if replaced."""
 
+    prefixes = (FILE_PREFIX,)
     keeps = True
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open the file; see OpenPort."""
         del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
-        former = last.file if isinstance(last, FilePort) else None
-        try:
-            self.file = (
-                GrowingFile(self.device, former.position, former.before) if former else GrowingFile(self.device)
-            )
-        except (OSError, ValueError) as error:
-            raise BadDevice(f"{self.device} cannot be read ({_reason(error)})") from None
-        self.starts = "where it stopped" if former and self.file.position == former.position else "at a line"
+        self.file = GrowingFile(self.device, last.file.place if isinstance(last, FilePort) else (0, b""))
+        self.starts = "where it stopped" if self.file.place[0] else "at a line"
+
+    @staticmethod
+    def check(address: str) -> object:
+        """Refuse an address that names no file; see OpenPort."""
+        if not address[len(FILE_PREFIX) :].strip():
+            raise BadSetting(f"the address of a file must be {FILE_PREFIX}PATH (got {address!r})")
 
     def fetch(self) -> bytes:
-        """Whole lines that were added; see OpenPort."""
-        try:
-            lines = self.file.read()
-        except Replaced:
-            raise BadDevice(f"{self.device} was replaced or cut short: it is read from its beginning") from None
-        except OSError as error:
-            raise BadDevice(f"{self.device} can no longer be read ({_reason(error)})") from error
-        if not lines:
+        """Bytes that were added; see OpenPort."""
+        data = self.file.read()
+        if not data:
             time.sleep(READ_TIMEOUT)
-        return lines
+        return data
 
     def close(self) -> None:
         """Close the file."""
         self.file.close()
-
-
-def _reason(error: Exception) -> str:
-    return short(getattr(error, "strerror", None) or error)
 
 
 # ssh://host/path.
@@ -138,63 +124,56 @@ def ssh_failure(address: str, status: int, errors: str) -> str:
         return f"{address} is gone: the board was unplugged, or the file was replaced"
     if status != _CONNECTION_FAILED:
         return f"{host} cannot read it there: {last} (a port needs your user in the group dialout, and python3)"
-    if "Host key verification failed" in errors:
-        return (
-            f"the host key of {host} is not known here, or it has changed: run ssh {login} once and compare its"
-            " fingerprint"
-        )
-    if "Permission denied" in errors:
-        return f"{host} accepts none of your keys, and no password can be typed here: run ssh-copy-id {login} once"
-    return f"there is no connection to {host} ({last})"
+    return (
+        f"there is no connection to {host} ({last}): does ssh {login} work in a terminal? Compare and accept the"
+        f" host key there, and copy your key by ssh-copy-id {login}: no password can be typed here"
+    )
 
 
 class SshPort(OpenPort):
-    """A running ssh: a serial port of the other machine, or a file, of which whole lines are read.
+    """A running ssh: a serial port of the other machine, or a file.
 
     A file continues where the last one ended, or at its beginning if it was replaced.
     """
 
+    prefixes = ("ssh://",)
+    has_baud = True
+    check = staticmethod(ssh_parts)
+
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
-        self._address = spec.url
-        program = which("ssh")
+        self._address, program = spec.url, which("ssh")
         if program is None:
             raise BadDevice(f"{spec.url} needs the program ssh, which is not installed on this computer")
+        self.place: tuple[int, bytes] = last.place if isinstance(last, SshPort) else (0, b"")
+        """Of a file, as in `GrowingFile`."""
         self._alive_at = time.monotonic()
-        self._closed = threading.Event()
         self._pieces: Queue[bytes] = Queue(_MAX_WAITING)
-        self._errors: bytes = b""
-        self._unread = self._rest = b""
+        self._errors = self._unread = b""
         window = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
         pipe = subprocess.PIPE
-        try:
-            self._ssh = subprocess.Popen(
-                ssh_arguments(program, spec.url),
-                stdin=pipe,
-                stdout=pipe,
-                stderr=pipe,
-                bufsize=0,
-                start_new_session=True,  # this program handles Ctrl+C
-                creationflags=window,  # the same on Windows
-            )
-        except OSError as error:
-            raise BadDevice(f"the program ssh does not start ({short(error)})") from error
+        self._ssh = subprocess.Popen(
+            ssh_arguments(program, spec.url),
+            stdin=pipe,
+            stdout=pipe,
+            stderr=pipe,
+            bufsize=0,
+            start_new_session=True,  # this program handles Ctrl+C
+            creationflags=window,  # the same on Windows
+        )
         self._threads = [threading.Thread(target=work, daemon=True) for work in (self._pump, self._note)]
         for thread in self._threads:
             thread.start()
-        former = last if isinstance(last, SshPort) and last.keeps else None
-        self.position: int = former.position if former else 0
-        self.before: bytes = former.before if former else b""
         try:
             self._send(self._request(spec))
             position = self._answer(is_ended)
         except BaseException:
             self.close()
             raise
-        if position != DEVICE:  # half of a line would arrive twice after a disconnect
-            self.keeps = True
-            self.starts = "where it stopped" if former and position == self.position else "at a line"
-            self.position, self.before = position, self.before if position else b""
+        self.keeps = position != DEVICE
+        if self.keeps:
+            self.starts = "where it stopped" if position else "at a line"
+            self.place = position, self.place[1] if position else b""
 
     def _request(self, spec: PortSpec) -> bytes:
         """The program for the other machine, on one line, and what it is to open."""
@@ -203,8 +182,8 @@ class SshPort(OpenPort):
             "path": path[1:] if path.startswith("/~/") else path,
             "baud": spec.baud,
             "reset": spec.reset,
-            "position": self.position,
-            "before": self.before.hex(),
+            "position": self.place[0],
+            "before": self.place[1].hex(),
         }
         script = Path(far_side.__file__).read_text(encoding="utf-8")
         return f"exec({script!a})\n{json.dumps(request)}\n".encode("ascii")
@@ -212,22 +191,18 @@ class SshPort(OpenPort):
     def _answer(self, is_ended: Callable[[], bool]) -> int:
         """The position at which the other machine begins to read, or DEVICE."""
         end, greeting = time.monotonic() + CONNECT_TIMEOUT, b""
-        while not is_ended():
+        while not is_ended() and time.monotonic() < end and len(greeting) < _MAX_GREETING:
             greeting += self.fetch()
             answer = re.search(re.escape(MARK) + rb"(-?[0-9]{1,18})\n", greeting)
             if answer:
                 self._unread = greeting[answer.end() :]
                 return int(answer[1])
-            if len(greeting) > _MAX_GREETING:
-                raise BadDevice(f"{self._address} sends something other than the answer of Python")
-            if time.monotonic() > end:
-                raise BadDevice(f"{self._address} did not answer within {CONNECT_TIMEOUT:g} s")
-        raise BadDevice(f"{self._address} was closed before it had opened")
+        raise BadDevice(f"{self._address} did not answer as Python does within {CONNECT_TIMEOUT:g} s")
 
     def _pump(self) -> None:
         """Queue what ssh sends, and b"" at its end."""
         output, data = cast("IO[bytes]", self._ssh.stdout), b"begin"
-        while data and not self._closed.is_set():
+        while data:
             data = output.read(MAX_READ_BYTES)
             self._pieces.put(data)
 
@@ -245,7 +220,7 @@ class SshPort(OpenPort):
         if now - self._alive_at > _ALIVE_EVERY:
             self._alive_at = now
             self._send(b"\n")
-        data, self._unread = self._unread[:MAX_READ_BYTES], self._unread[MAX_READ_BYTES:]
+        data, self._unread = self._unread, b""
         if not data:
             try:
                 data = self._pieces.get(timeout=READ_TIMEOUT)
@@ -253,17 +228,9 @@ class SshPort(OpenPort):
                 return b""
             if not data:
                 raise BadDevice(self._failure())
-        return self._whole_lines(data) if self.keeps else data
-
-    def _whole_lines(self, data: bytes) -> bytes:
-        data = self._rest + data
-        end = max(data.rfind(b"\n"), data.rfind(b"\r")) + 1
-        if not end and len(data) > MAX_PIECE:
-            end = len(data)
-        self._rest = data[end:]
-        self.position += end
-        self.before = (self.before + data[:end])[-MAX_BEFORE:]
-        return data[:end]
+        if self.keeps:
+            self.place = moved(self.place, data)
+        return data
 
     def _failure(self) -> str:
         with suppress(subprocess.TimeoutExpired):
@@ -280,7 +247,6 @@ class SshPort(OpenPort):
 
     def close(self) -> None:
         """End ssh and what it runs on the other machine, which ends with its standard input."""
-        self._closed.set()
         with suppress(OSError):
             cast("IO[bytes]", self._ssh.stdin).close()
         self._ssh.terminate()

@@ -53,20 +53,16 @@ class LineParser:
     Lines end with \n, \r\n or \r. They are UTF-8, or where they are not, Latin-1.
     """
 
-    def __init__(
-        self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None, skip_first: bool = False
-    ) -> None:
+    def __init__(self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None) -> None:
         """Begin a stream.
 
         Args:
             options: What is decided already; everything else is detected.
             layout: How the lines are written, where that is known; it then never changes.
-            skip_first: Drop the first line: a port that was just opened may begin inside it.
         """
         self._options = options
         self._reader = LineReader(layout, options) if layout is not None else None
         self._settled = layout is not None
-        self._skip_first = skip_first
         self._buffer = bytearray()
         self._searched = 0  # bytes of the buffer known to hold no newline
         self._after_cr = False
@@ -94,15 +90,23 @@ class LineParser:
         """Add bytes from the stream, any number, cut anywhere."""
         self._buffer += data
 
-    def restart(self) -> bool:
+    @property
+    def is_inside_line(self) -> bool:
+        """Whether the beginning of a line waits for its end."""
+        return bool(self._buffer) and not (self._after_cr and bytes(self._buffer) == b"\n")
+
+    def restart(self, last: bytes = b"") -> bool:
         """The stream was interrupted and starts again; the layout stays known.
+
+        Args:
+            last: The last byte that was left out: a line that ended with it may have ended with CR and LF.
 
         Returns:
             True where the beginning of a line was discarded.
         """
-        torn = bool(self._buffer) and not (self._after_cr and bytes(self._buffer) == b"\n")
+        torn = self.is_inside_line
         self._buffer, self._searched = bytearray(), 0
-        self._after_cr = self._overlong = False
+        self._after_cr, self._overlong = last == b"\r", False
         return torn
 
     def adopt_layout(self, head: Sequence[str], *, named: bool = False) -> LineEvent | None:
@@ -129,13 +133,8 @@ class LineParser:
 
     def next_line(self) -> LineEvent | None:
         """The next line that is complete; None where more bytes are needed."""
-        while (line := self._maybe_extract_line()) is not None:
-            if self._skip_first:
-                self._skip_first = False
-                continue
-            self._number += 1
-            return self._read(line)
-        return None
+        line = self.next_text()
+        return None if line is None else self.read(line)
 
     def close(self) -> LineEvent | None:
         """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
@@ -143,7 +142,7 @@ class LineParser:
             self._buffer, self._overlong = bytearray(), False
             self._number += 1
             return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
-        if not self._buffer or self._skip_first:
+        if not self._buffer:
             return None
         line, self._buffer = _decoded(self._buffer), bytearray()
         self._number += 1
@@ -156,7 +155,8 @@ class LineParser:
         while (event := self.next_line()) is not None:
             yield event
 
-    def _maybe_extract_line(self) -> str | None:
+    def next_text(self) -> str | None:
+        """The text of the next line that is complete, for `read`; None where more bytes are needed."""
         buffer = self._buffer
         if self._after_cr and buffer:
             # \r ended the last line at once, without waiting to see whether \n follows.
@@ -175,7 +175,12 @@ class LineParser:
         del buffer[: match.end()]
         return _decoded(line)
 
-    def _read(self, line: str) -> LineEvent:
+    def read(self, line: str, *, trusted: bool = True) -> LineEvent:
+        """Read a line from `next_text`; one that is not trusted is text, whatever it holds."""
+        self._number += 1
+        if not trusted:
+            self._overlong = False
+            return LineEvent(self._number, "text", line[:MAX_ISSUE_LENGTH])
         if self._overlong or len(line) > MAX_LINE_BYTES:
             self._overlong, self.line = False, ""
             return rejected(self._number, line, f"must be at most {MAX_LINE_BYTES} bytes long")

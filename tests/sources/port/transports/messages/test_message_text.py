@@ -3,13 +3,11 @@
 import math
 import re
 
-import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.errors import BadSetting
-from kalscope.sources.port.messages import MAX_PAYLOAD, Topics, lines_of, mqtt_parts
+from kalscope.sources.port.messages import MAX_PAYLOAD, lines_of, topic_lines
 from kalscope.sources.reading.line_parser import LineParser
 
 
@@ -49,14 +47,6 @@ def test_what_a_datagram_holds(datagram, rows):
     assert rows_of(lines_of(datagram.encode())) == rows
 
 
-def test_a_binary_datagram_is_one_rejected_line():
-    parser = LineParser()
-    parser.feed(b"1,2\n" + lines_of(bytes(range(256)) * 100))
-    (_, event) = parser
-    assert (event.kind, len(event.text)) == ("rejected", 200)
-    assert "printable" in event.issues[0].reason
-
-
 @given(st.binary(max_size=300))
 def test_no_datagram_breaks_a_line(data):
     lines = lines_of(data)
@@ -79,7 +69,7 @@ def test_no_datagram_breaks_a_line(data):
     ],
 )
 def test_a_topic_names_its_channel(subscribed, topic, name):
-    assert rows_of(Topics(subscribed).lines(topic, b"21.5")) == [("row", {name: 21.5})]
+    assert rows_of(topic_lines(subscribed, topic, b"21.5")) == [("row", {name: 21.5})]
 
 
 SENSOR = b'{"Time":"2026-11-23T10:00:00","AM2301":{"Temperature":21.3,"Humidity":40}}'
@@ -100,19 +90,18 @@ def test_what_a_payload_holds(payload, one, of_many):
     def merged(lines):
         return {name: value for kind, row in rows_of(lines) for name, value in row.items()}
 
-    assert one is None or merged(Topics("a/b/s").lines("a/b/s", payload)) == one
-    assert merged(Topics("a/#").lines("a/b/s", payload)) == of_many
+    assert one is None or merged(topic_lines("a/b/s", "a/b/s", payload)) == one
+    assert merged(topic_lines("a/#", "a/b/s", payload)) == of_many
 
 
 def test_a_retained_message_names_its_channel_and_is_no_sample():
-    topics = Topics("home/#")
-    retained = [topics.lines(f"home/{name}", b"1.5", retained=True) for name in ("a", "b")]
-    assert rows_of(*retained, topics.lines("home/b", b"2")) == [("header", {})] * 2 + [("row", {"b": 2.0})]
-    assert rows_of(Topics("home/x").lines("home/x", b"1,2", retained=True)) == [("comment", {})]
+    retained = [topic_lines("home/#", f"home/{name}", b"1.5", retained=True) for name in ("a", "b")]
+    assert rows_of(*retained, topic_lines("home/#", "home/b", b"2")) == [("header", {})] * 2 + [("row", {"b": 2.0})]
+    assert rows_of(topic_lines("home/x", "home/x", b"1,2", retained=True)) == [("comment", {})]
 
 
 def test_a_payload_that_is_no_sample_is_counted():
-    topics, before = Topics("home/#"), b">a:1\n"
+    before = b">a:1\n"
     large = b"x" * (MAX_PAYLOAD + 1)
     for payload, kind in (
         (b"ON", "text"),
@@ -120,18 +109,12 @@ def test_a_payload_that_is_no_sample_is_counted():
         (b"\x00\xff\xd8", "rejected"),
         (large, "rejected"),
     ):
-        assert rows_of(before, topics.lines("home/a", payload))[1:] == [(kind, {})]
-    assert len(topics.lines("home/a", large)) < 200
+        assert rows_of(before, topic_lines("home/#", "home/a", payload))[1:] == [(kind, {})]
+    assert len(topic_lines("home/#", "home/a", large)) < 200
 
 
 @given(st.sampled_from(["home/#", "home/x"]), st.text(max_size=20), st.binary(max_size=100), st.booleans())
 def test_no_message_breaks_a_line(subscribed, topic, payload, retained):
-    lines = Topics(subscribed).lines(topic, payload, retained=retained)
+    lines = topic_lines(subscribed, topic, payload, retained=retained)
     assert lines == b"" or lines.endswith(b"\n")
     assert not re.search(rb"\r", lines)
-
-
-@each("topic", ["a/#/b", "a/b+", "a#", "a\nb", "x" * 65_536])
-def test_a_topic_that_nobody_can_subscribe_to(topic):
-    with pytest.raises(BadSetting, match="a topic must have"):
-        mqtt_parts(f"mqtt://broker/{topic}")

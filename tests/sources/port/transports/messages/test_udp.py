@@ -5,15 +5,14 @@ import time
 
 import numpy as np
 import pytest
-from each import each
 from program import free_port
 
-from kalscope.errors import BadDevice, BadSetting
+from kalscope.errors import BadDevice
 from kalscope.sources.live import source
 from kalscope.sources.live.source import LiveSource
 from kalscope.sources.port import messages
 from kalscope.sources.port.messages import UdpPort
-from kalscope.sources.port.registry import is_live, port_of
+from kalscope.sources.port.registry import port_of
 from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -22,45 +21,25 @@ pytestmark = pytest.mark.usefixtures("no_thread_left")
 class Sender:
     """Sends datagrams to a port of this machine."""
 
-    def __init__(self):
-        self.port = free_port(socket.SOCK_DGRAM)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._socket.close()
+    def __init__(self, udp):
+        self.port, self._socket = free_port(socket.SOCK_DGRAM), udp
 
     def say(self, text):
-        data = text if isinstance(text, bytes) else text.encode()
-        self._socket.sendto(data, ("127.0.0.1", self.port))
+        self._socket.sendto(text if isinstance(text, bytes) else text.encode(), ("127.0.0.1", self.port))
 
 
 @pytest.fixture
 def sender():
-    with Sender() as sender:
-        yield sender
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        yield Sender(udp)
 
 
 @pytest.fixture
 def heard(sender):
-    with LiveSource(f"udp://:{sender.port}") as live:
-        live.close()
-        live.start(require=True)
-        yield live
-
-
-@each("text", ["udp://:47269", "udp://0.0.0.0:47269", "UDP://[::1]:47269", "udp://localhost:5000"])
-def test_addresses_of_datagrams(text):
-    assert is_live(text)
-    assert port_of(text).text == text
-
-
-@each("text", ["udp://", "udp://:", "udp://:0", "udp://:70000", "udp://a b:1", "udp://47269", "udp://u@h:1"])
-def test_what_is_no_address_of_datagrams(text):
-    with pytest.raises(BadSetting, match="an address must be udp://host:port"):
-        port_of(text)
+    live = LiveSource(f"udp://:{sender.port}")
+    live.start(require=True)
+    yield live
+    live.close()
 
 
 def test_every_datagram_arrives_from_the_first_one_on(sender, heard, wait_for):
@@ -100,13 +79,11 @@ def test_plain_lines_are_read_as_from_any_board(sender, heard, wait_for):
     assert heard.snapshot().recording.names == ("heat", "light")
 
 
-def test_a_port_that_is_taken_and_an_address_of_another_machine(sender):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", sender.port))
-        with pytest.raises(BadDevice, match=rf"port {sender.port} of 127.0.0.1 cannot be bound"):
-            LiveSource(f"udp://:{sender.port}").start(require=True)
-    with pytest.raises(BadDevice, match=r"is 203\.0\.113\.7 an address of this computer"):
-        LiveSource(f"udp://203.0.113.7:{sender.port}").start(require=True)
+def test_a_port_that_is_taken_and_an_address_of_another_machine(sender, heard):
+    for host, why in (("127.0.0.1", "Address already in use"), ("203.0.113.7", "Cannot assign requested address")):
+        address = f"udp://{host}:{sender.port}"
+        with pytest.raises(BadDevice, match=rf"{address} cannot be opened \({why}\)"):
+            LiveSource(address).start(require=True)
 
 
 def test_a_source_from_which_nothing_arrives_says_what_to_check(sender, heard, wait_for, monkeypatch):
@@ -115,11 +92,6 @@ def test_a_source_from_which_nothing_arrives_says_what_to_check(sender, heard, w
     monkeypatch.setattr(source, "_SILENT_AFTER", 60.0)
     sender.say("a:1")
     wait_for(lambda: heard.status().accepted == 1 and heard.status().hint == "")
-
-
-def test_nothing_can_be_sent(sender, heard):
-    with pytest.raises(BadDevice, match="only read"):
-        heard.send("hello")
 
 
 def test_only_this_machine_is_heard_unless_an_interface_is_named(sender):
