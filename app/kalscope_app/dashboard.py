@@ -27,7 +27,7 @@ from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, Varia
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
-from kalscope_app.views.checks import ChecksView, EstimatorsView, MomentumProfileView, VerdictView
+from kalscope_app.views.checks import ChecksView, EstimatorsView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import GoalView
@@ -37,7 +37,7 @@ from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
 from kalscope_app.views.signal import SignalView, WindowView
 from kalscope_app.views.source import SourceView
-from kalscope_app.views.tune import ChainView, NumbersView, PaperFilterView, ParametersView, PresetsView, StartView
+from kalscope_app.views.tune import ChainView, NumbersView, ParametersView, StartView
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
@@ -125,8 +125,6 @@ class Dashboard:
         self._build_left(gui, folder)
         self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
         self._variants = VariantsView(gui, compare, self.session)
-        with check:
-            self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
@@ -174,8 +172,6 @@ class Dashboard:
         self._start = StartView(gui, self.session)
         self._fusion = FusionView(gui, self.session, self._jobs)
         self._numbers = NumbersView(gui)
-        self._presets = PresetsView(gui, self.session)
-        self._paper = PaperFilterView(gui, self.session)
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
@@ -229,7 +225,7 @@ class Dashboard:
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)
             if Part.CHARTS in parts:
-                self._draw(frame, self.signal.show_below, self._momentum.show)
+                self._draw(frame, self.signal.show_below)
             if Part.OTHER in parts:
                 self._show_other(frame)
         self._server.flush()
@@ -246,10 +242,10 @@ class Dashboard:
         self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._estimators, self._presets, self._window, self._source, self._live:
+        for view in self._view, self._estimators, self._window, self._source, self._live:
             self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
-            for view in self._paper, self._variants, self._channels, self._code, self._board, self._command_line:
+            for view in self._variants, self._channels, self._code, self._board, self._command_line:
                 self._draw(frame, view.show)
         self._commands.show()
         self._last = frame

@@ -18,7 +18,6 @@ from kalscope_app.engine.filter_runs import (
     DrawnSamples,
     FilterRuns,
     RecordFacts,
-    VariantCurves,
     choose_samples,
 )
 from kalscope_app.engine.frame import Frame, compute_frame
@@ -264,7 +263,7 @@ class Engine:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._samples = Cache[DrawnSamples]()
-        self._runs, self._facts, self._curves = FilterRuns(), RecordFacts(), VariantCurves()
+        self._runs, self._facts = FilterRuns(), RecordFacts()
         self._frame: Frame | None = None
         self._schedule = Schedule()
         self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
@@ -362,8 +361,7 @@ class Engine:
             ),
             *(state.recording, state.measured, window, limit),
         )
-        variants = self._curves.of(state, drawn) if state.live is None else None
-        frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
+        frame = compute_frame(state, serial, drawn, self._runs, self._session.connection())
         last, self._frame, self._frame_at = self._frame, frame, time.monotonic()
         whole = last is None or not is_move(last.state, state)
         self._show_parts(self._schedule.begin(self._frame_at, whole=whole))

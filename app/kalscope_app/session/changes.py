@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.findings import request_in
 from kalscope.common.text import TIME_UNITS, lag_text, one_line, typed_gate, typed_number
 from kalscope.errors import BadFile, BadSetting
-from kalscope.estimation.fit import params_for_specification
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.classic import Chain
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
-from kalscope.filtering.steady import ratio_for, steady_state
-from kalscope.papers.generalized import GeneralizedParams
-from kalscope.papers.interactive_matter_2009 import ASSUMED_R, WALK
-from kalscope.papers.maarif_2019 import SIMULATED_FIGURES
+from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
+from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.opening import adapted, with_sample_period
 from kalscope_app.session.state import (
-    COLOURS,
     LINKS,
-    MAP_COLOURS,
     MAX_SENSORS,
     MIN_SENSORS,
     ORDERS,
@@ -39,9 +33,7 @@ from kalscope_app.session.state import (
     Outcome,
     State,
     Variant,
-    checked_name,
     pinned,
-    scaled_copy,
 )
 
 if TYPE_CHECKING:
@@ -169,46 +161,6 @@ def set_method_comparison(recording: Recording, channel: str, estimates: tuple[E
     def change(state: State) -> State:
         same = state.continues(recording) and state.channel == channel
         return state.with_answers(method_comparison=estimates) if same else state
-
-    return change
-
-
-def paper_filter(state: State) -> GeneralizedParams | None:
-    """The Khan et al. filter, where the channel on screen runs it."""
-    return state.filter if isinstance(state.filter, GeneralizedParams) else None
-
-
-def set_variant_of_eq3(variant: str | None) -> Change:
-    """Filter with the equations of Khan et al., "printed" or "without_slip", or with the standard filter (None)."""
-
-    def change(state: State) -> State:
-        paper = paper_filter(state)
-        if variant is None:
-            return state.with_standard_filter()
-        if paper is None:
-            return use_paper_filter(state, GeneralizedParams(max(state.tuning.r, 1e-290), None, None, variant))
-        return state if paper.reading == variant else use_paper_filter(state, replace(paper, reading=variant))
-
-    return change
-
-
-def use_paper_filter(state: State, paper: GeneralizedParams) -> State:
-    """The state with the filter of Khan et al. for the channel on screen."""
-    tunings, at = state.settings.tunings, state.index  # linked channels follow q and r, not the filter
-    tunings = (*tunings[:at], replace(tunings[at], chain=None, paper=paper), *tunings[at + 1 :])
-    return state.with_settings(tunings=tunings).with_answers(outcome=None, note="")
-
-
-def set_paper_text(name: str, text: str) -> Change:
-    """A value of the Khan et al. filter was typed: sigma_m, sigma_e0 or e0; empty is automatic."""
-
-    def change(state: State) -> State:
-        paper = paper_filter(state)
-        if paper is None:
-            return state
-        empty = name != "sigma_m" and text.strip().lower() in ("", "automatic")
-        value = None if empty else typed_number(name, text)
-        return use_paper_filter(state, replace(paper, **{name: value}))
 
     return change
 
@@ -348,9 +300,6 @@ def set_median(words: str) -> Change:
 # Changes of the channels: which is on screen, which are linked, whose settings are copied.
 
 
-ALL_OTHERS = "all other channels"
-
-
 def select_channel(name: str) -> Change:
     """Show another channel, with its own parameters, or the fused value."""
 
@@ -382,25 +331,6 @@ def set_link(link: str) -> Change:
 
     def change(state: State) -> State:
         return state.with_settings(link=link).with_tuning_of(state.index, state.tuning).with_answers(note="")
-
-    return change
-
-
-def copy_setting(to: str) -> Change:
-    """Copy the numbers of the channel on screen to another channel, or to all others."""
-
-    def change(state: State) -> State:
-        names, settings = state.recording.names, state.settings
-        targets = [name for name in names if name != state.channel] if to == ALL_OTHERS else [to]
-        chosen = {state.recording.index(name) for name in targets}
-        tunings = tuple(
-            scaled_copy(state.tuning, own) if i in chosen and names[i] != state.channel else own
-            for i, own in enumerate(settings.tunings)
-        )
-        where = f"{len(chosen)} channels" if len(chosen) > 1 else "one channel"
-        same = tunings == settings.tunings
-        note = "" if same else f"The setting of {state.channel} was copied to {where}."
-        return state.with_settings(tunings=tunings).with_answers(note=note)
 
     return change
 
@@ -549,10 +479,6 @@ def _with(state: State, fusion: Fusion, sensor: str, name: str, value: float) ->
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
 
 
-MAX_FIND = 200
-"""Characters of a text to find, at most."""
-
-
 def open_fleet(fleet: Fleet) -> Change:
     """Open a fleet, and the map, which shows its devices."""
     return lambda state: replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
@@ -567,34 +493,22 @@ def set_fleet_order(order: str) -> Change:
     """Sort the devices in another way."""
     if order not in ORDERS:
         raise BadSetting(f"sort by must be one of {', '.join(ORDERS)} (got {str(order)[:40]!r})")
-    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, order=order))
+    return _set_fleet("order", str, order)
 
 
-def set_fleet_colour(colour: str) -> Change:
-    """Colour the devices by another measure."""
-    if colour not in COLOURS:
-        raise BadSetting(f"devices coloured by must be one of {', '.join(COLOURS)} (got {str(colour)[:40]!r})")
-    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, colour=colour))
-
-
-def find_devices(text: str) -> Change:
-    """List the devices whose names contain a text."""
-    wanted = one_line(str(text))[:MAX_FIND].strip()
-    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, find=wanted))
-
-
-def pick_device(i: int | None) -> Change:
-    """Show which device a point of the map is; None: none is picked."""
-    return lambda state: state if state.fleet is None else replace(state, fleet=replace(state.fleet, picked=i))
-
-
-def set_at_shared(chosen: bool) -> Change:
-    """Open devices at the filter for all, or each at its own."""
-
+def _set_fleet(name: str, kept: Callable[[Any], Any], value: Any) -> Change:
     def change(state: State) -> State:
-        return state if state.fleet is None else replace(state, fleet=replace(state.fleet, at_shared=bool(chosen)))
+        return state if state.fleet is None else replace(state, fleet=replace(state.fleet, **{name: kept(value)}))
 
     return change
+
+
+find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
+"""List the devices whose names contain a text."""
+pick_device = partial(_set_fleet, "picked", lambda row: row)
+"""Show which device a point of the map is, by its row; None: none is picked."""
+set_at_shared = partial(_set_fleet, "at_shared", bool)
+"""Open devices at the filter for all, or each at its own."""
 
 
 def at_device(fleet: Fleet, i: int) -> Change:
@@ -648,20 +562,14 @@ def use_variant(name: str) -> Change:
     return change
 
 
-def rename_variant(name: str, new: str) -> Change:
-    """Rename a variant."""
-
-    def change(state: State) -> State:
-        variant = _variant(state, name)
-        bare = checked_name(new, (one.name for one in state.variants if one is not variant))
-        return _variants_with(state, variant, (replace(variant, name=bare),))
-
-    return change
-
-
 def delete_variant(name: str) -> Change:
     """Forget a variant; its letter and colour are free again."""
-    return lambda state: _variants_with(state, _variant(state, name), ())
+
+    def change(state: State) -> State:
+        gone = _variant(state, name)
+        return state.with_settings(pins=tuple(one for one in state.settings.pins if one is not gone))
+
+    return change
 
 
 def _variant(state: State, name: str) -> Variant:
@@ -670,12 +578,6 @@ def _variant(state: State, name: str) -> Variant:
             return variant
     choices = ", ".join(variant.name for variant in state.variants) or "none, nothing is pinned"
     raise BadSetting(f"variant must be one of {choices} (got {name[:40]!r})")
-
-
-def _variants_with(state: State, old: Variant, new: tuple[Variant, ...]) -> State:
-    pins = state.settings.pins
-    at = next(i for i, one in enumerate(pins) if one is old)
-    return state.with_settings(pins=(*pins[:at], *new, *pins[at + 1 :])).with_answers(note="")
 
 
 # Changes of the view: the window, the theme, the map, what is drawn beside the signal.
@@ -706,6 +608,23 @@ def reset_view(state: State) -> State:
     return state.with_reset_view(window=None)
 
 
+def _set_view(name: str, kept: Callable[[Any], Any], value: Any) -> Change:
+    return lambda state: state.with_view(**{name: kept(value)})
+
+
+# Whether something is drawn or shown; each is called with a bool.
+set_smoother = partial(_set_view, "smoother", bool)
+set_velocity = partial(_set_view, "velocity", bool)
+set_gain_shown = partial(_set_view, "gain_shown", bool)
+set_why_shown = partial(_set_view, "why_shown", bool)
+set_map_shown = partial(_set_view, "map_shown", bool)
+set_dark = partial(_set_view, "dark", bool)
+set_match_by = partial(_set_view, "match_by", lambda value: "noise" if value == "noise" else "lag")
+"""Compare simpler filters at equal "lag" or equal "noise" reduction."""
+set_drawn_alternative = partial(_set_view, "drawn_alternative", lambda name: str(name)[:60])
+"""Draw one simpler filter beside the present one, by its name; any other word draws all."""
+
+
 def set_search_method(method: str, methods: Collection[str]) -> Change:
     """Search q and r by another method, one of `methods`."""
 
@@ -719,189 +638,7 @@ def set_search_method(method: str, methods: Collection[str]) -> Change:
     return change
 
 
-def set_smoother(shown: bool) -> Change:
-    """Draw the best possible offline curve, or not."""
-    return lambda state: state.with_view(smoother=bool(shown))
-
-
-def set_velocity(shown: bool) -> Change:
-    """Draw the velocity in place of the gain, where the filter has momentum, or not."""
-    return lambda state: state.with_view(velocity=bool(shown))
-
-
-def set_gain_shown(shown: bool) -> Change:
-    """Draw the gain chart, or not."""
-    return lambda state: state.with_view(gain_shown=bool(shown))
-
-
-def set_why_shown(shown: bool) -> Change:
-    """Show the reasons for the verdict, or not."""
-    return lambda state: state.with_view(why_shown=bool(shown))
-
-
-def set_match_by(match_by: str) -> Change:
-    """Compare simpler filters at equal "lag" or equal "noise" reduction."""
-    return lambda state: state.with_view(match_by="noise" if match_by == "noise" else "lag")
-
-
-def set_drawn_alternative(name: str) -> Change:
-    """Draw one simpler filter beside the present one, by its name; any other word draws all."""
-    return lambda state: state.with_view(drawn_alternative=str(name)[:60])
-
-
-def set_dark(dark: bool) -> Change:
-    """Dark or light theme."""
-    return lambda state: state.with_view(dark=bool(dark))
-
-
-def set_map_shown(shown: bool) -> Change:
-    """Show the tuning map, or leave its space to the charts."""
-    return lambda state: state.with_view(map_shown=bool(shown))
-
-
-def set_map_colour(colour: str) -> Change:
-    """Colour the tuning map by another measure; the error needs a known truth."""
-
-    def change(state: State) -> State:
-        if colour not in MAP_COLOURS:
-            raise BadSetting(f"the map's colour must be one of {', '.join(MAP_COLOURS)} (got {str(colour)[:40]!r})")
-        if colour == "RMSE" and state.recording.truth is None:
-            raise BadSetting("the map's colour must be likelihood or lag where the truth is not known (got RMSE)")
-        return state.with_view(map_colour=colour)
-
-    return change
-
-
 # Settings to begin with, each with a reason of one line: by lag, and those of two source documents. Pure.
-
-
-@dataclass(frozen=True)
-class Preset:
-    """One choice of q, r and momentum."""
-
-    title: str
-    """What it is called on screen."""
-    why: str
-    """One or two sentences on what it is for."""
-    params: Callable[[State], FilterParams]
-    """q, r and momentum for the channel on screen; its start and its gate stay as they are."""
-
-
-LAGS = (
-    ("smooth", 50.0, "For what moves slowly, such as a temperature: a tenth of the noise stays."),
-    (
-        "balanced",
-        10.0,
-        "For a first look at any sensor: about a fifth of the noise stays, and changes stay visible.",
-    ),
-    ("fast", 2.0, "For what a controller acts on: it hardly lags, and nearly half of the noise stays."),
-)
-"""Name, lag in samples and reason of the presets by lag."""
-
-OVERSHOOT = 0.1
-"""Share of a step by which the preset with momentum overshoots."""
-
-FOLLOWS_RAMPS = (
-    "For what keeps its direction, such as an arm that bends or a pulse: as smooth as *balanced*, with a lag of "
-    "5.7 samples instead of 10. A step overshoots by a tenth."
-)
-"""Why there is a preset with momentum."""
-
-PAPER_1 = {
-    3: "More process noise than sensor noise: the output is almost the raw signal.",
-    4: "Q as large as R: the noise falls to two thirds, with hardly any lag.",
-    5: "R/Q = 10: visibly smoother, still fast.",
-    6: "R/Q = 100, the ratio that the paper recommends: smooth, and about ten samples late.",
-    7: "R/Q = 100 again: the curve of R = 1, Q = 0.01, because only the ratio shapes it; the band is wider.",
-    8: "R/Q = 1000: very smooth; the paper finds that too much of the signal is lost.",
-}
-"""Why, by the figure of the first paper."""
-
-PAPER_3 = {
-    "q_128": "The document's first try: fast, but the noise passes.",
-    "q_4": "Its second try: some of the noise is gone.",
-    "q_0125": "Its third try: smooth, and still quick enough for a hand that tilts a board.",
-    "r_1": "With the last q and a small r: quicker, but rougher.",
-    "r_4": "With the last q and a noise of two counts: a compromise.",
-    "r_32": "With the last q and a noise of nearly six counts: smoothest, but late.",
-}
-"""Why, by the picture of the third document."""
-
-
-def _by_lag(lag_samples: float, state: State) -> FilterParams:
-    """The signal's own noise as r, var(Δz)/2 of the recording, and the q that has the lag."""
-    r = state.start.r
-    return FilterParams(min(float(f"{r * ratio_for(lag_samples=lag_samples):.3e}"), MAX_VARIANCE), r)
-
-
-@lru_cache(maxsize=1)
-def _follows_ramps() -> FilterParams:
-    """The filter for r = 1: the noise of the balanced preset, and the momentum that overshoots by OVERSHOOT."""
-    balanced = steady_state(FilterParams(ratio_for(lag_samples=10.0), 1.0))
-    decibel = float(balanced.noise_reduction_db)
-    return params_for_specification(1.0, noise_reduction_db=decibel, overshoot=OVERSHOOT)
-
-
-def _with_momentum(state: State) -> FilterParams:
-    """The signal's own noise as r, as the presets by lag have it, and momentum."""
-    unit, r = _follows_ramps(), state.start.r
-    q, momentum = (float(f"{value:.3e}") for value in (float(unit.ratio) * r, float(unit.momentum)))
-    return FilterParams(min(q, MAX_VARIANCE), r, momentum=momentum)
-
-
-def _fixed(q: float, r: float, _state: State) -> FilterParams:
-    return FilterParams(q, r)
-
-
-def _all() -> tuple[Preset, ...]:
-    by_lag = [Preset(f"{name}: lag {lag:g} samples", why, partial(_by_lag, lag)) for name, lag, why in LAGS]
-    by_lag.append(Preset(f"follows ramps: overshoot {100.0 * OVERSHOOT:g} %", FOLLOWS_RAMPS, _with_momentum))
-    first = [
-        Preset(f"Ma'arif 2019: R = {r:g}, Q = {q:g}", f"Figure {figure}. {PAPER_1[figure]}", partial(_fixed, q, r))
-        for figure, r, q in SIMULATED_FIGURES
-    ]
-    third = [
-        Preset(f"interactive matter: {_of_picture(key, q, r)}", PAPER_3[key] + _assumed(key), partial(_fixed, q, r))
-        for key, q, r in WALK
-    ]
-    return (*by_lag, *first, *third)
-
-
-def _of_picture(key: str, q: float, r: float) -> str:
-    return f"q = {q:g}" if key.startswith("q_") else f"r = {r:g}"
-
-
-def _assumed(key: str) -> str:
-    return f" It does not give r; {ASSUMED_R:g} is assumed." if key.startswith("q_") else " q = 0.125."
-
-
-PRESETS = {preset.title: preset for preset in _all()}
-"""Presets by title, in the order of the menu."""
-
-
-def choose_preset(title: str) -> Change:
-    """Show what a preset would do."""
-    preset = _known(title)
-    return lambda state: state.with_view(preset=preset.title)
-
-
-def take_preset(title: str) -> Change:
-    """Q, r and momentum of a preset become the present ones; the start and the gate stay."""
-    preset = _known(title)
-
-    def change(state: State) -> State:
-        params = preset.params(state)
-        values = {name: getattr(params, name) for name in ("q", "r", "momentum")}
-        tuned = state.with_standard_filter().with_tuning(**values, how=f"preset {preset.title}")
-        return tuned.with_view(preset=preset.title)
-
-    return change
-
-
-def _known(title: str) -> Preset:
-    if title not in PRESETS:
-        raise BadSetting(f"preset must be one of {', '.join(PRESETS)} (got {title[:40]!r})")
-    return PRESETS[title]
 
 
 # Changes that a piece of advice asks for, where no search is needed.

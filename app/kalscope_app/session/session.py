@@ -57,20 +57,14 @@ def _tuned(state: State) -> tuple[object, ...]:
     return state.record_key, state.channel, state.open.fused, state.settings
 
 
-def step_back(history: History, present: State) -> tuple[History, State]:
-    """One gesture back; the same if there is none."""
-    if not history.past:
+def step(history: History, present: State, *, back: bool) -> tuple[History, State]:
+    """One gesture back, or one undone gesture forward; the same if there is none."""
+    past, future = history.past, history.future
+    if not (past if back else future):
         return history, present
-    past = History(history.past[:-1], (present, *history.future))
-    return past, _seen_as(present, history.past[-1])
-
-
-def step_forward(history: History, present: State) -> tuple[History, State]:
-    """One undone gesture forward; the same if there is none."""
-    if not history.future:
-        return history, present
-    future = History((*history.past, present), history.future[1:])
-    return future, _seen_as(present, history.future[0])
+    if back:
+        return History(past[:-1], (present, *future)), _seen_as(present, past[-1])
+    return History((*past, present), future[1:]), _seen_as(present, future[0])
 
 
 def _seen_as(present: State, other: State) -> State:
@@ -227,13 +221,13 @@ class Session:
         return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
 
     def _apply(self, request: _Request, now: float) -> None:
-        if request.change is undo and not self.can_undo:
-            self._state = self._state.with_answers(note="There is nothing to undo.")
-        elif request.change is redo and not self.can_redo:
-            self._state = self._state.with_answers(note="There is nothing to redo.")
-        elif request.change is undo or request.change is redo:
-            step = step_back if request.change is undo else step_forward
-            self._history, kept = step(self._history, without_samples(self._state))
+        back = request.change is undo
+        if back or request.change is redo:
+            if not (self._history.past if back else self._history.future):
+                note = f"There is nothing to {'undo' if back else 'redo'}."
+                self._state = self._state.with_answers(note=note)
+                return
+            self._history, kept = step(self._history, without_samples(self._state), back=back)
             self._state = with_current_samples(kept, self._state)
             self._refresh()  # a later request of the same turn needs the samples, which the history does not keep
         else:

@@ -36,10 +36,6 @@ if TYPE_CHECKING:
 # How the open recording is shown.
 
 
-MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
-"""What the tuning map may be coloured by; RMSE where the truth is known."""
-
-
 @dataclass(frozen=True)
 class View:
     """How it is shown. It outlives the recording, and Undo does not change it."""
@@ -48,8 +44,6 @@ class View:
     """Dark theme."""
     map_shown: bool = False
     """Whether the tuning map is shown where the window is wide enough."""
-    map_colour: str = "likelihood"
-    """What the tuning map is coloured by, one of MAP_COLOURS."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
     velocity: bool = False
@@ -64,8 +58,6 @@ class View:
     """The simpler filter that is drawn beside the present one; any other word draws all."""
     search_method: str = "maximum lag"
     """How q and r are searched, one of the search methods of the dashboard."""
-    preset: str = ""
-    """Title of the preset that is selected; "" = the first."""
     window: tuple[float, float] | None = None
     """First and last time on screen, s; None = the whole recording."""
     resets: int = 0
@@ -82,11 +74,6 @@ AS_OPENED = View()
 MAX_VARIANTS = 8
 """Variants of one channel: more lines cannot be told apart."""
 
-MAX_NAME_LENGTH = 20
-"""Characters of a name that fit into a legend."""
-
-DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
-"""What the chart and the table call their own lines."""
 
 LIGHT = ("#332288", "#41a392", "#aa4499", "#8c8c28", "#1e9be2", "#117733", "#882255", "#7a5c00")
 """Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, four of
@@ -100,33 +87,23 @@ DARK = ("#9687f0", "#5fd0bc", "#e07fd0", "#cccc55", "#88ccee", "#4fb76a", "#d460
 class Variant:
     """A setting of one channel that was pinned."""
 
-    name: str
-    """What it is called: a letter, or the name that the user gave it; distinct among those of its channel."""
-    colour: int
-    """Number of its colour, 0 … 7."""
+    number: int
+    """Of its letter and its colour, 0 … 7; distinct among those of its channel."""
     tuning: ChannelTuning
     """The setting; `tuning.name` is the channel it belongs to."""
 
+    @property
+    def name(self) -> str:
+        """What it is called: A … H."""
+        return string.ascii_uppercase[self.number]
+
     def css(self, *, dark: bool = False) -> str:
         """Its colour in a theme, #rrggbb."""
-        return (DARK if dark else LIGHT)[self.colour % MAX_VARIANTS]
-
-
-def next_name(taken: Iterable[str]) -> str:
-    """The first letter that no variant has; a freed letter is used again.
-
-    Raises:
-        BadSetting: all 26 are taken.
-    """
-    used = set(taken)
-    for letter in string.ascii_uppercase:
-        if letter not in used:
-            return letter
-    raise BadSetting("all letters from A to Z name pinned settings: delete one first")
+        return (DARK if dark else LIGHT)[self.number]
 
 
 def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
-    """A new variant of a channel that has `variants` already.
+    """A new variant of a channel that has `variants` already: under the first letter and colour that are free.
 
     Raises:
         BadSetting: there are as many as can be told apart.
@@ -135,25 +112,7 @@ def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
         raise BadSetting(
             f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
         )
-    used = {variant.colour for variant in variants}
-    colour = next(number for number in range(MAX_VARIANTS) if number not in used)
-    return Variant(next_name(variant.name for variant in variants), colour, tuning)
-
-
-def checked_name(name: str, others: Iterable[str]) -> str:
-    """A name as it is kept, without blanks around it.
-
-    Raises:
-        BadSetting: it is empty, too long, not printable, that of another line of the chart, or one of the others'.
-    """
-    bare = " ".join(name.split())
-    if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
-        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} characters (got {name[:40]!r})")
-    if bare in DRAWN_NAMES:
-        raise BadSetting(f"the name must differ from those of the lines in the chart (got {bare!r})")
-    if bare in set(others):
-        raise BadSetting(f"the name must be new (got {bare!r}, which another pinned setting has)")
-    return bare
+    return Variant(min(set(range(MAX_VARIANTS)) - {variant.number for variant in variants}), tuning)
 
 
 # What the State knows about a live board: the record as of the last refresh, what it shows, what was sent.
@@ -369,10 +328,6 @@ def loss_text(growth: float) -> str:
     return f"{trimmed(round(100.0 * growth, 1) + 0.0)} %"
 
 
-COLOURS = ("loss", "verdict")
-"""What the devices may be coloured by."""
-
-
 @dataclass(frozen=True, eq=False)
 class OpenFleet:
     """A fleet and how it is shown; compared by identity."""
@@ -381,8 +336,6 @@ class OpenFleet:
     """Its arrays."""
     order: str = next(iter(ORDERS))
     """How its devices are sorted, one of ORDERS."""
-    colour: str = COLOURS[0]
-    """What they are coloured by, one of COLOURS."""
     at_shared: bool = False
     """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
@@ -652,6 +605,16 @@ class State:
     def tuning(self) -> ChannelTuning:
         """Its parameters; those of the fused filter as of one channel."""
         return self.settings.tunings[self.index] if self.fusion is None else self.fusion.as_channel
+
+    @property
+    def running(self) -> ChannelTuning:
+        """The filter that runs: the channel's, or that of the sensors."""
+        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.used
+
+    @property
+    def readings(self) -> NDArray[np.float64]:
+        """What it filters, NaN where missing: shape (n,), or (n, sensors)."""
+        return self.running.readings(self.recording)
 
     @property
     def start(self) -> ChannelTuning:
