@@ -27,7 +27,7 @@ from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, Varia
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
-from kalscope_app.views.checks import ChecksView, EstimatorsView, VerdictView
+from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import GoalView
@@ -123,7 +123,6 @@ class Dashboard:
         with check:
             self._checks = ChecksView(gui)
         self._build_left(gui, folder)
-        self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
         self._variants = VariantsView(gui, compare, self.session)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
@@ -242,7 +241,7 @@ class Dashboard:
         self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._estimators, self._window, self._source, self._live:
+        for view in self._view, self._window, self._source, self._live:
             self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
             for view in self._variants, self._channels, self._code, self._board, self._command_line:

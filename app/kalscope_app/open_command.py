@@ -88,7 +88,7 @@ def open_dashboard(
             name = one_line(Path(last).name)[:80]
             note = f"{name} was open last: Open this path, in the Source tab, brings it back."
             state = state.with_answers(note=note)
-        state = apply_options(state, channel, q, r, p0, x0, gate, momentum, chain)
+        state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
         serve(state, board, start, running_log, browser=browser)

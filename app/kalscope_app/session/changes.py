@@ -34,6 +34,7 @@ from kalscope_app.session.state import (
     State,
     Variant,
     pinned,
+    requested,
 )
 
 if TYPE_CHECKING:
@@ -53,57 +54,51 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:
     """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    centre = round(math.log10(state.start.r))
+    return _limits(name, state.start.r, getattr(state.tuning, name))
+
+
+def _limits(name: str, noise: float, value: float | None) -> tuple[int, int]:
+    centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in DECADES[name])
-    value = getattr(state.tuning, name)
     if value:
         low, high = min(low, math.floor(math.log10(value))), max(high, math.ceil(math.log10(value)))
     return max(low, -300), min(high, 300)
 
 
-def set_exponent(name: str, exponent: float) -> Change:
+@requested
+def set_exponent(state: State, name: str, exponent: float) -> State:
     """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
-
-    def change(state: State) -> State:
-        if not math.isfinite(exponent):
-            return state
-        low, high = slider_limits(state, name)
-        value = 10.0 ** min(max(exponent, low), high)
-        return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
-
-    return change
+    if not math.isfinite(exponent):
+        return state
+    low, high = slider_limits(state, name)
+    value = 10.0 ** min(max(exponent, low), high)
+    return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
 
 
-def set_point(q_exponent: float, r_exponent: float) -> Change:
+@requested
+def set_point(state: State, q_exponent: float, r_exponent: float) -> State:
     """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
-
-    def change(state: State) -> State:
-        if not state.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
-            return state
-        q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
-        return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
-
-    return change
+    if not state.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+        return state
+    q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
+    return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
 
-def set_text(name: str, text: str) -> Change:
+@requested
+def set_text(state: State, name: str, text: str) -> State:
     """An exact value was typed: q, r, p0 (or "", "diffuse": automatic), x0 (or "": the first sample), gate in σ."""
-
-    def change(state: State) -> State:
-        if name == "x0" and text.strip().lower() in ("", "first"):
-            return state.with_tuning(x0=None)
-        if name == "p0" and text.strip().lower() in ("", "automatic", "diffuse"):
-            return set_automatic_start(True)(state)
-        if name == "gate":
-            return state.with_tuning(gate=typed_gate(text))
-        value = typed_number(name, text)
-        if getattr(state.tuning, name) == value:
-            return state
-        if name == "x0" and state.tuning.p0 is None:
-            return state.with_tuning(x0=value, p0=state.tuning.r)
-        return _by_hand(state, name, value)
-
-    return change
+    if name == "x0" and text.strip().lower() in ("", "first"):
+        return state.with_tuning(x0=None)
+    if name == "p0" and text.strip().lower() in ("", "automatic", "diffuse"):
+        return set_automatic_start(True)(state)
+    if name == "gate":
+        return state.with_tuning(gate=typed_gate(text))
+    value = typed_number(name, text)
+    if getattr(state.tuning, name) == value:
+        return state
+    if name == "x0" and state.tuning.p0 is None:
+        return state.with_tuning(x0=value, p0=state.tuning.r)
+    return _by_hand(state, name, value)
 
 
 def _by_hand(state: State, name: str, value: float) -> State:
@@ -112,15 +107,12 @@ def _by_hand(state: State, name: str, value: float) -> State:
     return state.with_tuning(**{name: value}, how=how)
 
 
-def set_automatic_start(automatic: bool) -> Change:
+@requested
+def set_automatic_start(state: State, automatic: bool) -> State:
     """Automatic (diffuse) start at the first sample, or p0 and x0 by value, beginning with p0 = r."""
-
-    def change(state: State) -> State:
-        if automatic == (state.tuning.p0 is None):
-            return state
-        return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
-
-    return change
+    if automatic == (state.tuning.p0 is None):
+        return state
+    return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
 
 
 def reset_parameters(state: State) -> State:
@@ -132,47 +124,31 @@ def reset_parameters(state: State) -> State:
     return state.with_tuning(**values)
 
 
-def apply_found(recording: Recording, channel: str, found: FitResult) -> Change:
+@requested
+def apply_found(state: State, recording: Recording, channel: str, found: FitResult) -> State:
     """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
-
-    def change(state: State) -> State:
-        if not state.continues(recording):
-            note = "The search ended after another recording was opened; nothing was changed."
-            return state.with_answers(note=note)
-        at = recording.index(channel)
-        before = state.settings.tunings[at]
-        if found.params is None:
-            return state.with_answers(
-                outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
-            )
-        q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-        gate = before.gate if found.params.gate is None else found.params.gate
-        after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how, chain=None, paper=None)
-        answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
-        outcome = answer if channel == state.channel else None
-        return state.with_tuning_of(at, after).with_answers(outcome=outcome)
-
-    return change
+    if not state.continues(recording):
+        note = "The search ended after another recording was opened; nothing was changed."
+        return state.with_answers(note=note)
+    at = recording.index(channel)
+    before = state.settings.tunings[at]
+    if found.params is None:
+        return state.with_answers(
+            outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
+        )
+    q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
+    gate = before.gate if found.params.gate is None else found.params.gate
+    after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how, chain=None, paper=None)
+    answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
+    outcome = answer if channel == state.channel else None
+    return state.with_tuning_of(at, after).with_answers(outcome=outcome)
 
 
-def set_method_comparison(recording: Recording, channel: str, estimates: tuple[Estimate, ...]) -> Change:
-    """The three methods have given their estimates."""
-
-    def change(state: State) -> State:
-        same = state.continues(recording) and state.channel == channel
-        return state.with_answers(method_comparison=estimates) if same else state
-
-    return change
-
-
-def set_sample_period(text: str) -> Change:
+@requested
+def set_sample_period(state: State, text: str) -> State:
     """The time between two samples was typed, s; an empty box is what the recording says."""
-
-    def change(state: State) -> State:
-        period = typed_number("sample period", text) if text.strip() else None
-        return state if period == state.open.typed_period else with_sample_period(state, period)
-
-    return change
+    period = typed_number("sample period", text) if text.strip() else None
+    return state if period == state.open.typed_period else with_sample_period(state, period)
 
 
 # Changes of the momentum τ of the channel on screen: by its slider, or typed in samples or as a time.
@@ -200,18 +176,16 @@ def momentum_at(position: float) -> float:
     return min(float(f"{math.expm1(held * math.log(10.0)):.2e}"), MAX_MOMENTUM)
 
 
-def set_momentum_position(position: float) -> Change:
+@requested
+def set_momentum_position(state: State, position: float) -> State:
     """The slider was moved."""
-    return lambda state: with_momentum(state, momentum_at(position)) if math.isfinite(position) else state
+    return with_momentum(state, momentum_at(position)) if math.isfinite(position) else state
 
 
-def set_momentum_text(_name: str, text: str) -> Change:
+@requested
+def set_momentum_text(state: State, _name: str, text: str) -> State:
     """A momentum was typed: samples, or a time such as 240 ms; empty or "off" is none."""
-
-    def change(state: State) -> State:
-        return with_momentum(state, typed_momentum(text, state.recording.sample_period))
-
-    return change
+    return with_momentum(state, typed_momentum(text, state.recording.sample_period))
 
 
 def typed_momentum(text: str, period: float | None) -> float:
@@ -262,18 +236,15 @@ def median_words(window: int) -> str:
     return "off" if window == 1 else f"{window} samples"
 
 
-def use_chain(chain: Chain) -> Change:
+@requested
+def use_chain(state: State, chain: Chain) -> State:
     """The channel on screen runs this chain; its q and r stay."""
-
-    def change(state: State) -> State:
-        state.require_one_channel()
-        if state.tuning.chain == chain:
-            return state
-        after = state.with_standard_filter().with_tuning(chain=chain)
-        words = f"{chain.words[:1].upper()}{chain.words[1:]}"
-        return after.with_answers(note=f"{words} runs now; Undo reverts it.")
-
-    return change
+    state.require_one_channel()
+    if state.tuning.chain == chain:
+        return state
+    after = state.with_standard_filter().with_tuning(chain=chain)
+    words = f"{chain.words[:1].upper()}{chain.words[1:]}"
+    return after.with_answers(note=f"{words} runs now; Undo reverts it.")
 
 
 def use_kalman_filter(state: State) -> State:
@@ -281,39 +252,33 @@ def use_kalman_filter(state: State) -> State:
     return state.with_standard_filter()
 
 
-def set_median(words: str) -> Change:
+@requested
+def set_median(state: State, words: str) -> State:
     """Put a median before the filter that runs, or none."""
-
-    def change(state: State) -> State:
-        chain = state.tuning.chain
-        if words == median_words(1 if chain is None else chain.median):
-            return state
-        if words not in MEDIANS:
-            raise BadSetting(f"the median must be one of {', '.join(MEDIANS)} (got {words[:40]!r})")
-        then, off = None if chain is None else chain.then, words == "off"
-        window = 1 if off else int(words.partition(" ")[0])
-        return state.with_tuning(chain=None if off and then is None else Chain(window, then))
-
-    return change
+    chain = state.tuning.chain
+    if words == median_words(1 if chain is None else chain.median):
+        return state
+    if words not in MEDIANS:
+        raise BadSetting(f"the median must be one of {', '.join(MEDIANS)} (got {words[:40]!r})")
+    then, off = None if chain is None else chain.then, words == "off"
+    window = 1 if off else int(words.partition(" ")[0])
+    return state.with_tuning(chain=None if off and then is None else Chain(window, then))
 
 
 # Changes of the channels: which is on screen, which are linked, whose settings are copied.
 
 
-def select_channel(name: str) -> Change:
+@requested
+def select_channel(state: State, name: str) -> State:
     """Show another channel, with its own parameters, or the fused value."""
-
-    def change(state: State) -> State:
-        fusion = state.settings.fusion
-        fused = fusion is not None and name == fusion.tuning.name
-        if not fused:
-            state.recording.index(name)
-        if fused is (state.fusion is not None) and (fused or name == state.channel):
-            return state
-        state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
-        return state.with_answers(outcome=None, method_comparison=(), note="")
-
-    return change
+    fusion = state.settings.fusion
+    fused = fusion is not None and name == fusion.tuning.name
+    if not fused:
+        state.recording.index(name)
+    if fused is (state.fusion is not None) and (fused or name == state.channel):
+        return state
+    state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
+    return state.with_answers(outcome=None, note="")
 
 
 def channel_named(recording: Recording, text: str) -> str:
@@ -324,26 +289,20 @@ def channel_named(recording: Recording, text: str) -> str:
     return text
 
 
-def set_link(link: str) -> Change:
+@requested
+def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
     if link not in LINKS:
         raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
-
-    def change(state: State) -> State:
-        return state.with_settings(link=link).with_tuning_of(state.index, state.tuning).with_answers(note="")
-
-    return change
+    return state.with_settings(link=link).with_tuning_of(state.index, state.tuning).with_answers(note="")
 
 
-def set_board_channel(name: str | None) -> Change:
+@requested
+def set_board_channel(state: State, name: str | None) -> State:
     """Say which channel is the board's own filtered curve; None: there is none."""
-
-    def change(state: State) -> State:
-        if name is not None:
-            state.recording.index(name)
-        return state if name == state.board else state.with_open(board_choice=name)
-
-    return change
+    if name is not None:
+        state.recording.index(name)
+    return state if name == state.board else state.with_open(board_choice=name)
 
 
 # Changes of the fused filter: sensors are fused, one drops out, its noise or its offset changes.
@@ -380,35 +339,30 @@ def readings_of(state: State, sensors: tuple[str, ...]) -> list[int]:
     return columns
 
 
-def apply_estimate(recording: Recording, sensors: tuple[str, ...], found: Estimate) -> Change:
+@requested
+def apply_estimate(state: State, recording: Recording, sensors: tuple[str, ...], found: Estimate) -> State:
     """A search has ended: its filter is on screen, if it found one and the recording still is."""
-
-    def change(state: State) -> State:
-        if found.params is None:
-            raise BadSetting(found.message)
-        return apply_fusion(recording, sensors, found.params, "maximum likelihood", found)(state)
-
-    return change
+    if found.params is None:
+        raise BadSetting(found.message)
+    return apply_fusion(recording, sensors, found.params, "maximum likelihood", found)(state)
 
 
+@requested
 def apply_fusion(
+    state: State,
     recording: Recording,
     sensors: tuple[str, ...],
     params: FilterParams,
     how: str,
     estimate: Estimate | None = None,
-) -> Change:
+) -> State:
     """Sensors are fused: their filter is on screen, if their recording still is."""
-
-    def change(state: State) -> State:
-        if not state.continues(recording):
-            note = "The sensors were fused after another recording was opened; nothing was changed."
-            return state.with_answers(note=note)
-        unit = recording.units[recording.index(sensors[0])]
-        tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
-        return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
-
-    return change
+    if not state.continues(recording):
+        note = "The sensors were fused after another recording was opened; nothing was changed."
+        return state.with_answers(note=note)
+    unit = recording.units[recording.index(sensors[0])]
+    tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
+    return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
 
 
 def stop_fusing(state: State) -> State:
@@ -416,51 +370,37 @@ def stop_fusing(state: State) -> State:
     return state if state.settings.fusion is None else state.with_fusion(None).with_reset_view()
 
 
-def set_taking_part(sensor: str, takes_part: bool) -> Change:
+@requested
+def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
     """A sensor drops out, or is taken in again."""
-
-    def change(state: State) -> State:
-        fusion = _of(state, sensor)
-        return state if fusion is None else state.with_fusion(fusion.with_taking_part(sensor, bool(takes_part)))
-
-    return change
+    fusion = _of(state, sensor)
+    return state if fusion is None else state.with_fusion(fusion.with_taking_part(sensor, bool(takes_part)))
 
 
-def set_sensor_exponent(sensor: str, exponent: float) -> Change:
+@requested
+def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
     """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-
-    def change(state: State) -> State:
-        fusion = _of(state, sensor)
-        if fusion is None or not math.isfinite(exponent):
-            return state
-        low, high = sensor_limits(fusion, sensor)
-        return _with(state, fusion, sensor, "r", float(f"{10.0 ** min(max(exponent, low), high):.2e}"))
-
-    return change
+    fusion = _of(state, sensor)
+    if fusion is None or not math.isfinite(exponent):
+        return state
+    low, high = sensor_limits(fusion, sensor)
+    return _with(state, fusion, sensor, "r", float(f"{10.0 ** min(max(exponent, low), high):.2e}"))
 
 
-def set_sensor_text(sensor: str, name: str, text: str) -> Change:
+@requested
+def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
-
-    def change(state: State) -> State:
-        fusion = _of(state, sensor)
-        if fusion is None:
-            return state
-        value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
-        return _with(state, fusion, sensor, name, value)
-
-    return change
+    fusion = _of(state, sensor)
+    if fusion is None:
+        return state
+    value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
+    return _with(state, fusion, sensor, name, value)
 
 
 def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
     """Lowest and highest exponent of the slider of a sensor's r: around what was found, wider if r is outside."""
     at = fusion.tuning.sensors.index(sensor)
-    found, now = fusion.start.r[at], fusion.tuning.r[at]
-    centre = round(math.log10(found)) if found > 0.0 else 0
-    low, high = (centre + end for end in DECADES["r"])
-    if now > 0.0:
-        low, high = min(low, math.floor(math.log10(now))), max(high, math.ceil(math.log10(now)))
-    return max(low, -300), min(high, 300)
+    return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
 
 
 def _of(state: State, sensor: str) -> Fusion | None:
@@ -479,9 +419,10 @@ def _with(state: State, fusion: Fusion, sensor: str, name: str, value: float) ->
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
 
 
-def open_fleet(fleet: Fleet) -> Change:
+@requested
+def open_fleet(state: State, fleet: Fleet) -> State:
     """Open a fleet, and the map, which shows its devices."""
-    return lambda state: replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
+    return replace(state.with_view(map_shown=True), fleet=OpenFleet(fleet))
 
 
 def close_fleet(state: State) -> State:
@@ -496,11 +437,10 @@ def set_fleet_order(order: str) -> Change:
     return _set_fleet("order", str, order)
 
 
-def _set_fleet(name: str, kept: Callable[[Any], Any], value: Any) -> Change:
-    def change(state: State) -> State:
-        return state if state.fleet is None else replace(state, fleet=replace(state.fleet, **{name: kept(value)}))
+@requested
+def _set_fleet(state: State, name: str, kept: Callable[[Any], Any], value: Any) -> State:
 
-    return change
+    return state if state.fleet is None else replace(state, fleet=replace(state.fleet, **{name: kept(value)}))
 
 
 find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
@@ -511,25 +451,23 @@ set_at_shared = partial(_set_fleet, "at_shared", bool)
 """Open devices at the filter for all, or each at its own."""
 
 
-def at_device(fleet: Fleet, i: int) -> Change:
+@requested
+def at_device(state: State, fleet: Fleet, i: int) -> State:
     """Set the recording of a device, which has just been opened, to its own filter or to that for all.
 
     A device without q and r keeps its starting values; the note says why.
     """
     from kalscope.fleet.results import device_tuning
 
-    def change(state: State) -> State:
-        name = one_line(fleet.devices.name(i))[:80]
-        shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
-        if not shared and fleet.devices.reasons[i]:
-            return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-        after = adapted(state, device_tuning(fleet, i, shared=shared))
-        which = "the filter for all" if shared else "its own filter"
-        if after.fleet is not None and after.fleet.picked is not None:
-            after = replace(after, fleet=replace(after.fleet, picked=None))
-        return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
-
-    return change
+    name = one_line(fleet.devices.name(i))[:80]
+    shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
+    if not shared and fleet.devices.reasons[i]:
+        return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
+    after = adapted(state, device_tuning(fleet, i, shared=shared))
+    which = "the filter for all" if shared else "its own filter"
+    if after.fleet is not None and after.fleet.picked is not None:
+        after = replace(after, fleet=replace(after.fleet, picked=None))
+    return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
 
 
 # Changes of the pinned settings.
@@ -551,25 +489,19 @@ def pin_present(state: State) -> State:
     return state.with_settings(pins=(*state.settings.pins, pin)).with_answers(note="")
 
 
-def use_variant(name: str) -> Change:
+@requested
+def use_variant(state: State, name: str) -> State:
     """The present setting becomes that of a variant."""
-
-    def change(state: State) -> State:
-        tuning = _variant(state, name).tuning
-        values = {key: getattr(tuning, key) for key in PARAMETERS}
-        return state.with_standard_filter().with_tuning(**values, how=tuning.how)
-
-    return change
+    tuning = _variant(state, name).tuning
+    values = {key: getattr(tuning, key) for key in PARAMETERS}
+    return state.with_standard_filter().with_tuning(**values, how=tuning.how)
 
 
-def delete_variant(name: str) -> Change:
+@requested
+def delete_variant(state: State, name: str) -> State:
     """Forget a variant; its letter and colour are free again."""
-
-    def change(state: State) -> State:
-        gone = _variant(state, name)
-        return state.with_settings(pins=tuple(one for one in state.settings.pins if one is not gone))
-
-    return change
+    gone = _variant(state, name)
+    return state.with_settings(pins=tuple(one for one in state.settings.pins if one is not gone))
 
 
 def _variant(state: State, name: str) -> Variant:
@@ -583,24 +515,21 @@ def _variant(state: State, name: str) -> Variant:
 # Changes of the view: the window, the theme, the map, what is drawn beside the signal.
 
 
-def set_window(first: float, last: float) -> Change:
+@requested
+def set_window(state: State, first: float, last: float) -> State:
     """Show the recording from `first` to `last`, s; at least ten samples; the whole of it is None."""
-
-    def change(state: State) -> State:
-        t = state.recording.time
-        begin, end = float(t.min()), float(t.max())
-        if not (math.isfinite(first) and math.isfinite(last)):
-            return state
-        low, high = sorted((min(max(first, begin), end), min(max(last, begin), end)))
-        shortest = 10.0 * (state.recording.sample_period or 1.0)
-        if high - low < shortest:
-            low, high = max(begin, min(low, end - shortest)), min(end, max(high, low + shortest))
-        window = None if low <= begin and high >= end else (low, high)
-        live = replace(state.live, following=False) if state.live else None  # the user looks back
-        same = window == state.view.window and live == state.live
-        return state if same else replace(state.with_view(window=window), live=live)
-
-    return change
+    t = state.recording.time
+    begin, end = float(t.min()), float(t.max())
+    if not (math.isfinite(first) and math.isfinite(last)):
+        return state
+    low, high = sorted((min(max(first, begin), end), min(max(last, begin), end)))
+    shortest = 10.0 * (state.recording.sample_period or 1.0)
+    if high - low < shortest:
+        low, high = max(begin, min(low, end - shortest)), min(end, max(high, low + shortest))
+    window = None if low <= begin and high >= end else (low, high)
+    live = replace(state.live, following=False) if state.live else None  # the user looks back
+    same = window == state.view.window and live == state.live
+    return state if same else replace(state.with_view(window=window), live=live)
 
 
 def reset_view(state: State) -> State:
@@ -625,17 +554,12 @@ set_drawn_alternative = partial(_set_view, "drawn_alternative", lambda name: str
 """Draw one simpler filter beside the present one, by its name; any other word draws all."""
 
 
-def set_search_method(method: str, methods: Collection[str]) -> Change:
+@requested
+def set_search_method(state: State, method: str, methods: Collection[str]) -> State:
     """Search q and r by another method, one of `methods`."""
-
-    def change(state: State) -> State:
-        if method not in methods:
-            raise BadSetting(
-                f"the way to find q and r must be one of {', '.join(methods)} (got {str(method)[:40]!r})"
-            )
-        return state.with_view(search_method=method)
-
-    return change
+    if method not in methods:
+        raise BadSetting(f"the way to find q and r must be one of {', '.join(methods)} (got {str(method)[:40]!r})")
+    return state.with_view(search_method=method)
 
 
 # Settings to begin with, each with a reason of one line: by lag, and those of two source documents. Pure.
@@ -648,16 +572,13 @@ FOR_NOISE, FOR_LAG = "data sheet σ, fit q", "maximum lag"
 """The search methods that ask for the noise of the sensor, and for a lag."""
 
 
-def change_for(action: actions.Action, judged: State) -> Change:
+@requested
+def change_for(state: State, action: actions.Action, judged: State) -> State:
     """What an action does to the filter that was judged; nothing on another recording or channel.
 
     The values are those of the judged filter, so that two clicks do no more than one.
     """
-
-    def change(state: State) -> State:
-        return _applied(action, state, judged) if is_same_signal(state, judged) else state
-
-    return change
+    return _applied(action, state, judged) if is_same_signal(state, judged) else state
 
 
 def is_same_signal(state: State, judged: State) -> bool:
@@ -718,38 +639,27 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
         raise BadFile(f"{name!r}: {error}") from None
 
 
-def use_settings(tuning: Tuning, name: str) -> Change:
-    """The values of a file become those of the channels of the same names; one undoable change.
-
-    Args:
-        tuning: what the file holds.
-        name: what it is called.
-    """
-
-    def change(state: State) -> State:
-        after = adapted(state, tuning)
-        note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
-        return after.with_answers(note=note)
-
-    return change
+@requested
+def use_settings(state: State, tuning: Tuning, name: str) -> State:
+    """The values of a file, called `name`, become those of the channels of the same names; one undoable change."""
+    after = adapted(state, tuning)
+    note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
+    return after.with_answers(note=note)
 
 
-def as_it_was_left(tuning: Tuning) -> Change:
+@requested
+def as_it_was_left(state: State, tuning: Tuning) -> State:
     """The filters that this file had when it was last open, unless others than the starting values are set now."""
-
-    def change(state: State) -> State:
-        settings = state.settings
-        if state.recording.source != tuning.source or settings.tunings != settings.starts:
-            return state
-        try:
-            after = adapted(state, tuning)
-        except BadSetting:  # the file has other channels now
-            return state
-        if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
-            return state
-        if state.channel != default_channel(state.recording):  # chosen on the command line
-            after = after.with_open(channel=state.channel)
-        note = f"The filter is as you left it: Undo gives the starting values. {after.answers.note}".strip()
-        return after.with_answers(note=note)
-
-    return change
+    settings = state.settings
+    if state.recording.source != tuning.source or settings.tunings != settings.starts:
+        return state
+    try:
+        after = adapted(state, tuning)
+    except BadSetting:  # the file has other channels now
+        return state
+    if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
+        return state
+    if state.channel != default_channel(state.recording):  # chosen on the command line
+        after = after.with_open(channel=state.channel)
+    note = f"The filter is as you left it: Undo gives the starting values. {after.answers.note}".strip()
+    return after.with_answers(note=note)

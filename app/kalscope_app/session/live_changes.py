@@ -17,7 +17,7 @@ from kalscope.sources.live.samples import Snapshot
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes import channel_named, select_channel
 from kalscope_app.session.opening import adapted, opened, starting_tuning
-from kalscope_app.session.state import BoardCalibration, BoardId, Change, Deferred, Live, Sent, Setting, State
+from kalscope_app.session.state import BoardCalibration, BoardId, Change, Live, Sent, Setting, State, requested
 
 SPANS = {
     "1 s": 1.0,
@@ -55,7 +55,7 @@ def opened_live(board: BoardId, title: str, before: State | None = None, tuning:
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    live = Live(board, deferred=None if tuning is None else Deferred(tuning))
+    live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
     return replace(opened(waiting(title), before).with_answers(note=""), live=live)
 
 
@@ -64,13 +64,12 @@ def waiting(title: str) -> Recording:
     return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
 
 
-def defer_until_settled(state: State, channel: str | None, values: Setting) -> State:
-    """Choose channel and parameters as soon as the channels of a board are known; at once where they are."""
+def when_settled(state: State, change: Change) -> State:
+    """Make a change of the command line as soon as the channels of a board are known; at once where they are."""
     live = state.live
     if live is None or live.settled:
-        return with_setting(state, channel, values)
-    deferred = replace(live.deferred or Deferred(), channel=channel, values=tuple(values.items()))
-    return replace(state, live=replace(live, deferred=deferred))
+        return change(state)
+    return replace(state, live=replace(live, deferred=(*live.deferred, change)))
 
 
 def with_setting(state: State, channel: str | None, values: Setting) -> State:
@@ -85,25 +84,16 @@ def with_setting(state: State, channel: str | None, values: Setting) -> State:
 
 def _apply_deferred(state: State) -> State:
     """The state with what the command line asked for; the note says what could not be applied."""
-    live = state.live
-    if live is None or not live.settled or live.deferred is None:
+    live, notes = state.live, list[str]()
+    if live is None or not live.settled or not live.deferred:
         return state
-    deferred, state = live.deferred, replace(state, live=replace(live, deferred=None))
-    notes: list[str] = []
-
-    def apply(change: Change) -> State:
+    state = replace(state, live=replace(live, deferred=()))
+    for change in live.deferred:
         try:
-            after = change(state)
+            state = change(state)
+            notes += filter(None, [state.answers.note])
         except BadSetting as error:
             notes.append(f"Ignored command-line option: {error}.")
-            return state
-        notes.extend([after.answers.note] if after.answers.note else [])
-        return after
-
-    if (tuning := deferred.tuning) is not None:
-        state = apply(lambda state: adapted(state, tuning))
-    if deferred.channel is not None or deferred.values:
-        state = apply(lambda state: with_setting(state, deferred.channel, dict(deferred.values)))
     return state.with_answers(note=" ".join(notes)).with_reset_view()
 
 
@@ -205,59 +195,44 @@ def follow(state: State) -> State:
     return replace(state, live=live).with_reset_view(window=None)
 
 
-def set_paused(paused: bool) -> Change:
+@requested
+def set_paused(state: State, paused: bool) -> State:
     """Freeze the screen, or continue; samples arrive in either case."""
-
-    def change(state: State) -> State:
-        return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
-
-    return change
+    return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
 
 
-def set_span(words: str) -> Change:
+@requested
+def set_span(state: State, words: str) -> State:
     """Choose the length of the window that follows, by its label."""
     if words not in SPANS:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
-
-    def change(state: State) -> State:
-        if state.live is None:
-            return state
-        live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
-        return replace(state, live=live).with_reset_view(window=None)
-
-    return change
+    if state.live is None:
+        return state
+    live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
+    return replace(state, live=live).with_reset_view(window=None)
 
 
-def set_sent(sent: Sent | None) -> Change:
+@requested
+def set_sent(state: State, sent: Sent | None) -> State:
     """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
-
-    def change(state: State) -> State:
-        if sent is not None and state.board is None and sent.filtered in state.recording.names:
-            state = state.with_open(board_choice=sent.filtered)
-        return replace(state, sent=sent)
-
-    return change
+    if sent is not None and state.board is None and sent.filtered in state.recording.names:
+        state = state.with_open(board_choice=sent.filtered)
+    return replace(state, sent=sent)
 
 
-def set_calibration(calibration: BoardCalibration | None) -> Change:
+@requested
+def set_calibration(state: State, calibration: BoardCalibration | None) -> State:
     """The board has measured its noise, or could not; None: it begins to."""
-
-    def change(state: State) -> State:
-        # Its filter continued with what it measured: there is no restart from which to compare it.
-        sent = state.sent if calibration is None or calibration.values is None else None
-        return replace(state, calibration=calibration, sent=sent)
-
-    return change
+    # Its filter continued with what it measured: there is no restart from which to compare it.
+    sent = state.sent if calibration is None or calibration.values is None else None
+    return replace(state, calibration=calibration, sent=sent)
 
 
-def set_kept(kept: bool) -> Change:
+@requested
+def set_kept(state: State, kept: bool) -> State:
     """The board keeps its values for its next start, or those of its export."""
-
-    def change(state: State) -> State:
-        known = state.calibration
-        return state if known is None else replace(state, calibration=replace(known, kept=kept))
-
-    return change
+    known = state.calibration
+    return state if known is None else replace(state, calibration=replace(known, kept=kept))
 
 
 def calibration_here(state: State) -> BoardCalibration | None:

@@ -5,7 +5,6 @@ A tuning file or a figure of a source document overrides both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -66,7 +65,9 @@ def _with_what_stays(fresh: State, before: State) -> State:
     ).with_open(fused=before.open.fused and fusion is not None)
     if _key(before.tuning) in channels:
         state = state.with_open(channel=before.channel)
-    return state.with_answers(note=_about_what_stays(channels, tuned, {_key(pin.tuning) for pin in settings.pins}))
+    stays = channels & {*tuned, *(_key(pin.tuning) for pin in settings.pins)}
+    note = "Filters and pins of channels of the same name and unit stay (Reset gives starting values); "
+    return state.with_answers(note=f"{note}Undo returns to the previous recording." if stays else "")
 
 
 def _key(tuning: ChannelTuning) -> ChannelKey:
@@ -75,18 +76,6 @@ def _key(tuning: ChannelTuning) -> ChannelKey:
 
 def _sensors_of(fusion: Fusion, state: State) -> set[ChannelKey]:
     return {_key(one) for one in state.settings.tunings if one.name in fusion.tuning.sensors}
-
-
-def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pinned: set[ChannelKey]) -> str:
-    """What stays for the channels that are open now, in a sentence; "" where nothing does."""
-    kept = [name for name, unit in tuned if (name, unit) in channels]
-    pins = sorted(name for name, _ in pinned & channels)
-    said: list[str] = []
-    if kept:
-        said.append(f"Kept for {_listed(kept)}: the filter as tuned (Reset gives starting values).")
-    if pins:
-        said.append(f"Pins of {_listed(pins)} stay.")
-    return " ".join((*said, "Undo returns to the previous recording.")) if said else ""
 
 
 def _listed(names: list[str]) -> str:
@@ -133,7 +122,7 @@ def adapted(state: State, tuning: Tuning) -> State:
     state = state.with_settings(tunings=tunings).with_open(channel=channel, fused=False)
     state, missing = _with_fusion_of(tuning, state)
     note = f"{note} {missing}".strip()
-    return state.with_answers(outcome=None, method_comparison=(), note=note)
+    return state.with_answers(outcome=None, note=note)
 
 
 def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,18 +147,6 @@ NO_CONNECTION = ConnectionState()
 
 
 @dataclass(frozen=True)
-class Deferred:
-    """What the command line asked for, applied once the channels and the starting values of a board are known."""
-
-    tuning: Tuning | None = None
-    """A tuning file."""
-    channel: str | None = None
-    """The channel to look at, a name or a number from 1."""
-    values: tuple[tuple[str, float | Chain | None], ...] = ()
-    """Names and values of its parameters."""
-
-
-@dataclass(frozen=True)
 class Live:
     """The live part of a State."""
 
@@ -174,8 +162,8 @@ class Live:
     """Whether the screen is frozen while samples still arrive."""
     settled: bool = False
     """Whether the starting values have been measured."""
-    deferred: Deferred | None = None
-    """What waits for them."""
+    deferred: tuple[Change, ...] = ()
+    """What the command line asked for: it waits for them."""
 
     @property
     def waits(self) -> bool:
@@ -252,21 +240,26 @@ def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -
     """
     if link == UNLINKED:
         return tunings
+    by_noise = link == SAME_LAG and starts[leader].r > 0.0
     return tuple(
-        own if i == leader else scaled_copy(tunings[leader], own, _factor(starts, leader, i, link))
-        for i, own in enumerate(tunings)
+        own if i == leader else scaled_copy(tunings[leader], own, start.r / starts[leader].r if by_noise else 1.0)
+        for i, (own, start) in enumerate(zip(tunings, starts, strict=True))
     )
 
 
-def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
+def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float) -> ChannelTuning:
     """Another channel's setting, its variances `factor` times as large.
 
     The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
     """
     p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
     x0 = leader.x0 if factor == 1.0 else own.x0
+    chain = leader.chain
+    if chain is not None and isinstance(chain.then, OneEuro):  # only it has a setting with a unit
+        chain = replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
     return replace(
-        replace(own, chain=None, paper=None),
+        own,
+        paper=None,
         q=_scaled(leader.q, factor),
         r=_scaled(leader.r, factor),
         p0=p0,
@@ -274,19 +267,8 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
         gate=leader.gate,
         momentum=leader.momentum,
         how=leader.how,
-        chain=_scaled_chain(leader.chain, factor),
+        chain=chain,
     )
-
-
-def _scaled_chain(chain: Chain | None, factor: float) -> Chain | None:
-    """The same chain at `factor` times the variances: only the one-euro filter has a setting with a unit."""
-    if chain is None or not isinstance(chain.then, OneEuro):
-        return chain
-    return replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
-
-
-def _factor(starts: Tunings, leader: int, i: int, link: str) -> float:
-    return starts[i].r / starts[leader].r if link == SAME_LAG and starts[leader].r > 0.0 else 1.0
 
 
 def _scaled(variance: float, factor: float) -> float:
@@ -528,8 +510,6 @@ class Answers:
 
     outcome: Outcome | None = None
     """The last search."""
-    method_comparison: tuple[Estimate, ...] = ()
-    """The estimates of the three methods, once they were run."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
 
@@ -738,3 +718,10 @@ class State:
 
 Change = Callable[[State], State]
 """What is asked of the session; the engine's thread applies it."""
+
+P = ParamSpec("P")
+
+
+def requested(function: Callable[Concatenate[State, P], State]) -> Callable[P, Change]:
+    """The function of a State and some values, to be called with the values alone: it then returns a Change."""
+    return lambda *values, **named: lambda state: function(state, *values, **named)

@@ -14,14 +14,16 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kalscope.common.files import free_memory, limit_memory
 from kalscope.errors import KalscopeError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 IDLE_S = 0.5
 """Seconds to wait for the first task before warming up: it may be on its way."""

@@ -31,7 +31,7 @@ MAX_SILENCE_S = 120.0
 _LOOK_S = 0.05
 """Seconds between two checks whether a task is cancelled."""
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}
-"""Of the process: each thread of OpenBLAS takes 40 MB at the start, and no module may come from the user's folder."""
+"""Of the process: a thread of OpenBLAS takes 40 MB at the start, and no module may come from the user's folder."""
 
 
 class Process:
@@ -156,7 +156,7 @@ class Worker:
         cancelled: Callable[[], bool] | None,
     ) -> tuple[str, Any]:
         """What the process answers to a task, "done" or "failed"."""
-        last, reported_at = (0.0, ""), time.monotonic()
+        fraction, text, reported_at = 0.0, "", time.monotonic()
         try:
             send(process.pipe, task)
             while True:
@@ -164,11 +164,11 @@ class Worker:
                     kind, answer = receive(process.pipe)
                     if kind != "progress":
                         return kind, answer
-                    last, reported_at = answer, time.monotonic()
+                    (fraction, text), reported_at = answer, time.monotonic()
                 if cancelled is not None and cancelled():
                     raise Cancelled("the task was cancelled before it was finished")
                 if progress is not None:
-                    progress(*last)
+                    progress(fraction, text)
                 if time.monotonic() - reported_at > MAX_SILENCE_S:
                     raise BadFile(
                         f"{what} must show progress every {MAX_SILENCE_S:g} s while it is read (got none)"
