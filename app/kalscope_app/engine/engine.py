@@ -46,23 +46,14 @@ class Part(IntEnum):
     """The chart of the signal with all its points."""
 
 
-@dataclass(frozen=True)
-class Delay:
-    """How long a part may lag behind the newest frame, s."""
-
-    pause: float
-    """Without a newer frame; a slider that moves brings one every 0.05 s."""
-    longest: float
-    """While newer frames keep coming."""
-
-
-DELAYS: Mapping[Part, Delay] = {
-    Part.NUMBERS: Delay(0.06, 0.08),
-    Part.CHARTS: Delay(0.12, 0.13),
-    Part.OTHER: Delay(0.12, 1.0),
-    Part.FULL: Delay(0.12, math.inf),
+DELAYS: Mapping[Part, tuple[float, float]] = {
+    Part.NUMBERS: (0.06, 0.08),
+    Part.CHARTS: (0.12, 0.13),
+    Part.OTHER: (0.12, 1.0),
+    Part.FULL: (0.12, math.inf),
 }
-"""Of the parts that may wait."""
+"""How long a part may lag behind the newest frame, s: without a newer one (a slider that moves brings one every
+0.05 s), and while newer ones keep coming."""
 
 
 class Schedule:
@@ -99,10 +90,10 @@ class Schedule:
         return due
 
     def _due(self, part: Part) -> float:
-        return min(self._newest + DELAYS[part].pause, self._latest(part))
+        return min(self._newest + DELAYS[part][0], self._latest(part))
 
     def _latest(self, part: Part) -> float:
-        return self._behind[part] + DELAYS[part].longest
+        return self._behind[part] + DELAYS[part][1]
 
 
 def is_move(before: State, after: State) -> bool:

@@ -159,10 +159,11 @@ def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) ->
 
     The noisiest comes first, to be drawn below the others; by the noise that was found, so no slider reorders them.
     """
-    raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
-    values = (raw - fusion.params.offset) / fusion.params.gain
+    params = fusion.used.params
+    raw = fusion.used.readings(state.recording)[drawn.indices]
+    values = (raw - params.offset) / params.gain
     difference = values - fused[:, None]
-    if np.any(fusion.params.gain != 1.0):
+    if np.any(params.gain != 1.0):
         raw = values  # sensors of several scales or units have no common axis
     noise = dict(zip(fusion.start.sensors, fusion.start.params.scaled_r, strict=True))
     curves = [

@@ -161,18 +161,7 @@ class Lines(logging.Formatter):
         return "\n    ".join(CONTROL.sub("·", line) for line in text.split("\n"))
 
 
-class _Quiet:
-    """A log that cannot be written (a full disk, a closed terminal) must not become an error of its own."""
-
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Drop the entry."""
-
-
-class _Terminal(_Quiet, logging.StreamHandler):  # pyright: ignore[reportMissingTypeArgument]
-    pass
-
-
-class _File(_Quiet, logging.handlers.RotatingFileHandler):
+class _File(logging.handlers.RotatingFileHandler):
     def _open(self) -> TextIOWrapper:
         """For this user only: other users of the machine must not learn the names of files."""
         handle = os.open(self.baseFilename, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
@@ -212,7 +201,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     if file is not None:
         for path in (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1))):
             _check_own(path)
-    log, on_terminal = Log(file), _Terminal(sys.stderr)
+    log, on_terminal = Log(file), logging.StreamHandler(sys.stderr)
     on_terminal.setFormatter(Lines("kalscope: %(message)s", log.hidden, with_traceback=verbose))
     on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)
     if not verbose:  # libraries report each broken request of a port scan as an error, with its traceback
@@ -228,6 +217,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
         root.addHandler(handler)
     root.setLevel(logging.INFO if file is not None or verbose else logging.WARNING)
     logging.captureWarnings(True)
+    logging.raiseExceptions = False  # a full disk or a closed terminal must not become an error of its own
     try:
         yield log
     finally:

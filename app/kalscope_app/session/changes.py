@@ -118,7 +118,7 @@ def set_automatic_start(state: State, automatic: bool) -> State:
 def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel, or to those of the fused sensors."""
     if state.fusion is not None:
-        return state.with_fusion(state.fusion.reset)
+        return state.with_fusion(replace(state.fusion, tuning=state.fusion.start, dropped=frozenset()))
     start = state.start
     values = {name: getattr(start, name) for name in (*PARAMETERS, "how")}
     return state.with_tuning(**values)

@@ -134,7 +134,7 @@ def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
         fused = tuning.rescaled(period).fusion or fused
     name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
     fusion = Fusion(replace(fused, name=name), replace(fused, name=name))
-    if not fusion.fits(state.recording):
+    if not set(fused.sensors) <= set(state.recording.names):
         return state, f"The sensors that the file fuses are not all here: {_listed(list(fused.sensors))}."
     return state.with_fusion(fusion), ""
 

@@ -377,47 +377,19 @@ class Fusion:
     @cached_property
     def used(self) -> ChannelTuning:
         """The filter of the sensors that take part."""
-        return self._of_used(self.tuning)
-
-    @cached_property
-    def params(self) -> FilterParams:
-        """Its parameters."""
-        return self.used.params
-
-    @cached_property
-    def as_channel(self) -> ChannelTuning:
-        """The filter of one channel that it equals while all sensors in use answer."""
-        return self.used.as_channel
-
-    @cached_property
-    def start_as_channel(self) -> ChannelTuning:
-        """The same of its starting values."""
-        return self._of_used(self.start).as_channel
-
-    @property
-    def reset(self) -> Fusion:
-        """As it was when the sensors were fused; all of them take part."""
-        return replace(self, tuning=self.start, dropped=frozenset())
+        return self.of_used(self.tuning)
 
     @cached_property
     def shares(self) -> Mapping[str, float]:
         """What each sensor contributes to the fused value while all answer; 0 for a dropped one."""
         shares = dict.fromkeys(self.tuning.sensors, 0.0)
-        return {**shares, **dict(zip(self.used.sensors, self.params.shares.tolist(), strict=True))}
-
-    def columns(self, recording: Recording) -> list[int]:
-        """The columns of a recording with the readings of the sensors that take part."""
-        return [recording.index(name) for name in self.used.sensors]
-
-    def fits(self, recording: Recording) -> bool:
-        """Whether a recording has all its sensors."""
-        return set(self.tuning.sensors) <= set(recording.names)
+        return {**shares, **dict(zip(self.used.sensors, self.used.params.shares.tolist(), strict=True))}
 
     def with_values(self, **values: Any) -> Fusion:
         """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""
-        r = values.pop("r", None)
-        if r is not None and r != self.as_channel.r:
-            factor = r / self.as_channel.r if self.as_channel.r > 0.0 else 1.0
+        r, before = values.pop("r", None), self.used.as_channel.r
+        if r is not None and r != before:
+            factor = r / before if before > 0.0 else 1.0
             values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in self.tuning.r)
         return replace(self, tuning=replace(self.tuning, **values))
 
@@ -441,7 +413,8 @@ class Fusion:
             raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
         return replace(self, dropped=dropped)
 
-    def _of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+    def of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+        """The part of a tuning for the sensors that take part."""
         return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
 
 
@@ -581,10 +554,10 @@ class State:
         """The channels whose readings are on screen: one, or the sensors that are fused."""
         return (self.channel,) if self.fusion is None else self.fusion.used.sensors
 
-    @property
+    @cached_property
     def tuning(self) -> ChannelTuning:
         """Its parameters; those of the fused filter as of one channel."""
-        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.as_channel
+        return self.running.as_channel
 
     @property
     def running(self) -> ChannelTuning:
@@ -599,7 +572,8 @@ class State:
     @property
     def start(self) -> ChannelTuning:
         """Its starting values."""
-        return self.settings.starts[self.index] if self.fusion is None else self.fusion.start_as_channel
+        fusion = self.fusion
+        return self.settings.starts[self.index] if fusion is None else fusion.of_used(fusion.start).as_channel
 
     @cached_property
     def params(self) -> FilterParams:

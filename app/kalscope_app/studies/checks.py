@@ -89,7 +89,7 @@ class FusionJudge:
         if fusion is None:
             return None
         self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
-        judgement = self._verdicts.get(fusion.params, lambda: _verdict(state, fusion))
+        judgement = self._verdicts.get(fusion.used.params, lambda: _verdict(state, fusion))
         half = (judgement.second_half,) if judgement.second_half else ()
         return Judged(judgement, (*half, *_about_estimate(fusion)))
 
@@ -98,7 +98,7 @@ def _verdict(state: State, fusion: Fusion) -> Judgement:
     found = None if fusion.dropped else fusion.estimate
     return judge_fusion(
         state.readings,
-        fusion.params if found is None else replace(found, params=fusion.params),
+        fusion.used.params if found is None else replace(found, params=fusion.used.params),
         state.dt,
         names=fusion.used.sensors,
         unit=fusion.tuning.unit,

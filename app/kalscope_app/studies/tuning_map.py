@@ -203,10 +203,8 @@ class FleetLayer:
         """The row whose point is nearest to a pixel of the picture; None where no point is near."""
         if not len(self.points):
             return None
-        across = (self.points[:, 0] - frame.q[0]) / (frame.q[1] - frame.q[0])
-        up = (self.points[:, 1] - frame.r[0]) / (frame.r[1] - frame.r[0])
-        x, y = frame.left + across * (frame.right - frame.left), frame.bottom - up * (frame.bottom - frame.top)
-        away = np.hypot(x - pixel[0], y - pixel[1])[::-1]  # of two at the same place, the one on top
+        pixels = np.array([frame.pixel((q, r)) for q, r in self.points.tolist()])
+        away = np.hypot(*(pixels - pixel).T)[::-1]  # of two at the same place, the one on top
         at = int(np.argmin(away))
         return int(self.devices[len(away) - 1 - at]) if away[at] <= REACH else None
 
