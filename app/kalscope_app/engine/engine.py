@@ -16,9 +16,10 @@ from kalscope_app.engine.filter_runs import (
     MAX_POINTS,
     Cache,
     DrawnSamples,
+    Facts,
     FilterRuns,
-    RecordFacts,
     choose_samples,
+    facts_of,
 )
 from kalscope_app.engine.frame import Frame, compute_frame
 from kalscope_app.session.live_changes import live_window, studied
@@ -254,7 +255,7 @@ class Engine:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._samples = Cache[DrawnSamples]()
-        self._runs, self._facts = FilterRuns(), RecordFacts()
+        self._runs, self._facts = FilterRuns(), Cache[Facts]()
         self._frame: Frame | None = None
         self._schedule = Schedule()
         self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
@@ -346,10 +347,9 @@ class Engine:
     def _show_frame(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
         (channel, *others), window = state.measured, live_window(state)
+        facts = self._facts.once(lambda: facts_of(state.recording, channel), state.recording, channel)
         drawn = self._samples.once(
-            lambda: choose_samples(
-                state.recording, channel, window, limit, self._facts.of(state), others=tuple(others)
-            ),
+            lambda: choose_samples(state.recording, channel, window, limit, facts, others=tuple(others)),
             *(state.recording, state.measured, window, limit),
         )
         frame = compute_frame(state, serial, drawn, self._runs, self._session.connection())

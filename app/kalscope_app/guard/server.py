@@ -131,17 +131,6 @@ def _answer_to(address: str, port: int, attempt: Attempt) -> tuple[int, http.cli
 
 _construction = threading.Lock()
 
-# fmt: off
-BLOCKED_PORTS = frozenset((
-    1, 7, 9, 11, 13, 15, 17, 19, 20, 21, 22, 23, 25, 37, 42, 43, 53, 69, 77, 79, 87, 95, 101, 102, 103, 104,
-    109, 110, 111, 113, 115, 117, 119, 123, 135, 137, 139, 143, 161, 179, 389, 427, 465, 512, 513, 514, 515,
-    526, 530, 531, 532, 540, 548, 554, 556, 563, 587, 601, 636, 989, 990, 993, 995, 1719, 1720, 1723, 2049,
-    3659, 4045, 4190, 5060, 5061, 6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080,
-))
-# fmt: on
-"""Ports that browsers do not open, because they are those of mail, IRC and the like: the "bad ports" of the Fetch
-standard."""
-
 MAX_FRAME_BYTES = 2**20
 """The largest message of a client. viser cuts uploads into parts of 512 KiB; all else is far smaller."""
 
@@ -210,10 +199,6 @@ def guarded_server(
     """
     names = tuple(name.strip("[]").lower() for name in allow_hosts)
     with contextlib.ExitStack() as undo:
-        if port in BLOCKED_PORTS and not behind:
-            raise BadSetting(
-                f"browsers block port {port}: choose another with --port, or --port 0 for any free one"
-            )
         listener = undo.enter_context(_listen(host, port))
         address, bound_port = listener.getsockname()[:2]
         link_host = _link_host(host, address, names)

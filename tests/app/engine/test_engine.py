@@ -10,7 +10,7 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
-from kalscope_app.engine.engine import MIN_INTERVAL, Engine, Part, pause_before_frame
+from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.session.changes import set_exponent, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session
@@ -57,19 +57,6 @@ def running(session):
     yield session, screen
     engine.stop()
     assert not any(thread.name == "kalscope-engine" for thread in threading.enumerate())
-
-
-@pytest.mark.parametrize(
-    ("now", "last", "pause"),
-    [(10.0, 0.0, 0.0), (1.0, 1.0, MIN_INTERVAL), (1.03, 1.0, 0.01), (0.0, 5.0, MIN_INTERVAL)],
-)
-def test_frames_keep_their_distance(now, last, pause):
-    assert pause_before_frame(now, last) == pytest.approx(pause)
-
-
-def test_the_first_frame_comes_by_itself(running):
-    _, screen = running
-    screen.wait(lambda: screen.frames)
 
 
 @pytest.mark.parametrize("burst", range(5))

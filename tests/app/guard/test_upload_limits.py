@@ -113,12 +113,6 @@ SCOPES = pytest.mark.parametrize("scope", ["shared", "client"])
 
 
 @SCOPES
-def test_a_value_is_taken(bench, scope):
-    bench.update(scope, value="new")
-    assert bench.changed.get(timeout=PATIENCE) == "new"
-
-
-@SCOPES
 @each("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
 def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
     state = bench.texts[scope]._impl
@@ -168,12 +162,6 @@ def test_an_upload_within_the_cap_arrives(bench, scope):
     bench.part(uuid, 0, b"1,2")
     assert bench.uploaded.get(timeout=PATIENCE) == viser.UploadedFile("x.csv", b"1,2")
     assert bench.under_way() == {}
-
-
-@SCOPES
-def test_an_empty_upload_arrives(bench, scope):
-    bench.start(bench.buttons[scope]._impl.uuid, 0, 0)
-    assert bench.uploaded.get(timeout=PATIENCE).content == b""
 
 
 @SCOPES

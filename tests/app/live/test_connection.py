@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from waiting import PATIENCE
 
-from kalscope import BadSetting, Recording
+from kalscope import Recording
 from kalscope.sources.recorder import RecorderCounts
-from kalscope_app.live import BoardConnection, BoardRecording, port_named
+from kalscope_app.live import BoardConnection, BoardRecording
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
@@ -180,29 +180,9 @@ def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, boa
     assert (board.source.calls, connection.source) == (["start", "close"], None)
 
 
-def test_a_board_that_was_disconnected_stays_so(connection, board):
-    connection.close()
-    connection.look_at(board.id)
-    assert board.source.calls == ["start", "close"]
-    assert connection.state(board.id).status == "status"
-    connection.close()
-    assert board.source.calls == ["start", "close"]
-
-
 def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, board):
     connection.close()
     board.id = None
     gc.collect()
     assert not connection._sources
     assert Session(opened(FILE)).connection() == NO_CONNECTION
-
-
-@pytest.mark.parametrize(("spec", "says"), [("", "must be named"), ("ftp://x", "must begin with ssh://")])
-def test_what_is_no_port_is_refused(spec, says):
-    with pytest.raises(BadSetting, match=says):
-        port_named(spec, "9600", reset=True)
-
-
-@pytest.mark.parametrize(("spec", "baud"), [("/dev/ttyACM0", 9600), ("/dev/ttyACM0@1200", 1200)])
-def test_a_baud_rate_in_the_address_wins(spec, baud):
-    assert port_named(spec, "9600", reset=True).baud == baud

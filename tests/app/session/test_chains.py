@@ -15,10 +15,8 @@ from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
-    copy_setting,
     pin_present,
     reset_parameters,
-    select_channel,
     set_link,
     set_median,
     set_text,
@@ -65,7 +63,7 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
         assert loaded.tuning == tuned.tuning
         assert typed_chain(chain_text(chain)) == chain
         assert chain_text(chain) in share_line(tuned).line
-        again = apply_options(state, None, *[None] * 6, chain=chain_text(chain))
+        again = apply_options(state, None, chain_text(chain))
         assert again.filter == tuned.filter
 
 
@@ -124,15 +122,6 @@ def test_linked_channels_run_the_same_chain_and_a_speed_counts_in_their_own_nois
     assert (second.chain.median, second.chain.then.cutoff) == (5, 0.02)
     assert second.chain.then.beta == pytest.approx(0.7 / wider)
     assert first.chain == Chain(5, EURO)
-    assert copy_setting("b")(use_chain(Chain(3))(state)).settings.tunings[1].chain == Chain(3)
-
-
-def test_a_chain_stays_with_its_channel_through_another_recording(state, recording):
-    tuned = use_chain(Chain(5))(state)
-    other = opened(Recording(np.arange(9.0), ("c",), ("",), np.zeros((9, 1)), 1.0), tuned)
-    back = opened(recording, other)
-    assert back.tuning.chain == Chain(5)
-    assert select_channel("b")(back).tuning.chain is None
 
 
 HOSTILE = {
@@ -159,6 +148,6 @@ def test_a_chain_from_outside_is_checked(state):
             assert typed_chain(text) == Chain(1, Median(5))
             continue
         with pytest.raises(BadSetting, match=why):
-            apply_options(state, None, *[None] * 6, chain=text)
+            apply_options(state, None, text)
     assert typed_chain(" Kalman ") is None
-    assert apply_options(use_chain(Chain(5))(state), None, "3", *[None] * 5).tuning.chain == Chain(5)
+    assert apply_options(use_chain(Chain(5))(state), None, None, q="3").tuning.chain == Chain(5)

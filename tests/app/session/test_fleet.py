@@ -18,7 +18,6 @@ from kalscope_app.session.changes import (
     open_fleet,
     pick_device,
     set_at_shared,
-    set_fleet_colour,
     set_fleet_order,
     set_text,
 )
@@ -92,8 +91,6 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
 def test_what_a_browser_cannot_choose_is_refused():
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
-    with pytest.raises(BadSetting):
-        set_fleet_colour("taste")
 
 
 @pytest.mark.parametrize("order", ORDERS)

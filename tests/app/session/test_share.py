@@ -12,7 +12,6 @@ from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import commands as program
 from kalscope_app.session.changes import (
-    channel_named,
     select_channel,
     set_automatic_start,
     set_momentum_position,
@@ -151,13 +150,6 @@ def test_names_that_no_line_can_show_become_numbers():
     assert "\n" not in shared.line
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("text", "name"), [("x", "x"), ("1", "x"), ("2", "3"), ("3", "3"), ("9", "9"), ("0", "0")])
-def test_a_channel_is_named_by_name_first_and_then_by_number(text, name):
-    recording = replace(open_source("sample:lis302dl"), names=("x", "3", "z"))
-    assert channel_named(recording, text) == name
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -175,9 +167,3 @@ def test_a_setting_that_makes_no_filter_is_refused_in_one_line(words, message, c
     assert program.run(["open", "demo", *words, "--port", "0", "--no-browser"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
-
-
-@pytest.mark.parametrize("words", [["--momentum", "off"], ["--momentum="], ["--momentum", "0"]])
-def test_the_momentum_can_be_turned_off(words, reopen):
-    line = shlex.join(["kalscope", "open", "demo", *words])
-    assert reopen(line).tuning.momentum == 0.0

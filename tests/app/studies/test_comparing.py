@@ -8,28 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, Recording, open_source
-from kalscope.analysis.alternatives import compare_alternatives
+from kalscope import Recording
 from kalscope.analysis.filter_errors import Difference
 from kalscope.filtering.classic import Chain
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes import set_drawn_alternative, set_match_by, set_window, use_paper_filter
+from kalscope_app.session.changes import set_drawn_alternative, set_match_by, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.checks import compute_allan, compute_spectra, log_binned
+from kalscope_app.studies.checks import compute_allan, compute_spectra
 from kalscope_app.studies.comparisons import AlternativesStudy
 from kalscope_app.views.chart_tabs import (
     ALL,
-    COLOURS,
     NAMES,
     about_kalman,
     against,
     cutoff_words,
     floored,
-    log_axes,
     text_of,
     verdict_of,
 )
-from kalscope_app.views.charts import Scale, log_scale_for, log_ticks, log_time_scale
+from kalscope_app.views.charts import Scale, log_scale_for, log_time_scale
 
 RNG = np.random.default_rng(30)
 
@@ -38,12 +35,6 @@ def state_of(n=3000, unit="g", **changes):
     values = RNG.normal(size=(n, 1)) + np.cumsum(0.1 * RNG.normal(size=(n, 1)), axis=0)
     rec = Recording(np.arange(float(n)) / 100, ("ax",), (unit,), values, 0.01, title="log.csv")
     return opened(replace(rec, **changes))
-
-
-def test_the_names_to_choose_from_are_those_of_the_comparison():
-    found = compare_alternatives(RNG.normal(size=500), FilterParams(q=0.1, r=1.0))
-    assert tuple(one.name for one in found.others) == NAMES
-    assert len(COLOURS[False]) == len(COLOURS[True]) == len(NAMES)
 
 
 def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
@@ -94,7 +85,8 @@ def test_a_browser_may_send_any_word(word, match):
 
 
 def test_the_second_papers_filter_has_nothing_to_compare():
-    state = use_paper_filter(state_of(), GeneralizedParams(1.0, None, None, "printed"))
+    state = state_of()
+    state = state.with_tuning_of(0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "printed")))
     assert AlternativesStudy().compute(state) is None
     assert compute_spectra(state) is None
     assert compute_allan(state) is None
@@ -172,15 +164,6 @@ def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response()
     assert np.isfinite(fast.response_db).all()
 
 
-def test_log_bins_are_means_of_what_falls_into_them():
-    x = np.arange(1.0, 10_001.0)
-    binned, y = log_binned(x, [2.0 * x], 50)
-    assert len(binned) <= 50
-    assert np.allclose(y, 2.0 * binned)
-    assert np.all(np.diff(binned) > 0)
-    assert log_binned(x[:40], [x[:40]], 50)[0] is not None
-
-
 @pytest.mark.parametrize(
     ("lowest", "highest", "unit", "factor", "shown"),
     [
@@ -197,20 +180,6 @@ def test_log_bins_are_means_of_what_falls_into_them():
 def test_a_logarithmic_axis_has_the_prefix_of_its_middle(lowest, highest, unit, factor, shown):
     scale = log_scale_for(np.array([0.0, lowest, highest, np.nan]), unit)
     assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "ticks"),
-    [
-        (0.9, 11.0, [1, 2, 5, 10]),
-        (0.02, 300.0, [0.1, 1, 10, 100]),
-        (1e-3, 1e14, [1e-3, 1e-1, 1e1, 1e3, 1e5, 1e7, 1e9, 1e11, 1e13]),
-    ],
-)
-def test_ticks_are_round_and_inside(low, high, ticks):
-    assert log_ticks(low, high) == pytest.approx(ticks)
-    across, up = log_axes(np.array([low, high]), (low, high), "y")
-    assert len(across["values"]) == len(across["splits"]) == len(up["values"]) == len(ticks)
 
 
 @pytest.mark.parametrize(
@@ -235,9 +204,3 @@ def test_a_logarithmic_chart_is_given_positive_numbers_only():
     assert all(np.all((y >= low) & (y <= high)) for y in ys)
     low, high, ys = floored((np.zeros(3),))
     assert 0 < low < high
-
-
-def test_the_allan_study_has_the_recording_and_the_model():
-    allan = compute_allan(opened(open_source("demo")))
-    assert len(allan.found.size) == len(allan.found.model) > 10
-    assert "does not help" in allan.found.message
