@@ -100,19 +100,6 @@ def test_a_failing_view_does_not_stop_the_engine(session):
     engine.stop()
 
 
-def test_a_first_frame_that_fails_lets_the_browsers_in(session):
-    screen = Screen()
-
-    def show(frame, parts):
-        raise RuntimeError("a view broke")
-
-    engine = Engine(session, show, screen.tell)
-    engine.start()
-    assert engine.first_frame.wait(timeout=PATIENCE)
-    assert str(screen.told[0]) == "a view broke"
-    engine.stop()
-
-
 @pytest.mark.slow
 def test_drawn_indices_are_chosen_once_for_one_view(running):
     session, screen = running
@@ -121,13 +108,6 @@ def test_drawn_indices_are_chosen_once_for_one_view(running):
     again = session.request(set_exponent("q", -2.0))
     screen.wait(lambda: screen.frames[-1].serial == again)
     assert screen.frames[-1].drawn is screen.frames[-2].drawn
-
-
-@pytest.mark.slow
-def test_every_part_of_the_screen_shows_the_last_value(running):
-    session, screen = running
-    last = session.request(set_exponent("q", -1.0))
-    screen.wait(lambda: all(serials and serials[-1] == last for serials in screen.drawn.values()))
 
 
 @pytest.mark.slow

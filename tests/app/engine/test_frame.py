@@ -105,17 +105,6 @@ def test_a_dense_line_is_a_band_that_holds_every_sample_about_it():
             assert low[place] <= between.min() <= between.max() <= high[place]
 
 
-def test_a_line_that_can_be_read_or_has_gaps_is_no_band():
-    few = choose_samples(recording(2000), "z", None)
-    assert few.band is None
-    z = np.random.default_rng(5).normal(size=5000)
-    z[7] = np.nan
-    gap = choose_samples(Recording(np.arange(5000) * 0.01, ("z",), ("V",), z[:, None], 0.01), "z", None)
-    assert gap.band is None
-    window = choose_samples(recording(50_000), "z", (10.0, 12.0))
-    assert window.band is None
-
-
 def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():
     one = recording(n=900)
     one.values[[100, 400, 401], 0] += 40.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import logging
 import queue
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -107,11 +106,3 @@ def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch
     monkeypatch.setattr(log, "REPEAT_S", 0.0)
     errors.report("reader", ValueError("again"))
     assert told.qsize() == 2
-
-
-def test_a_failure_to_tell_is_logged(caplog):
-    errors = ErrorReporter()
-    errors.notify_with(lambda _error: 1 / 0)
-    with caplog.at_level(logging.ERROR):
-        errors.report("reader", ValueError("first"))
-    assert "could not be notified" in caplog.text

@@ -20,12 +20,6 @@ def test_the_tour_is_seen_once_it_was_put_away(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["settings.toml"]
 
 
-@pytest.mark.parametrize("content", [b"", b"tour_seen = 1", b"tour_seen = [", b"\xff\xfe", b"other = true"])
-def test_a_file_that_says_nothing_counts_as_not_seen(content, tmp_path):
-    (tmp_path / "settings.toml").write_bytes(content)
-    assert not UserSettings(tmp_path).tour_seen
-
-
 def test_one_setting_is_kept_while_another_is_written_and_unknown_ones_go(tmp_path):
     settings = UserSettings(tmp_path)
     (tmp_path / "settings.toml").write_text('tour_seen = true\nother = true\nmap_shown = "yes"\n')

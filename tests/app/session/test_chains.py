@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,17 +14,15 @@ from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
     pin_present,
-    reset_parameters,
     set_link,
     set_median,
     set_text,
     use_chain,
-    use_kalman_filter,
     use_settings,
     use_variant,
 )
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.session import Session
 from kalscope_app.session.share import apply_options, share_line
 from kalscope_app.session.state import SAME_LAG
 from kalscope_app.studies.comparisons import VariantTable
@@ -65,19 +61,6 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
         assert chain_text(chain) in share_line(tuned).line
         again = apply_options(state, None, chain_text(chain))
         assert again.filter == tuned.filter
-
-
-def test_going_back_to_the_kalman_filter_loses_nothing_and_undo_takes_each_step_back(state):
-    session = Session(set_text("q", "0.5")(state))
-    for change in (use_chain(Chain(5, EURO)), use_kalman_filter, undo, undo, redo):
-        session.request(change)
-    after, _, failures = session.apply_requests()
-    assert not failures
-    assert (after.tuning.q, after.tuning.chain) == (0.5, Chain(5, EURO))
-    assert use_kalman_filter(after).tuning == replace(after.tuning, chain=None)
-    assert reset_parameters(after).tuning == state.tuning
-    assert not after.is_standard
-    assert not after.uses_parameters
 
 
 def test_a_median_stands_before_the_filter_that_runs(state):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from fleet_folder import NOISY, finished_fleet
 from required import not_here
@@ -101,15 +99,6 @@ def test_every_order_lists_devices_once(fleet, order):
         assert rows[0] == NOISY
     if order == "without q and r":
         assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
-
-
-def test_the_corners_hold_the_devices_and_the_filter_for_all(fleet, state):
-    (q, r), (to_q, to_r), shared = state.fleet.corners
-    usable = fleet.devices.usable
-    assert (q, to_q) == pytest.approx((fleet.devices.q[usable].min(), fleet.devices.q[usable].max()))
-    assert (r, to_r) == pytest.approx((fleet.devices.r[usable].min(), fleet.devices.r[usable].max()))
-    assert shared == (fleet.shared.params.q, fleet.shared.params.r)
-    assert math.isfinite(to_q)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.engine.filter_runs import MAX_POINTS, FilterRuns, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
     apply_fusion,
@@ -167,13 +167,6 @@ def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
         select_channel("fused")(stop_fusing(state))
 
 
-def test_a_channel_called_fused_keeps_its_name():
-    rec = recording(("fused", "b", "c"), ("mm",) * 3)
-    state = apply_fusion(rec, ("fused", "b", "c"), params(), "")(opened(rec))
-    assert state.tuning.name == "fused 2"
-    assert select_channel("fused")(state).fusion is None
-
-
 def test_each_gesture_is_undone_and_done_again():
     rec = recording()
     session = Session(opened(rec))
@@ -195,21 +188,6 @@ def test_each_gesture_is_undone_and_done_again():
     for state in seen[1:]:
         session.request(redo)
         assert session.apply_requests()[0].settings == state.settings
-
-
-def test_runs_that_are_kept_give_what_a_new_run_gives(state):
-    runs = FilterRuns()
-    for one in (state, set_taking_part("b", False)(state), select_channel("b")(state), state):
-        assert np.array_equal(frame_of(one, runs).filtered, frame_of(one).filtered)
-
-
-def test_of_a_long_recording_every_sensor_keeps_its_extremes():
-    rec = recording(n=20_000)
-    for i in range(3):
-        rec.values[1000 * i + 777, i] = 1e4
-    frame = frame_of(fused_state(rec))
-    assert len(frame.drawn.indices) <= MAX_POINTS
-    assert [one.raw.max() for one in frame.sensors] == [1e4] * 3
 
 
 def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state, tmp_path):

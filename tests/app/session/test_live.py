@@ -14,8 +14,6 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.filtering.classic import Chain, OneEuro
-from kalscope.sources.live.source import RecordingStatus
-from kalscope.sources.recorder import RecorderCounts
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.dashboard import only_grown
 from kalscope_app.engine.engine import Engine, Part
@@ -44,8 +42,6 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.share import apply_options
 from kalscope_app.session.state import ConnectionState
-from kalscope_app.views.live import recording_text
-from kalscope_app.views.signal import heading_of
 
 
 @pytest.fixture
@@ -108,14 +104,6 @@ def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(
     assert state.settings.tunings[:2] == before.settings.tunings
 
 
-def test_a_tuning_file_decides_the_channels_that_it_names(board):
-    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),))
-    state = opened_board(board, "x", tuning=tuning)
-    state = grown(board, 500, state)
-    assert (state.settings.tunings[1].q, state.settings.tunings[1].r) == (3.0, 4.0)
-    assert state.channel == "b"
-
-
 def test_the_window_follows_until_the_person_looks_back(board):
     state = set_span("1 s")(opened_board(board.send(1000), "x"))
     assert live_window(state) == (pytest.approx(8.99), pytest.approx(9.99))
@@ -171,16 +159,6 @@ def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     session.request(redo)
     assert session.apply_requests()[0].tuning.q == 2.0
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
-
-
-def test_undo_comes_back_from_another_recording_to_the_board(board):
-    session = Session(opened_board(board.send(500), "x"), board)
-    session.apply_requests()
-    other = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
-    session.request(lambda state: opened(other, state))
-    assert session.apply_requests()[0].live is None
-    session.request(undo)
-    assert len(session.apply_requests()[0].recording) == 500
 
 
 @pytest.mark.parametrize("back", [1, 2])
@@ -296,13 +274,6 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
-def test_a_channel_that_the_board_does_not_have_is_said_and_the_rest_goes_on(board):
-    state = grown(board, 500, apply_options(opened_board(board, "x"), "c", None))
-    assert "c" in state.answers.note
-    assert state.channel == "a"
-    assert len(state.recording) == 500
-
-
 def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
     with pytest.raises(BadSetting):
         apply_options(opened_board(board, "x"), "b", None, q="-1")
@@ -313,21 +284,6 @@ def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_perc
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
     state = grown(board, 500, opened_board(board, "x", tuning=tuning))
     assert state.settings.tunings[1].q == pytest.approx(q)
-
-
-def test_the_heading_says_what_is_wrong_and_how_a_recording_stands_with_names_escaped(board):
-    counts = RecorderCounts(received=1200, written=1199, rejected=1)
-    running = RecordingStatus("<b>run.csv", counts, "the disk is full")
-    status = SimpleNamespace(word="connected", hint="wrong *baud* rate?", recording=running)
-    frame = replace(frame_of(opened_board(board, "x")), connection=ConnectionState(True, True, status))
-    heading = heading_of(frame)
-    assert "waiting for the first 10 samples" in heading
-    assert "missing" not in heading
-    for part in (r"wrong \*baud\* rate?", r"\<b\>run\.csv", "1\u202f199 lines", "the disk is full"):
-        assert part in heading
-    text = recording_text(running)
-    assert r"\<b\>run\.csv" in text
-    assert "1\u202f200 lines = 1\u202f199 written + 1 rejected + 0 dropped" in text
 
 
 def test_controls_are_drawn_again_only_where_more_than_the_record_changed(board):

@@ -10,13 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter
-from kalscope.estimation.request import FitResult
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
     MAX_POSITION,
-    apply_found,
     momentum_at,
     set_link,
     set_momentum_position,
@@ -108,17 +106,6 @@ def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
     assert momenta(with_momentum(state, 12.0)) == [12.0, 0.0]
     for link in (SAME_NUMBERS, SAME_LAG):
         assert momenta(with_momentum(set_link(link)(state), 12.0)) == [12.0, 12.0]
-
-
-@pytest.mark.parametrize("momentum", [0.0, 33.5])
-def test_a_search_sets_the_momentum_it_found(state, momentum):
-    found = FitResult(FilterParams(2.0, 3.0, momentum=momentum), "maximum likelihood", "")
-    after = apply_found(state.recording, "a", found)(with_momentum(state, 12.0))
-    assert (after.tuning.q, after.tuning.r, after.tuning.momentum) == (2.0, 3.0, momentum)
-    outcome = after.answers.outcome
-    assert outcome is not None
-    assert with_momentum(after, 5.0).answers.outcome is None  # its answer is about another filter now
-    assert set_text("gate", "9")(after).answers.outcome is outcome
 
 
 @pytest.mark.parametrize("period", [0.02, None])

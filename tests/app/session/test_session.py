@@ -128,17 +128,6 @@ def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
     assert seen == (window if window is None else pytest.approx(window))
 
 
-def test_a_parameter_change_never_touches_the_view(state):
-    zoomed = set_window(1.0, 3.0)(state)
-    for change in (set_exponent("q", 0.0), set_text("r", "2"), set_automatic_start(False), reset_parameters):
-        after = change(zoomed)
-        assert (after.view.window, after.view.resets, after.channel) == (
-            zoomed.view.window,
-            zoomed.view.resets,
-            zoomed.channel,
-        )
-
-
 def test_a_tuning_reopens_the_same_state(state):
     tuned = apply(state, set_text("q", "7"), select_channel("b"), set_text("p0", "0"), set_text("x0", "2"))
     again = opened_with(tuned.recording, tuned.as_tuning())
@@ -150,17 +139,6 @@ def test_a_tuning_reopens_the_same_state(state):
 def test_a_tuning_without_a_common_channel_is_refused(state):
     with pytest.raises(BadSetting, match="the tuning must hold a or b"):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
-
-
-@pytest.mark.parametrize(
-    ("text", "value"), [("1,5e-3", 1.5e-3), ("15 100", 15100.0), ("1 000 000", 1e6), ("−3", -3.0), ("0,001", 0.001)]
-)
-def test_numbers_are_read_as_people_and_the_screen_write_them(text, value):
-    assert typed_number("q", text) == value
-
-
-def test_minus_zero_becomes_zero():
-    assert math.copysign(1.0, typed_number("x0", "-0")) == 1.0
 
 
 @pytest.mark.parametrize("text", ["1,000", "12,345,678"])

@@ -93,13 +93,6 @@ def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, mo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", ["demo", "sample:lis302dl", "synthetic:sine?n=300&sigma=0.2&seed=1"])
-def test_samples_and_made_signals_reopen_too(source, reopen):
-    state = set_text("q", "0.3")(opened(open_source(source)))
-    assert essence(reopen(share_line(state).line)) == essence(state)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"])
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")

@@ -138,16 +138,6 @@ def test_the_table_holds_what_each_setting_does(state):
         assert row.measures.steady == steady_state(row.tuning.params, 0.01)
 
 
-def test_what_was_measured_is_kept_until_the_channel_changes(state):
-    tuned, table = pin(state, 1, 2), VariantTable()
-    before = table.compute(tuned).rows
-    after = table.compute(set_text("q", "3")(tuned)).rows
-    assert [row.measures for row in before[1:]] == [row.measures for row in after[1:]]
-    assert before[1].measures is after[1].measures
-    other = pin(select_channel("b")(tuned), 1)
-    assert table.compute(other).rows[-1].measures is not before[1].measures
-
-
 def test_the_table_marks_the_best(state):
     tuned = pin(state, 0.01, 100)
     text = table_text(VariantTable().compute(tuned))

@@ -112,12 +112,6 @@ def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(
     assert board.asked == (["?"] if answer else [])
 
 
-def test_values_go_to_a_kalman_filter_behind_the_median_of_the_board(state):
-    board = Board(dict.fromkeys(("?", "q", "r", "p"), MEDIAN_ANSWER))
-    sent = send_setting(state.with_tuning(chain=Chain(5)), board)
-    assert (sent.params.median, sent.params.q) == (5, np.float32(1.0))
-
-
 UNNAMED = ("value 1", "value 2", "value 3", "value 4")
 
 
@@ -186,9 +180,3 @@ def test_a_board_with_other_values_is_said_to_differ(state):
     text = compared(replace(state, sent=other))
     assert "of 400 rows differ since the board took q = 0.04" in text
     assert "send again" in text
-
-
-def test_sending_without_a_connected_board_is_refused():
-    view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), BoardConnection(MagicMock()))
-    with pytest.raises(BadSetting, match="no board is connected"):
-        view._send(SimpleNamespace(live=None))

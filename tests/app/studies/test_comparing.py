@@ -26,7 +26,7 @@ from kalscope_app.views.chart_tabs import (
     text_of,
     verdict_of,
 )
-from kalscope_app.views.charts import Scale, log_scale_for, log_time_scale
+from kalscope_app.views.charts import Scale, log_scale_for
 
 RNG = np.random.default_rng(30)
 
@@ -103,18 +103,6 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "**Median.**" in text_of(AlternativesStudy().compute(set_drawn_alternative(ALL)(state_of())))
 
 
-def test_with_momentum_the_table_has_the_overshoot_of_each_filter():
-    text = text_of(AlternativesStudy().compute(state_of().with_tuning(momentum=20.0)))
-    head, _, yours, *others = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("|")]
-    at = [cell.strip() for cell in head].index("overshoot")
-    assert yours[at].strip().replace("\u00a0", " ").endswith(" %")
-    by = {row[0].strip(" *").replace("\u00a0", " "): row[at].strip().replace("\u00a0", " ") for row in others}
-    assert by["Exponential"] == by["Moving average"] == "none"
-    assert by["2nd-order Butterworth"].endswith(" %")
-    assert by["Smoother (offline bound)"] == "–"
-    assert "overshoot" not in text_of(AlternativesStudy().compute(state_of())).splitlines()[0]
-
-
 @pytest.mark.slow
 def test_while_a_chain_runs_every_sentence_names_the_kalman_filter():
     chained = {"chain": Chain(3)}
@@ -180,21 +168,6 @@ def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response()
 def test_a_logarithmic_axis_has_the_prefix_of_its_middle(lowest, highest, unit, factor, shown):
     scale = log_scale_for(np.array([0.0, lowest, highest, np.nan]), unit)
     assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "factor", "unit"),
-    [
-        (0.01, 5.0, 1.0, "s"),
-        (1e-4, 0.5, 1e3, "ms"),
-        (1.0, 20_000.0, 1 / 60, "min"),
-        (604_800.0, 3e8, 1 / 86_400, "days"),
-        (60.0, 601.0, 1 / 60, "min"),
-    ],
-)
-def test_a_logarithmic_axis_of_times_has_the_unit_of_its_middle(first, last, factor, unit):
-    scale = log_time_scale(np.array([first, last]))
-    assert (scale.factor, scale.unit) == (pytest.approx(factor), unit)
 
 
 def test_a_logarithmic_chart_is_given_positive_numbers_only():

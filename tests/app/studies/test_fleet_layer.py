@@ -165,9 +165,3 @@ def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
     assert np.any(pictures[0] != pictures[1])
     long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
     assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")
-
-
-def test_those_without_q_and_r_are_listed_with_their_reason():
-    shown = OpenFleet(fleet_of([0.01, np.nan], [1.0, 1.0]), order="without q and r")
-    assert fleet_table(shown) == "1. dev000001\\.csv: it is empty"
-    assert fleet_table(OpenFleet(fleet_of([0.01], [1.0]), order="without q and r")) == "None."

@@ -116,12 +116,6 @@ def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes(aske
     assert (state.tuning.q, state.tuning.r, state.tuning.how) == (q, r, "by hand")
 
 
-@pytest.mark.parametrize("asked", [(math.nan, 0.0), (0.0, math.inf), (-math.inf, 0.0)])
-def test_a_point_that_is_no_point_changes_nothing(asked):
-    state = opened(walk())
-    assert set_point(*asked)(state) is state
-
-
 @pytest.mark.parametrize(("key", "entries"), [(HELD + "map 1", 1), ("q", 2)])
 def test_a_held_gesture_stays_one_however_long_it_rests(key, entries):
     state = opened(walk())
@@ -142,15 +136,6 @@ def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentu
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         expected = log_likelihood(state.z, FilterParams(q=q, r=r, momentum=momentum))
         assert shown.values[row, column] == pytest.approx(expected, rel=5e-3, abs=0.1)
-
-
-def test_another_momentum_gives_another_map_and_back_again_the_first():
-    make, state = MapMaker(), opened(walk())
-    plain = make(state)
-    moved = make(set_momentum_text("momentum", "30")(state))
-    assert (plain.momentum, moved.momentum) == (0.0, 30.0)
-    assert not np.array_equal(moved.values, plain.values)
-    assert np.array_equal(make(state).values, plain.values)
 
 
 def test_a_pin_at_another_momentum_is_named_below_the_map():
