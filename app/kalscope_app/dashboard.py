@@ -47,9 +47,6 @@ log = logging.getLogger(__name__)
 WARM_UP_AFTER_S = 2.0
 """Seconds from the first frame to the start of the worker: the browser loads the page first."""
 
-KEEP_AFTER_S = 1.0
-"""Seconds without a task after which changed filters are written for the next start."""
-
 
 class Dashboard:
     """Views, session and engine on one server."""
@@ -109,6 +106,7 @@ class Dashboard:
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
             self._study(still.study, self._goal.offer_still),
+            Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
@@ -116,7 +114,6 @@ class Dashboard:
 
     def _build(self, folder: Path) -> None:
         """All widgets, from top to bottom; the command palette last."""
-        self._jobs.when_idle(self._keep_tuning, KEEP_AFTER_S)
         gui = self._server.gui
         names = ("Check", "Compare", "Channels", "Noise")
         check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
@@ -194,23 +191,18 @@ class Dashboard:
         self.engine.end()
         self._connection.close(timeout=0.3)
 
-    def _keep_tuning(self) -> None:
+    def _keep_tuning(self, state: State) -> None:
         """Keep the filters of the file on screen for the next start, if they have changed."""
-        state = None if self._last is None else self._last.state
-        if state is None or state.live is not None or not Path(state.recording.source).is_file():
-            return
-        tuning = state.as_tuning()
-        if tuning != self._written:
-            self._written = tuning
-            try:
-                self._kept.keep(tuning)
-            except (OSError, KalscopeError) as error:
-                log.info("the filters are not kept for the next start: %s", describe(error))
+        if state.live is None and state.settings is not self._written and Path(state.recording.source).is_file():
+            self._written = state.settings
+            self._kept.keep(state.as_tuning())
 
     def stop(self) -> None:
         """Finish a recording, then end the worker and the engine, whose last frame may exceed the time left."""
         self.finish_recording()
-        self._keep_tuning()
+        with contextlib.suppress(OSError, KalscopeError):
+            if self._last is not None:
+                self._keep_tuning(self._last.state)
         self._worker.close()
         self.engine.stop()
 
@@ -236,9 +228,17 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
+        for view in (
+            self._header,
+            self._verdict,
+            self._numbers,
+            self._goal,
+            self.parameters,
+            self._start,
+            self._chain,
+        ):
             self._draw(frame, view.show)
-        self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
+        self._draw(frame, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
         for view in self._view, self._window, self._source, self._live:

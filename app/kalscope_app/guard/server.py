@@ -186,7 +186,7 @@ def guarded_server(
             must pass the Host header on.
         token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or a function that returns the one of the port
             that was bound; None makes a new one.
-        max_upload_bytes: size of the unfinished uploads of one client.
+        max_upload_bytes: size of an upload.
         on_refused: called with a sentence for each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
         page_script: JavaScript that runs in the dashboard's page before viser's own.

@@ -177,13 +177,17 @@ def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, siz
     assert bench.refused.empty()
 
 
-def test_uploads_together_stay_under_the_cap(bench):
+def test_a_client_has_one_upload_at_a_time_and_all_together_two(bench):
     shared, own = bench.buttons["shared"]._impl.uuid, bench.buttons["client"]._impl.uuid
-    bench.start(shared, CAP // 2, 2, "a")
-    bench.start(own, CAP // 2, 2, "b")
-    bench.start(own, 1, 1, "c")
+    bench.start(shared, CAP, 2, "a")
+    bench.start(own, 1, 1, "b")
     assert "under way" in bench.refused.get(timeout=PATIENCE)
-    assert bench.under_way() == {"a": CAP // 2, "b": CAP // 2}
+    with client(bench.running.port) as second, client(bench.running.port) as third:
+        Bench(bench.running, second, bench.refused).start(shared, CAP, 2, "c")
+        wait_for(lambda: len(bench.under_way()) == 2, bench)
+        Bench(bench.running, third, bench.refused).start(shared, 1, 1, "d")
+        assert "under way" in bench.refused.get(timeout=PATIENCE)
+        assert bench.under_way() == {"a": CAP, "c": CAP}
 
 
 def test_more_bytes_than_announced_are_refused_and_end_the_connection(bench):
@@ -230,7 +234,6 @@ def test_an_upload_cannot_be_announced_again_while_it_runs(bench):
 
 def test_another_client_cannot_add_to_an_upload(bench):
     uuid = bench.buttons["shared"]._impl.uuid
-    bench.start(uuid, 2, 2)
     bench.start(uuid, 2, 1, "big enough")
     bench.settle()
     with client(bench.running.port) as other:
