@@ -130,7 +130,7 @@ def serve(
                     from kalscope_app.dashboard import Dashboard  # while the page loads
 
                     dashboard = Dashboard(guarded.server, state, folder, log.file, board)
-                    errors.notify_with(dashboard.notifications.show_failure)
+                    errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
                     watch_compiling(CompilingNote(guarded.server).show)
                     guarded.let_in()

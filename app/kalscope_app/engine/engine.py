@@ -223,11 +223,6 @@ SETTLING = STUDY_INTERVAL + 1.0
 and the range control moves once a second."""
 
 
-def pause_before_frame(now: float, last: float) -> float:
-    """Seconds to wait before the next frame may be sent."""
-    return max(0.0, min(MIN_INTERVAL, last + MIN_INTERVAL - now))
-
-
 class Engine:
     """Session -> Frame, on its own thread."""
 
@@ -284,7 +279,7 @@ class Engine:
             if parts := self._schedule.take_due(now, moving=moving):
                 self._guarded(partial(self._show_parts, parts))
             elif self._wait_for_frame(now):
-                time.sleep(pause_before_frame(time.monotonic(), self._begun))
+                time.sleep(max(0.0, min(MIN_INTERVAL, self._begun + MIN_INTERVAL - time.monotonic())))
                 self._session.wakeup.clear()
                 self._begun = time.monotonic()
                 self._guarded(self._turn)

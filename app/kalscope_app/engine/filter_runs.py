@@ -271,10 +271,10 @@ class FilterRuns:
 
     def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
         """The filter of the State at the samples drawn; for a finished recording only these are kept."""
-        used, z, dt, whole = state.running.filter, state.readings, state.dt, None
+        used, dt, whole = state.running_filter, state.dt, None
         if state.live is None and state.board is None and isinstance(used, StandardFilter):
             self._drawn.begin(state.record_key, state.measured, state.recording.gaps, drawn)
-            at = self._drawn.get(used, lambda: filter_at(z, used.params, drawn.indices, dt))
+            at = self._drawn.get(used, lambda: filter_at(state.readings, used.params, drawn.indices, dt))
         else:
             whole = self.of(state, used)
             at = whole.at(drawn.indices)
@@ -286,7 +286,7 @@ class FilterRuns:
             return DrawnRun(at, lambda size: whole.k[:size], whole)
 
         def gain(size: int) -> Array:
-            return kalman_filter(z[:size], state.params, None if dt is None else dt[:size]).k
+            return kalman_filter(state.z[:size], state.params, None if dt is None else dt[:size]).k
 
         return DrawnRun(at, gain, None)
 

@@ -160,7 +160,8 @@ def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) ->
     The noisiest comes first, to be drawn below the others; by the noise that was found, so no slider reorders them.
     """
     params = fusion.used.params
-    raw = fusion.used.readings(state.recording)[drawn.indices]
+    columns = [state.recording.index(name) for name in fusion.used.sensors]
+    raw = state.recording.values[drawn.indices][:, columns]
     values = (raw - params.offset) / params.gain
     difference = values - fused[:, None]
     if np.any(params.gain != 1.0):

@@ -40,15 +40,12 @@ class ErrorReporter:
     """Log uncaught exceptions and notify the user; the program keeps running. Any thread may call it."""
 
     def __init__(self) -> None:
-        self._notify: Callable[[Exception], object] | None = None
+        self.notify: Callable[[Exception], object] | None = None
+        """How the user is told; None: not yet."""
         self._shown: dict[str, float] = {}
         self.is_ending = False
         """True during shutdown: errors are logged, not shown."""
         self._lock = threading.Lock()
-
-    def notify_with(self, notify: Callable[[Exception], object]) -> None:
-        """Notify the user in this way from now on."""
-        self._notify = notify
 
     def report(self, where: str, error: BaseException | None) -> None:
         """Log the error, and notify the user unless the same notification was just shown."""
@@ -58,9 +55,9 @@ class ErrorReporter:
             _log.info("%s: %r", where, error)
             return
         _log.error("%s: %s: %s", where, type(error).__name__, error, exc_info=error)
-        if self._notify is not None and isinstance(error, Exception) and self._is_new(sentence_for(error, None)):
+        if self.notify is not None and isinstance(error, Exception) and self._is_new(sentence_for(error, None)):
             try:
-                self._notify(error)
+                self.notify(error)
             except Exception:  # the notification itself may fail
                 _log.exception("The user could not be notified")
 

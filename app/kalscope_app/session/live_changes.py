@@ -114,7 +114,7 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 def _begun(state: State, snapshot: Snapshot) -> State:
     """Starting values from the first samples, and what is kept from before."""
     recording = snapshot.recording
-    firsts = _first_values(recording)
+    firsts: list[int] = np.isfinite(recording.values).argmax(axis=0).tolist()  # a topic may first appear later
     begin = max(firsts, default=0)
     lasted = float(recording.time[-1] - recording.time[begin])
     settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
@@ -126,7 +126,10 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     fresh = opened(head, state, starts)
     live = replace(state.live, settled=settled) if state.live else None
     last = state.live.snapshot if state.live else None
-    if last is not None and (last.generation == snapshot.generation or _has_more_channels(last, snapshot)):
+    before = () if last is None else last.recording.names
+    if last is not None and (
+        last.generation == snapshot.generation or before == recording.names[: len(before)] != recording.names
+    ):
         fresh = fresh.with_answers(note=state.answers.note)
     if fresh.recording.names == state.recording.names:
         fresh = fresh.with_view(resets=state.view.resets)
@@ -134,17 +137,6 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
     fresh = fresh.with_open(board_choice=choice, options=state.open.options)
     return _apply_deferred(replace(fresh, live=live))
-
-
-def _has_more_channels(last: Snapshot, snapshot: Snapshot) -> bool:
-    """Whether channels were added to those before."""
-    before, now = last.recording.names, snapshot.recording.names
-    return len(now) > len(before) and now[: len(before)] == before
-
-
-def _first_values(recording: Recording) -> list[int]:
-    """The row of each channel's first value: a topic of a broker may first appear later."""
-    return np.isfinite(recording.values).argmax(axis=0).tolist()
 
 
 def without_samples(state: State) -> State:

@@ -55,7 +55,9 @@ def _with_what_stays(fresh: State, before: State) -> State:
     tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
     here = set(map(_key, settings.tunings))
     state = replace(fresh, view=before.view, fleet=before.fleet).with_reset_view(window=None)
-    fusion = settings.fusion if settings.fusion and _sensors_of(settings.fusion, before) <= channels else None
+    fusion = settings.fusion
+    if fusion and not {_key(one) for one in settings.tunings if one.name in fusion.tuning.sensors} <= channels:
+        fusion = None
     state = state.with_settings(
         tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
         elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
@@ -72,10 +74,6 @@ def _with_what_stays(fresh: State, before: State) -> State:
 
 def _key(tuning: ChannelTuning) -> ChannelKey:
     return tuning.name, tuning.unit
-
-
-def _sensors_of(fusion: Fusion, state: State) -> set[ChannelKey]:
-    return {_key(one) for one in state.settings.tunings if one.name in fusion.tuning.sensors}
 
 
 def _listed(names: list[str]) -> str:

@@ -241,13 +241,3 @@ class Session:
     def is_live(self) -> bool:
         """Whether samples come in that the screen should show."""
         return self._state.live is not None
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a gesture to go back to."""
-        return bool(self._history.past)
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is an undone gesture to go forward to."""
-        return bool(self._history.future)

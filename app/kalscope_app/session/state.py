@@ -559,7 +559,7 @@ class State:
         """Its parameters; those of the fused filter as of one channel."""
         return self.running.as_channel
 
-    @property
+    @cached_property
     def running(self) -> ChannelTuning:
         """The filter that runs: the channel's, or that of the sensors."""
         return self.settings.tunings[self.index] if self.fusion is None else self.fusion.used
@@ -592,6 +592,11 @@ class State:
     def filter(self) -> Filter:
         """Its filter; where sensors are fused, the one that equals theirs while all answer."""
         return self.tuning.filter
+
+    @cached_property
+    def running_filter(self) -> Filter:
+        """The filter that runs on `readings`."""
+        return self.filter if self.fusion is None else self.running.filter
 
     @property
     def is_standard(self) -> bool:

@@ -25,7 +25,7 @@ def heard():
     """An ErrorReporter and its notifications."""
     told = queue.Queue()
     errors = ErrorReporter()
-    errors.notify_with(lambda error: told.put(sentence_for(error, None)))
+    errors.notify = lambda error: told.put(sentence_for(error, None))
     return errors, told
 
 
