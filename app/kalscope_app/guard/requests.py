@@ -259,8 +259,7 @@ class OpenConnections:
         if (now := time.monotonic()) - self._warned >= REPEAT_S:
             self._warned = now
             _log.warning(
-                "too many open connections: another program opens them and sends no valid request. "
-                "More than %d are not kept, the oldest is closed first. The dashboard keeps running.",
+                "too many open connections without a valid request: of more than %d the oldest is closed",
                 MAX_UNKNOWN,
             )
 
@@ -362,17 +361,8 @@ _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
 <title>{title}</title><style>
-:root {{ color-scheme: light dark;
-  --ink: #1c2430; --dim: #5a6675; --paper: #f4f6f8; --card: #fff; --line: #d9dfe6 }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e6eaf0; --dim: #9aa6b5; --paper: #14181e; --card: #1d232b; --line: #323b47 }} }}
-body {{ margin: 0; min-height: 100vh; display: grid; place-items: center; background: var(--paper);
-  color: var(--ink); font: 16px/1.5 system-ui, sans-serif }}
-main {{ max-width: 32rem; margin: 1rem; padding: 1.5rem 2rem; background: var(--card);
-  border: 1px solid var(--line); border-radius: 12px }}
-li {{ margin: .4rem 0 }} ul {{ padding-left: 1.2rem }}
-h1 {{ font-size: 1.25rem; margin: 0 0 .5rem }} p {{ margin: .5rem 0 }} .dim {{ color: var(--dim) }}
-code {{ font-size: .9em; overflow-wrap: anywhere }} a {{ color: inherit }}
+:root {{ color-scheme: light dark }} code {{ overflow-wrap: anywhere }} a {{ color: inherit }}
+body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; font: 16px/1.5 system-ui, sans-serif }}
 </style></head><body><main><h1>{title}</h1>{body}</main></body></html>
 """
 
@@ -381,7 +371,7 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
     """The page of a refusal: what to do first, then why."""
     return _PAGE.format(
         title=OPEN_THE_LINK,
-        body=f"<p>{html.escape(refusal.reason)}</p><p class=dim>When Kalscope starts it prints a line like "
+        body=f"<p>{html.escape(refusal.reason)}</p><p>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
         "Open that address once in this browser. It leads to a page that may be bookmarked.</p>",
     )

@@ -71,8 +71,7 @@ def set_exponent(state: State, name: str, exponent: float) -> State:
     if not math.isfinite(exponent):
         return state
     low, high = slider_limits(state, name)
-    value = 10.0 ** min(max(exponent, low), high)
-    return _by_hand(state, name, float(f"{value:.2e}"))  # three digits suit a slider
+    return _by_hand(state, name, _rounded(10.0 ** min(max(exponent, low), high)))
 
 
 @requested
@@ -80,7 +79,7 @@ def set_point(state: State, q_exponent: float, r_exponent: float) -> State:
     """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
     if not state.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
         return state
-    q, r = (float(f"{10.0 ** min(max(e, -300.0), 299.9):.2e}") for e in (q_exponent, r_exponent))
+    q, r = (_rounded(10.0 ** min(max(e, -300.0), 299.9)) for e in (q_exponent, r_exponent))
     return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
 
@@ -384,7 +383,7 @@ def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
     if fusion is None or not math.isfinite(exponent):
         return state
     low, high = sensor_limits(fusion, sensor)
-    return _with(state, fusion, sensor, "r", float(f"{10.0 ** min(max(exponent, low), high):.2e}"))
+    return _with(state, fusion, sensor, "r", _rounded(10.0 ** min(max(exponent, low), high)))
 
 
 @requested

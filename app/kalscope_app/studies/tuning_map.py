@@ -82,7 +82,7 @@ class MapFrame:
 
 def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
     """The map in a picture: space for names and numbers around it and for the legend below."""
-    left, right, top = 62.0, width - 54.0, 88.0
+    left, right, top = 62.0, width - 54.0, 56.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
     return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
 

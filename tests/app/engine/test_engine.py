@@ -13,7 +13,7 @@ from kalscope import Recording, kalman_filter
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.session.changes import set_exponent, set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.session import Session
 
 
 class Screen:
@@ -71,15 +71,6 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
     expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
     assert len(screen.frames) < 100
-
-
-def test_a_refused_request_is_told_and_the_next_one_works(running):
-    session, screen = running
-    session.request(set_text("q", "-1"), failed=Failed.NUMBER)
-    session.request(set_text("r", "5"))
-    screen.wait(lambda: screen.told and screen.frames and screen.frames[-1].state.tuning.r == 5)
-    assert screen.told[0].startswith("q must be")
-    assert screen.headings == [Failed.NUMBER]
 
 
 def test_a_failing_view_does_not_stop_the_engine(session):

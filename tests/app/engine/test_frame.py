@@ -55,14 +55,6 @@ def test_what_is_drawn_is_the_filter_on_all_samples():
     assert frame.drawn.missing == np.isnan(state.recording.values).sum()
 
 
-def test_extremes_of_the_signal_survive_the_decimation():
-    rec = recording(200_000)
-    z = rec.channel("z").copy()
-    z[123_457] = 1e3
-    rec = Recording(rec.time, rec.names, rec.units, z[:, None], rec.sample_period)
-    assert 123_457 in choose_samples(rec, "z", None).indices
-
-
 @pytest.mark.slow
 def test_a_parameter_changes_y_only():
     state = opened(recording())

@@ -338,7 +338,7 @@ def test_the_refusal_page_says_what_to_do_and_escapes():
     assert "Open the link printed in the terminal" in shown
     assert "http://127.0.0.1:8080/?token=" in shown
     assert "<script" not in shown
-    assert "prefers-color-scheme: dark" in shown
+    assert "color-scheme: light dark" in shown
     assert TOKEN not in shown
 
 

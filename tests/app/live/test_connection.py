@@ -8,11 +8,10 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from waiting import PATIENCE
 
 from kalscope import Recording
 from kalscope.sources.recorder import RecorderCounts
-from kalscope_app.live import BoardConnection, BoardRecording
+from kalscope_app.live import BoardConnection
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
@@ -137,20 +136,6 @@ def show_file(session):
     assert session.connection().connected
 
 
-def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, board):
-    session, gui, buttons = Session(opened_live(board.id, "x"), connection), MagicMock(), {}
-    board.source.recorder = object()
-    show_file(session)
-    gui.add_button.side_effect = lambda label, **_: buttons.setdefault(label, MagicMock())
-    jobs = SimpleNamespace(run=lambda work: work(), when_idle=MagicMock())
-    LiveView(gui, session, jobs, connection, MagicMock(), MagicMock())
-    (on_click,) = buttons["Disconnect"].on_click.call_args.args
-    with pytest.raises(StopIteration):  # it ends at once: no event loop is needed, and a browser's may be running
-        on_click(SimpleNamespace(client=object())).send(None)
-    assert session.wakeup.is_set()
-    assert not session.connection().connected
-
-
 def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(connection, board, monkeypatch):
     ports, gui, jobs, menus = [], MagicMock(), MagicMock(), {}
     monkeypatch.setattr(live, "list_ports", lambda: tuple(ports))
@@ -165,19 +150,6 @@ def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(co
     ports.append(SimpleNamespace(device="/dev/ttyS0", description=""))
     jobs.when_idle.call_args.args[0]()
     assert menus["port"].value == live.TYPED
-
-
-@pytest.mark.slow
-def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, board, tmp_path, monkeypatch):
-    monkeypatch.setattr(board.source, "status", lambda: SimpleNamespace(recording=None))
-    session = Session(opened_live(board.id, "x"), connection)
-    recording = BoardRecording(connection, tmp_path, MagicMock(), session.wakeup.set)
-    recording.start("run.csv")
-    show_file(session)
-    recording.stop()
-    assert session.wakeup.wait(PATIENCE)
-    session.apply_requests()
-    assert (board.source.calls, connection.source) == (["start", "close"], None)
 
 
 def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, board):

@@ -16,7 +16,6 @@ from kalscope_app.session.changes import (
     pin_present,
     set_link,
     set_median,
-    set_text,
     use_chain,
     use_settings,
     use_variant,
@@ -61,22 +60,6 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
         assert chain_text(chain) in share_line(tuned).line
         again = apply_options(state, None, chain_text(chain))
         assert again.filter == tuned.filter
-
-
-def test_a_median_stands_before_the_filter_that_runs(state):
-    behind = set_median("5 samples")(state)
-    assert behind.tuning.chain == Chain(5)
-    assert behind.uses_parameters
-    faster = set_text("q", "3")(behind)
-    assert not np.array_equal(frame_of(faster).filtered, frame_of(behind).filtered, equal_nan=True)
-    assert set_median("off")(faster).is_standard
-    euro = use_chain(Chain(3, EURO))(state)
-    assert [set_median(words)(euro).tuning.chain for words in ("off", "5 samples")] == [
-        Chain(1, EURO),
-        Chain(5, EURO),
-    ]
-    with pytest.raises(BadSetting, match="the median must be one of off, 3 samples, 5 samples"):
-        set_median("100001 samples")(state)
 
 
 def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):

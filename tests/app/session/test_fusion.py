@@ -33,7 +33,6 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import MAX_SENSORS
 
 SENSORS = ("a", "b", "c")
 
@@ -73,13 +72,6 @@ def test_only_channels_of_one_unit_are_offered_and_a_single_one_never():
     assert candidates(opened(recording())) == SENSORS
     assert candidates(select_channel("t")(opened(recording()))) == ()
     assert candidates(opened(recording(("a", "b"), ("", "")))) == ("a", "b")
-
-
-def test_of_many_channels_so_many_are_offered_and_the_one_on_screen_among_them():
-    names = tuple(f"s{i}" for i in range(20))
-    shown = candidates(select_channel("s17")(opened(recording(names, ("V",) * 20))))
-    assert len(shown) == MAX_SENSORS
-    assert "s17" in shown
 
 
 def test_the_curve_of_the_board_itself_is_no_sensor():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,6 @@ from waiting import PATIENCE, wait_until
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.dashboard import only_grown
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
@@ -83,16 +81,6 @@ def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
     assert state.settings.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
 
 
-def test_new_channels_keep_what_was_tuned_by_name(board):
-    state = set_text("r", "9")(opened_board(board.send(500), "x"))
-    other = Board(("b", "a", "c"))
-    board.names, board.values, board.generation = other.names, other.send(500).values, 1
-    state = refreshed(state, board.snapshot())
-    assert state.recording.names == ("b", "a", "c")
-    assert [t.r == 9.0 for t in state.settings.tunings] == [False, True, False]
-    assert state.channel == "a"
-
-
 def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(board):
     state = before = set_text("r", "9")(opened_board(board.send(500), "x"))
     board.send(START_SAMPLES)
@@ -117,16 +105,6 @@ def test_the_window_follows_until_the_person_looks_back(board):
     again = refreshed(follow(back), board.snapshot())
     assert again.live.following
     assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
-
-
-def test_pause_stands_still_while_samples_come_in(board):
-    state = set_paused(True)(opened_board(board.send(100), "x"))
-    board.send(100)
-    assert refreshed(state, board.snapshot()) is state
-    tuned = set_text("q", "5")(state)
-    assert (len(tuned.recording), tuned.tuning.q) == (100, 5.0)
-    assert len(refreshed(set_paused(False)(tuned), board.snapshot()).recording) == 200
-    assert len(refreshed(follow(tuned), board.snapshot()).recording) == 200
 
 
 def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
@@ -284,13 +262,3 @@ def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_perc
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
     state = grown(board, 500, opened_board(board, "x", tuning=tuning))
     assert state.settings.tunings[1].q == pytest.approx(q)
-
-
-def test_controls_are_drawn_again_only_where_more_than_the_record_changed(board):
-    state = opened_board(board.send(500), "x")
-    frame, later = frame_of(state), frame_of(grown(board, 20, state))
-    assert len(later.state.recording) == 520
-    assert only_grown(frame, later)
-    assert not only_grown(frame, replace(later, serial=1))
-    assert not only_grown(frame, frame_of(set_text("q", "5")(later.state)))
-    assert not only_grown(frame, frame_of(set_span("2 s")(later.state)))

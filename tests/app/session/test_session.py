@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, read_recording
-from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.changes import (
     reset_parameters,
@@ -141,12 +140,6 @@ def test_a_tuning_without_a_common_channel_is_refused(state):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
 
 
-@pytest.mark.parametrize("text", ["1,000", "12,345,678"])
-def test_a_comma_for_thousands_is_refused(text):
-    with pytest.raises(BadSetting, match="without a comma for thousands"):
-        typed_number("q", text)
-
-
 # --- the queue ------------------------------------------------------------------------------------------
 
 
@@ -164,16 +157,6 @@ def test_of_requests_with_one_key_only_the_last_is_left(state):
         session.request(lambda s, i=i: ran.append(i) or s, key="slider")
     session.apply_requests()
     assert ran == [4]
-
-
-def test_what_is_typed_stays_with_the_channel_that_was_on_screen(state):
-    session = Session(state)
-    session.request(set_text("q", "7"), key="text q")
-    session.request(select_channel("b"))
-    session.request(set_text("q", "9"), key="text q")
-    settled, serial, _ = session.apply_requests()
-    assert [tuning.q for tuning in settled.settings.tunings] == [7.0, 9.0]
-    assert serial == 3
 
 
 def test_only_q_and_r_by_hand_end_how_they_were_found(state):

@@ -128,13 +128,6 @@ def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatc
     assert "--sample-period" not in share_line(set_sample_period("")(again)).line
 
 
-def test_an_upload_says_that_its_place_is_not_known():
-    state = opened(replace(open_source("demo"), source="", title="my log.csv"))
-    shared = share_line(state)
-    assert shared.line.startswith("kalscope open FILE --q ")
-    assert "path of the file you uploaded" in " ".join(shared.remarks)
-
-
 def test_names_that_no_line_can_show_become_numbers():
     recording = open_source("sample:lis302dl")
     state = opened(replace(recording, names=("x", "y\nz", "3"), source="a\nb.csv"))

@@ -52,13 +52,6 @@ def test_another_name_or_unit_is_another_channel(tuned, other):
     assert not any(select_channel(name)(again).variants for name in again.recording.names)
 
 
-def test_starting_values_that_were_not_changed_are_measured_again():
-    first = opened(recording("first.csv"))
-    again = opened(recording("second.csv", scale=5.0), first)
-    assert again.settings.tunings == again.settings.starts != first.settings.starts
-    assert again.answers.note == ""
-
-
 def fed(board, state, *counts):
     for count in counts:
         state = refreshed(state, board.send(count).snapshot())

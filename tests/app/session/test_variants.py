@@ -22,7 +22,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS
 from kalscope_app.studies.comparisons import VariantTable
-from kalscope_app.views.variants import EMPTY, NOTHING, _follow, table_text
+from kalscope_app.views.variants import EMPTY, table_text
 
 
 def recording(n=400, truth=True):
@@ -147,17 +147,3 @@ def test_the_table_marks_the_best(state):
     best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.fit.loglik)
     assert best.tuning.q == 0.01
     assert table_text(VariantTable().compute(state)) == EMPTY
-
-
-@pytest.mark.parametrize(
-    ("chosen", "before", "after", "then"),
-    [
-        (NOTHING, (NOTHING,), ("A",), "A"),
-        ("A", ("A",), ("A", "B"), "B"),
-        ("A", ("A", "B"), ("A",), "A"),
-        ("B", ("A", "B"), ("A",), "A"),
-        ("A", ("A", "B", "C"), ("B", "C"), "B"),
-    ],
-)
-def test_the_chosen_variant_follows_its_name(chosen, before, after, then):
-    assert _follow(chosen, before, after) == then

@@ -166,17 +166,3 @@ def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, 
     after, _, failures = session.apply_requests()
     assert (after.sent, failures, told) == (None, [], [])
     assert compared(after) == ""
-
-
-def test_the_comparison_names_the_setting_it_speaks_of_also_when_another_is_on_screen(state):
-    equal = "**Equal bit for bit** in 400 rows since the board took q = 0.037, r = 11.3, p0 = inf."
-    assert compared(state) == equal
-    assert compared(state.with_tuning(q=0.5)) == f"{equal} The current values have not been sent."
-    assert compared(replace(state, sent=None)) == ""
-
-
-def test_a_board_with_other_values_is_said_to_differ(state):
-    other = replace(state.sent, params=replace(state.sent.params, q=np.float32(0.04)))
-    text = compared(replace(state, sent=other))
-    assert "of 400 rows differ since the board took q = 0.04" in text
-    assert "send again" in text

@@ -22,11 +22,10 @@ from kalscope_app.views.chart_tabs import (
     about_kalman,
     against,
     cutoff_words,
-    floored,
     text_of,
     verdict_of,
 )
-from kalscope_app.views.charts import Scale, log_scale_for
+from kalscope_app.views.charts import Scale
 
 RNG = np.random.default_rng(30)
 
@@ -150,30 +149,3 @@ def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response()
     fast = compute_spectra(state_of().with_tuning(q=1.0, r=0.01))
     assert "no cut-off" in cutoff_words(fast, hertz)
     assert np.isfinite(fast.response_db).all()
-
-
-@pytest.mark.parametrize(
-    ("lowest", "highest", "unit", "factor", "shown"),
-    [
-        (0.5, 10.0, "s", 1, "s"),
-        (5e-4, 50.0, "Hz", 1, "Hz"),  # a cut-off in Hz stands above it
-        (2e-6, 1e-3, "s", 1e6, "µs"),
-        (1e-7, 1e-3, "Hz", 1e6, "µHz"),
-        (1e8, 1e10, "Hz", 1e-9, "GHz"),
-        (1e-15, 1e-13, "V", 1e12, "pV"),
-        (3e-12, 3e-3, "g²/Hz", 1, "g²/Hz"),
-        (5e-6, 0.5, "cycles/sample", 1, "cycles/sample"),
-    ],
-)
-def test_a_logarithmic_axis_has_the_prefix_of_its_middle(lowest, highest, unit, factor, shown):
-    scale = log_scale_for(np.array([0.0, lowest, highest, np.nan]), unit)
-    assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
-
-
-def test_a_logarithmic_chart_is_given_positive_numbers_only():
-    low, high, ys = floored((np.array([0.0, np.nan, 1.0]), np.array([1e-30, 5.0, np.inf])))
-    assert 0 < low < high
-    assert high / low <= 10.0**9 * 1.001
-    assert all(np.all((y >= low) & (y <= high)) for y in ys)
-    low, high, ys = floored((np.zeros(3),))
-    assert 0 < low < high

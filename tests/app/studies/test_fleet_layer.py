@@ -16,7 +16,7 @@ from kalscope_app.session.changes import open_fleet, pick_device
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_ROWS, OpenFleet
 from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
-from kalscope_app.views.fleet import about_fleet, device_labels, fleet_table
+from kalscope_app.views.fleet import device_labels, fleet_table
 from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
 
 RANGES = (-6, 2), (-4, 2)
@@ -110,19 +110,6 @@ def test_the_map_is_wide_enough_for_the_fleet_and_the_same_object_while_it_is_th
     assert shown.r[1] >= 5
     make = MapMaker()
     assert make(state) is make(state)
-
-
-def test_the_words_say_how_many_and_one_filter():
-    fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan])
-    said = about_fleet(fleet)
-    for part in (
-        "10 rows: 9 with q and r, 1 without",
-        "q = 0.01, r = 1 lx²",
-        "89 % of 9",
-        "1 device unlike",
-    ):
-        assert part in said.replace("\\", "")
-    assert "One filter" not in about_fleet(fleet_of([0.1], [1.0], shared=None, growth=[np.nan]))
 
 
 def test_the_table_is_short_and_no_name_is_markup():
