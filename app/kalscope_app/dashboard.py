@@ -13,7 +13,6 @@ from typing import Any
 import viser
 
 from kalscope.errors import KalscopeError, describe
-from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.engine import Engine, Part, Studies, Study
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -57,16 +56,14 @@ class Dashboard:
         state: State,
         folder: Path,
         log_file: Path | None = None,
-        source: LiveSource | None = None,
     ) -> None:
         """Build every view; nothing is shown yet.
 
         Args:
             server: the guarded server.
-            state: what to show first.
+            state: what to show first; `start` connects its live board.
             folder: the folder that exports and recordings stay in.
             log_file: the log, named in notifications.
-            source: the live board that `state` shows; `start` connects it.
         """
         self._server, self.notifications = server, Notifications(server, log_file)
         tell = self.notifications.tell
@@ -74,8 +71,8 @@ class Dashboard:
         self._connection = BoardConnection(self._port_jobs)
         self._settings = UserSettings()
         state = state.with_view(map_shown=self._settings.map_shown)
-        if state.live is not None and source is not None:
-            self._connection.adopt(state.live.board, source)
+        if state.live is not None:
+            self._connection.adopt(state.live.board)
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)

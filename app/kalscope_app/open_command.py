@@ -24,7 +24,6 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.registry import address_examples
 
 if TYPE_CHECKING:
-    from kalscope.sources.live.source import LiveSource
     from kalscope_app.guard.server import GuardedServer
     from kalscope_app.program.log import Log
     from kalscope_app.session.state import State
@@ -83,7 +82,7 @@ def open_dashboard(
 
     report_compiling()
     with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
-        state, board = first_state(followed(source) if follow else source, reading, config, sample_period)
+        state = first_state(followed(source) if follow else source, reading, config, sample_period)
         if not source and config is None and (last := KeptTunings().last()):
             name = one_line(Path(last).name)[:80]
             note = f"{name} was open last: Open this path, in the Source tab, brings it back."
@@ -91,18 +90,17 @@ def open_dashboard(
         state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
-        serve(state, board, start, running_log, browser=browser)
+        serve(state, start, running_log, browser=browser)
 
 
 def serve(
     state: State,
-    board: LiveSource | None,
     start_server: Callable[..., GuardedServer],
     log: Log,
     *,
     browser: bool,
 ) -> None:
-    """Show `state` and its board in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
+    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.requests import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -129,7 +127,7 @@ def serve(
                         webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
                     from kalscope_app.dashboard import Dashboard  # while the page loads
 
-                    dashboard = Dashboard(guarded.server, state, folder, log.file, board)
+                    dashboard = Dashboard(guarded.server, state, folder, log.file)
                     errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
                     watch_compiling(CompilingNote(guarded.server).show)
@@ -155,19 +153,18 @@ def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
 
 def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
-) -> tuple[State, LiveSource | None]:
-    """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
+) -> State:
+    """The state that is shown first; a live board is not connected yet."""
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import is_live
     from kalscope.tuning.file import load_tuning
     from kalscope_app.session.live_changes import opened_live
-    from kalscope_app.session.state import BoardId
 
     if not is_live(source):
-        return recorded_state(source, options, config, sample_period), None
+        return recorded_state(source, options, config, sample_period)
     board = LiveSource(source, options)
-    state = opened_live(BoardId(), board.spec.url, tuning=None if config is None else load_tuning(config))
-    return state.with_open(options=options), board
+    state = opened_live(board, board.spec.url, tuning=None if config is None else load_tuning(config))
+    return state.with_open(options=options)
 
 
 def followed(source: str) -> str:

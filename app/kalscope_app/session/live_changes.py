@@ -14,10 +14,11 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes import channel_named, select_channel
 from kalscope_app.session.opening import adapted, opened, starting_tuning
-from kalscope_app.session.state import BoardCalibration, BoardId, Change, Live, Sent, Setting, State, requested
+from kalscope_app.session.state import BoardCalibration, Change, Live, Sent, Setting, State, requested
 
 SPANS = {
     "1 s": 1.0,
@@ -46,7 +47,7 @@ MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 
 
-def opened_live(board: BoardId, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+def opened_live(board: LiveSource, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
     """A state that waits for the first samples of a board and then shows them.
 
     Args:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
-from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope_app.session.live_changes import refreshed, with_current_samples, without_samples
-from kalscope_app.session.state import NO_CONNECTION, BoardId, Change, ConnectionState, State
+from kalscope_app.session.state import NO_CONNECTION, Change, ConnectionState, State
 
 # Undo and redo of gestures, pure: what is remembered, what belongs to one gesture, the steps back and forth.
 
@@ -126,17 +126,13 @@ def redo(state: State) -> State:
 
 
 class Boards(Protocol):
-    """Where the samples of live boards come from; `BoardConnection` is one. No call may wait for a port."""
+    """What connects live boards; `BoardConnection` does. No call may wait for a port."""
 
-    def snapshot(self, board: BoardId) -> Snapshot | None:
-        """The samples of a board; None before the first."""
-        ...
-
-    def state(self, board: BoardId | None) -> ConnectionState:
+    def state(self, board: LiveSource | None) -> ConnectionState:
         """The state of the connection to the board on screen; None: no board is on screen."""
         ...
 
-    def look_at(self, board: BoardId | None) -> None:
+    def look_at(self, board: LiveSource | None) -> None:
         """This board is on screen now; None: none is."""
         ...
 
@@ -153,7 +149,7 @@ class Session:
     """The State and the changes that wait for the engine. `wakeup` is set when a request is waiting."""
 
     def __init__(self, state: State, boards: Boards | None = None) -> None:
-        """Args: what is shown first; where the samples of live boards come from."""
+        """Args: what is shown first; what connects live boards."""
         self._state, self._boards = state, boards
         self._history = History()
         self._lock = threading.Lock()
@@ -210,10 +206,10 @@ class Session:
 
     def _refresh(self) -> None:
         if self._boards is not None and self._board is not None:
-            self._state = refreshed(self._state, self._boards.snapshot(self._board))
+            self._state = refreshed(self._state, self._board.snapshot())
 
     @property
-    def _board(self) -> BoardId | None:
+    def _board(self) -> LiveSource | None:
         return None if self._state.live is None else self._state.live.board
 
     def connection(self) -> ConnectionState:

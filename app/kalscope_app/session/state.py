@@ -26,7 +26,7 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.samples import Snapshot
-from kalscope.sources.live.source import LiveStatus
+from kalscope.sources.live.source import LiveSource, LiveStatus
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:
@@ -122,11 +122,6 @@ FIRST_SPAN = 10.0
 """Length of the live window at first, s."""
 
 
-@dataclass(frozen=True, eq=False)
-class BoardId:
-    """Names a board in the State; only the connection knows its running source. Compared by identity."""
-
-
 @dataclass(frozen=True)
 class ConnectionState:
     """The state of the connection to the board."""
@@ -150,8 +145,8 @@ NO_CONNECTION = ConnectionState()
 class Live:
     """The live part of a State."""
 
-    board: BoardId
-    """Where the samples come from."""
+    board: LiveSource
+    """Where the samples come from; compared by identity."""
     snapshot: Snapshot | None = None
     """The record as of the last refresh; None before the first samples."""
     span: float = FIRST_SPAN

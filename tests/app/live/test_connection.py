@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -15,7 +14,6 @@ from kalscope_app.live import BoardConnection
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.session.state import NO_CONNECTION, BoardId
 from kalscope_app.views import live
 from kalscope_app.views.live import LiveView
 
@@ -57,8 +55,9 @@ def connection():
 @pytest.fixture
 def board(connection):
     """A board of the command line, connected and on screen."""
-    board = SimpleNamespace(id=BoardId(), source=Source())
-    connection.adopt(board.id, board.source)
+    source = Source()
+    board = SimpleNamespace(id=source, source=source)
+    connection.adopt(source)
     connection.start()
     return board
 
@@ -98,7 +97,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
     connection.look_at(board.id)
     assert (board.source.calls, other.calls, other.reconnect) == (["start", "close"], ["start"], False)
     state = session.apply_requests()[0]
-    assert connection.is_connected(state.live.board)
+    assert connection.source is state.live.board
     connection.look_at(None)
     assert other.calls == ["start", "close"]
 
@@ -125,7 +124,7 @@ def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connectio
     session.apply_requests()
     assert connection.source.calls == ["start"]
     session.request(changes[1])
-    assert connection.is_connected(session.apply_requests()[0].live.board)
+    assert connection.source is session.apply_requests()[0].live.board
 
 
 def show_file(session):
@@ -150,11 +149,3 @@ def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(co
     ports.append(SimpleNamespace(device="/dev/ttyS0", description=""))
     jobs.when_idle.call_args.args[0]()
     assert menus["port"].value == live.TYPED
-
-
-def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, board):
-    connection.close()
-    board.id = None
-    gc.collect()
-    assert not connection._sources
-    assert Session(opened(FILE)).connection() == NO_CONNECTION

@@ -13,7 +13,6 @@ from kalscope_app.session.changes import (
     set_exponent,
     set_link,
     set_text,
-    set_window,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import (
@@ -66,14 +65,6 @@ def test_what_follows_an_undo_is_a_gesture_of_its_own(state):
     history, back = step(record(History(), state, first, "slider q", 10.0), first, back=True)
     again = record(history, back, set_text("q", "3")(back), "slider q", 10.1)
     assert again.past == (back,)
-
-
-def test_a_change_of_the_view_in_between_does_not_split_a_gesture(state):
-    first = set_text("q", "1")(state)
-    history = record(History(), state, first, "slider q", 10.0)
-    seen = set_window(1.0, 50.0)(first)
-    history = record(history, first, seen, "view", 10.1)
-    assert len(record(history, seen, set_text("q", "2")(seen), "slider q", 10.2).past) == 1
 
 
 TUNING_CHANGES = [pin_present, set_link(SAME_NUMBERS), set_text("gate", "9")]

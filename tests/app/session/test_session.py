@@ -94,14 +94,6 @@ def test_both_variances_zero_are_refused_and_each_alone_is_not(state):
     assert set_text("r", "0")(state).params.r == 0
 
 
-def test_the_start_goes_to_values_and_back_to_automatic(state):
-    by_value = set_automatic_start(False)(state)
-    assert (by_value.tuning.p0, by_value.tuning.x0) == (state.tuning.r, None)
-    back = apply(by_value, set_text("x0", "1"), set_automatic_start(True))
-    assert (back.tuning.p0, back.tuning.x0) == (None, None)
-    assert set_automatic_start(True)(back) is back
-
-
 def test_channels_keep_their_own_parameters(state):
     there = apply(state, set_text("q", "7"), select_channel("b"), set_text("q", "8"))
     assert there.tuning.q == 8

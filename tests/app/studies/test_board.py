@@ -19,7 +19,7 @@ from kalscope_app.live import BoardConnection, send_setting
 from kalscope_app.session.changes import apply_fusion
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import BoardId, Live, Sent, State
+from kalscope_app.session.state import Live, Sent, State
 from kalscope_app.views.board import BoardView, compared, values
 
 ROWS = 400
@@ -61,7 +61,7 @@ def state() -> State:
     both = np.column_stack([raw, filter_float32(raw, used)])
     recording = Recording(np.arange(ROWS) * 0.005, ("raw", "filtered"), ("", ""), both, 0.005)
     snapshot = Snapshot(recording=recording, generation=1, version=1, first=0)
-    live = Live(BoardId(), snapshot, settled=True)
+    live = Live(Board(), snapshot, settled=True)
     state = replace(opened(recording), live=live).with_tuning(q=0.037, r=11.3)
     return replace(state, sent=Sent(state.record_key, "raw", "filtered", state.params, used, 0))
 
@@ -159,7 +159,8 @@ def test_a_sketch_without_momentum_is_left_as_it_is_and_named(state):
 def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, answer):
     board = Board({at: answer})
     session, told, connection = Session(state), [], BoardConnection(MagicMock())
-    connection.adopt(state.live.board, board)
+    connection.adopt(board)
+    state = replace(state, live=replace(state.live, board=board))
     view = BoardView(MagicMock(), session, MagicMock(), told.append, connection)
     with pytest.raises(BadDevice, match=f"the board did not .* '{at} "):
         view._send(state)

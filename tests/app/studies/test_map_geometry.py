@@ -28,16 +28,6 @@ def test_the_corners_are_the_ends_of_the_ranges_and_r_goes_up(point, corner):
     assert FRAME.top < FRAME.bottom
 
 
-@pytest.mark.parametrize("size", [(520, 1080), (452, 900), (380, 720), (380, 500), (120, 300)])
-def test_the_map_leaves_room_for_its_legend_and_stays_in_the_picture(size):
-    frame = frame_for(*size, (-6, 2), (-4, 2))
-    assert 0 < frame.left < frame.right
-    assert 0 < frame.top < frame.bottom
-    if min(size) >= 380:
-        assert frame.right < frame.width
-        assert frame.bottom < frame.height - 200
-
-
 @pytest.mark.parametrize("ratio", [1e-5, 0.01, 1.0, 300.0])
 def test_on_a_diagonal_the_ratio_and_so_the_lag_is_the_same(ratio):
     line = diagonal(FRAME, ratio)
