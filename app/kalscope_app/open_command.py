@@ -9,7 +9,7 @@ import secrets
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -72,6 +72,7 @@ def open_dashboard(
     """Open the dashboard in a browser."""
     from kalscope_app.guard.requests import kept_token
     from kalscope_app.guard.server import guarded_server
+    from kalscope_app.guard.viser_private import replaced
     from kalscope_app.program.log import logging_to
     from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.share import apply_options
@@ -81,7 +82,12 @@ def open_dashboard(
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
     report_compiling()
-    with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
+    # All temporary files, also those of unfinished tasks, are removed at the end. Ctrl+C still interrupts reading.
+    with (
+        logging_to(log, verbose=verbose) as running_log,
+        temporary_folder() as own,
+        replaced(tempfile, "tempdir", str(own)),
+    ):
         state = first_state(followed(source) if follow else source, reading, config, sample_period)
         if not source and config is None and (last := KeptTunings().last()):
             name = one_line(Path(last).name)[:80]
@@ -201,15 +207,3 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
         )
     state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
     return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
-
-
-@contextlib.contextmanager
-def own_temporary_folder() -> Generator[None]:
-    """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
-    before = tempfile.tempdir
-    with temporary_folder() as folder:
-        tempfile.tempdir = str(folder)
-        try:
-            yield
-        finally:
-            tempfile.tempdir = before

@@ -139,7 +139,6 @@ class Boards(Protocol):
 
 @dataclass(frozen=True)
 class _Request:
-    serial: int
     key: str
     change: Change
     failed: Failed
@@ -169,7 +168,7 @@ class Session:
             self._serial += 1
             if key and self._waiting and self._waiting[-1].key == key:
                 self._waiting.pop()
-            self._waiting.append(_Request(self._serial, key, change, failed))
+            self._waiting.append(_Request(key, change, failed))
             serial = self._serial
         self.wakeup.set()
         return serial

@@ -52,10 +52,8 @@ def share_line(state: State) -> ShareLine:
 
 def _source(recording: Recording) -> tuple[str, list[str]]:
     source = recording.source
-    if not source:
-        return "FILE", ["Replace FILE with the path of the file you uploaded."]
-    if not source.isprintable():
-        return "FILE", ["Replace FILE with the path of the open file: its name cannot be shown."]
+    if not source or not source.isprintable():
+        return "FILE", ["Replace FILE with the path of the open file."]
     return (f"./{source}" if source.startswith("-") else source), []
 
 

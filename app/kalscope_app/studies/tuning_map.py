@@ -418,15 +418,8 @@ def spikes_left_out(scan: Scan) -> str:
 def limits_of(state: State) -> str:
     """What of the present filter the map does not take into account, in a sentence; "" if all is."""
     tuning = state.tuning
-    left_out = [
-        words
-        for words, there in (
-            ("start value", tuning.x0 is not None),
-            ("initial variance p0", tuning.p0 is not None),
-            ("outlier gate", tuning.gate is not None),
-        )
-        if there
-    ]
+    values = {"start value": tuning.x0, "initial variance p0": tuning.p0, "outlier gate": tuning.gate}
+    left_out = [words for words, value in values.items() if value is not None]
     said = [f"Drawn without {' and '.join(left_out)}."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
     if elsewhere:

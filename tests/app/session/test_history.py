@@ -60,13 +60,6 @@ def test_quick_changes_of_one_control_are_one_gesture(state, key, next_key, paus
     assert history.past[0] is state
 
 
-def test_what_follows_an_undo_is_a_gesture_of_its_own(state):
-    first = set_text("q", "1")(state)
-    history, back = step(record(History(), state, first, "slider q", 10.0), first, back=True)
-    again = record(history, back, set_text("q", "3")(back), "slider q", 10.1)
-    assert again.past == (back,)
-
-
 TUNING_CHANGES = [pin_present, set_link(SAME_NUMBERS), set_text("gate", "9")]
 
 

@@ -16,7 +16,6 @@ from kalscope import (
     synthesize,
 )
 from kalscope_app.session.changes import (
-    pin_present,
     set_automatic_start,
     set_exponent,
     set_momentum_text,
@@ -29,7 +28,6 @@ from kalscope_app.studies.tuning_map import (
     TUNING_MAP_CELLS,
     MapMaker,
     cell_exponents,
-    limits_of,
 )
 
 
@@ -136,11 +134,3 @@ def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentu
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         expected = log_likelihood(state.z, FilterParams(q=q, r=r, momentum=momentum))
         assert shown.values[row, column] == pytest.approx(expected, rel=5e-3, abs=0.1)
-
-
-def test_a_pin_at_another_momentum_is_named_below_the_map():
-    state = pin_present(opened(walk()))
-    assert limits_of(state) == ""
-    moved = set_momentum_text("momentum", "30")(state)
-    assert limits_of(moved) == "This map does not apply to A: pinned at another momentum."
-    assert limits_of(pin_present(moved)) == limits_of(moved)
