@@ -362,7 +362,8 @@ _PAGE = """<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
 <title>{title}</title><style>
 :root {{ color-scheme: light dark }} code {{ overflow-wrap: anywhere }} a {{ color: inherit }}
-body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; background: Canvas; font: 16px/1.5 system-ui, sans-serif }}
+body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; background: Canvas;
+  font: 16px/1.5 system-ui, sans-serif }}
 </style></head><body><main><h1>{title}</h1>{body}</main></body></html>
 """
 
