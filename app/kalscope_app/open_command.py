@@ -74,7 +74,6 @@ def open_dashboard(
     from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.viser_private import replaced
     from kalscope_app.program.log import logging_to
-    from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.share import apply_options
     from kalscope_app.views.window import page_script
 
@@ -89,10 +88,6 @@ def open_dashboard(
         replaced(tempfile, "tempdir", str(own)),
     ):
         state = first_state(followed(source) if follow else source, reading, config, sample_period)
-        if not source and config is None and (last := KeptTunings().last()):
-            name = one_line(Path(last).name)[:80]
-            note = f"{name} was open last: Open this path, in the Source tab, brings it back."
-            state = state.with_answers(note=note)
         state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
@@ -191,13 +186,16 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
     from kalscope.tuning.file import load_tuning
+    from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
         state = opened(open_source(source or "demo", options, sample_period=sample_period))
-        return state.with_open(options=options, typed_period=sample_period)
+        last = "" if source else one_line(Path(KeptTunings().last()).name)[:80]
+        note = f"{last} was open last: Open this path, in the Source tab, brings it back." if last else ""
+        return state.with_open(options=options, typed_period=sample_period).with_answers(note=note)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
