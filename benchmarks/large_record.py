@@ -143,7 +143,7 @@ def frame_beside_denoise(source: str) -> dict[str, float]:
     state = opened(recording)
     drawn, runs, z = choose_samples(recording, state.channel, None), FilterRuns(), np.ascontiguousarray(state.z)
     works: dict[str, Callable[[float], object]] = {
-        "frame": lambda q: compute_frame(state.with_tuning(q=q), 1, drawn, runs, ()),
+        "frame": lambda q: compute_frame(state.with_tuning(q=q), 1, drawn, runs),
         "denoise": lambda q: denoise(z, FilterParams(q, 0.25))[drawn.indices],
     }
     taken: dict[str, list[float]] = {name: [] for name in works}

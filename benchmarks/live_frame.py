@@ -33,7 +33,6 @@ from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.engine import DELAYS
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.live_changes import opened_live, set_span
-from kalscope_app.session.state import BoardId
 
 RATE = 1000.0
 NAMES = ("wave", "number", "noise")
@@ -122,7 +121,7 @@ def measure(samples: list[int], frames: int, profile: cProfile.Profile | None) -
 def bench(server, n: int, status: LiveStatus, folder: Path, window: str) -> Bench:
     """A dashboard whose board has sent `n` samples, after its first frames."""
     feed = FullFeed(n, status)
-    dashboard = Dashboard(server, opened_live(BoardId(), "x"), folder, source=cast("LiveSource", feed))
+    dashboard = Dashboard(server, opened_live(cast("LiveSource", feed), "x"), folder)
     dashboard.engine._studies = None
     dashboard.session.request(set_span(window))
     one = Bench(feed, dashboard)

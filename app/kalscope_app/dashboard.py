@@ -13,7 +13,6 @@ from typing import Any
 import viser
 
 from kalscope.errors import KalscopeError, describe
-from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.engine import Engine, Part, Studies, Study
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -27,7 +26,7 @@ from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, Varia
 from kalscope_app.studies.tuning_map import MapMaker
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
-from kalscope_app.views.checks import ChecksView, EstimatorsView, MomentumProfileView, VerdictView
+from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import GoalView
@@ -37,7 +36,7 @@ from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
 from kalscope_app.views.signal import SignalView, WindowView
 from kalscope_app.views.source import SourceView
-from kalscope_app.views.tune import ChainView, NumbersView, PaperFilterView, ParametersView, PresetsView, StartView
+from kalscope_app.views.tune import ChainView, NumbersView, ParametersView, StartView
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
@@ -46,9 +45,6 @@ log = logging.getLogger(__name__)
 
 WARM_UP_AFTER_S = 2.0
 """Seconds from the first frame to the start of the worker: the browser loads the page first."""
-
-KEEP_AFTER_S = 1.0
-"""Seconds without a task after which changed filters are written for the next start."""
 
 
 class Dashboard:
@@ -60,16 +56,14 @@ class Dashboard:
         state: State,
         folder: Path,
         log_file: Path | None = None,
-        source: LiveSource | None = None,
     ) -> None:
         """Build every view; nothing is shown yet.
 
         Args:
             server: the guarded server.
-            state: what to show first.
+            state: what to show first; `start` connects its live board.
             folder: the folder that exports and recordings stay in.
             log_file: the log, named in notifications.
-            source: the live board that `state` shows; `start` connects it.
         """
         self._server, self.notifications = server, Notifications(server, log_file)
         tell = self.notifications.tell
@@ -77,8 +71,8 @@ class Dashboard:
         self._connection = BoardConnection(self._port_jobs)
         self._settings = UserSettings()
         state = state.with_view(map_shown=self._settings.map_shown)
-        if state.live is not None and source is not None:
-            self._connection.adopt(state.live.board, source)
+        if state.live is not None:
+            self._connection.adopt(state.live.board)
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
@@ -109,6 +103,7 @@ class Dashboard:
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
             self._study(still.study, self._goal.offer_still),
+            Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
@@ -116,17 +111,13 @@ class Dashboard:
 
     def _build(self, folder: Path) -> None:
         """All widgets, from top to bottom; the command palette last."""
-        self._jobs.when_idle(self._keep_tuning, KEEP_AFTER_S)
         gui = self._server.gui
         names = ("Check", "Compare", "Channels", "Noise")
         check, compare, channels, noise = (self._panels.right.add_tab(name) for name in names)
         with check:
             self._checks = ChecksView(gui)
         self._build_left(gui, folder)
-        self._estimators = EstimatorsView(gui, check, self.session, self._jobs)
         self._variants = VariantsView(gui, compare, self.session)
-        with check:
-            self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with self._panels.charts:
             self._window = WindowView(gui, self.session)
             self.signal = SignalView(gui)
@@ -174,8 +165,6 @@ class Dashboard:
         self._start = StartView(gui, self.session)
         self._fusion = FusionView(gui, self.session, self._jobs)
         self._numbers = NumbersView(gui)
-        self._presets = PresetsView(gui, self.session)
-        self._paper = PaperFilterView(gui, self.session)
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
@@ -199,23 +188,18 @@ class Dashboard:
         self.engine.end()
         self._connection.close(timeout=0.3)
 
-    def _keep_tuning(self) -> None:
+    def _keep_tuning(self, state: State) -> None:
         """Keep the filters of the file on screen for the next start, if they have changed."""
-        state = None if self._last is None else self._last.state
-        if state is None or state.live is not None or not Path(state.recording.source).is_file():
-            return
-        tuning = state.as_tuning()
-        if tuning != self._written:
-            self._written = tuning
-            try:
-                self._kept.keep(tuning)
-            except (OSError, KalscopeError) as error:
-                log.info("the filters are not kept for the next start: %s", describe(error))
+        if state.live is None and state.settings is not self._written and Path(state.recording.source).is_file():
+            self._written = state.settings
+            self._kept.keep(state.as_tuning())
 
     def stop(self) -> None:
         """Finish a recording, then end the worker and the engine, whose last frame may exceed the time left."""
         self.finish_recording()
-        self._keep_tuning()
+        with contextlib.suppress(OSError, KalscopeError):
+            if self._last is not None:
+                self._keep_tuning(self._last.state)
         self._worker.close()
         self.engine.stop()
 
@@ -229,7 +213,7 @@ class Dashboard:
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)
             if Part.CHARTS in parts:
-                self._draw(frame, self.signal.show_below, self._momentum.show)
+                self._draw(frame, self.signal.show_below)
             if Part.OTHER in parts:
                 self._show_other(frame)
         self._server.flush()
@@ -241,15 +225,23 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
+        for view in (
+            self._header,
+            self._verdict,
+            self._numbers,
+            self._goal,
+            self.parameters,
+            self._start,
+            self._chain,
+        ):
             self._draw(frame, view.show)
-        self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
+        self._draw(frame, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._estimators, self._presets, self._window, self._source, self._live:
+        for view in self._view, self._window, self._source, self._live:
             self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
-            for view in self._paper, self._variants, self._channels, self._code, self._board, self._command_line:
+            for view in self._variants, self._channels, self._code, self._board, self._command_line:
                 self._draw(frame, view.show)
         self._commands.show()
         self._last = frame

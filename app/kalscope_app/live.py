@@ -8,7 +8,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 from kalscope.common.files import check_inside
 from kalscope.common.progress import Progress
@@ -23,13 +22,13 @@ from kalscope.sources.recorder import RecorderCounts, first_free
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.session.state import BoardCalibration, BoardId, ConnectionState, Sent, State
+from kalscope_app.session.state import BoardCalibration, ConnectionState, Sent, State
 
 if TYPE_CHECKING:
     from kalscope.sources.recorder import Recorder
 
 
-# The connection of the live board. The State names a board by its `BoardId`; the running source is kept here.
+# The connection of the live board, which the State names by its source.
 
 
 class BoardConnection:
@@ -39,14 +38,13 @@ class BoardConnection:
         """Args: separate jobs, because a port must not wait for a long search."""
         self._jobs = jobs
         self._lock = threading.Lock()  # of all that follows: the engine and jobs change it
-        self._sources = WeakKeyDictionary[BoardId, LiveSource]()  # forgotten with the last State that names them
-        self._connected: BoardId | None = None
-        self._left: BoardId | None = None  # closed only because something else was opened
-        self._awaited: BoardId | None = None  # connected, but its request has not been applied yet
+        self._connected: LiveSource | None = None
+        self._left: LiveSource | None = None  # closed only because something else was opened
+        self._awaited: LiveSource | None = None  # connected, but its request has not been applied yet
 
-    def adopt(self, board: BoardId, source: LiveSource) -> None:
+    def adopt(self, source: LiveSource) -> None:
         """Take over a source that the first State shows; `start` connects it."""
-        self._sources[board], self._connected = source, board
+        self._connected = source
 
     def start(self) -> None:
         """Connect the source, if there is one; does nothing if it is connected already."""
@@ -58,11 +56,7 @@ class BoardConnection:
     def source(self) -> LiveSource | None:
         """The board that is connected, or is being waited for."""
         with self._lock:
-            return None if self._connected is None else self._sources[self._connected]
-
-    def is_connected(self, board: BoardId) -> bool:
-        """Whether this is the board that is connected."""
-        return self._connected is board
+            return self._connected
 
     def source_of(self, state: State) -> LiveSource:
         """The board on screen.
@@ -71,23 +65,22 @@ class BoardConnection:
             BadSetting: it is not connected.
         """
         source = self.source
-        if source is None or state.live is None or not self.is_connected(state.live.board):
+        if source is None or state.live is None or state.live.board is not source:
             raise BadSetting("no board is connected: connect one in the Source tab first")
         return source
 
     def open(self, session: Session, port: PortSpec, *, reconnect: bool) -> None:
         """Connect another board and show it; waits for the port, so run it as a job."""
         self.close()
-        source, board = LiveSource(port, reconnect=reconnect), BoardId()
+        source = LiveSource(port, reconnect=reconnect)
         source.start()
         with self._lock:
-            self._sources[board] = source
-            self._connected = self._awaited = board
+            self._connected = self._awaited = source
 
         def show(state: State) -> State:
             with self._lock:  # here, because a later request of the same turn may show something else
-                self._awaited = None if self._awaited is board else self._awaited
-            return opened_live(board, source.spec.url, state)
+                self._awaited = None if self._awaited is source else self._awaited
+            return opened_live(source, source.spec.url, state)
 
         session.request(show)
 
@@ -103,28 +96,22 @@ class BoardConnection:
         if source is not None:
             source.close(timeout)
 
-    def snapshot(self, board: BoardId) -> Snapshot | None:
-        """The samples of a board; None before the first."""
-        source = self._sources.get(board)
-        return None if source is None else source.snapshot()
-
-    def state(self, board: BoardId | None) -> ConnectionState:
+    def state(self, board: LiveSource | None) -> ConnectionState:
         """The state of the connection to the board on screen, or to a board recorded in the background."""
         connected = self.source
-        shown = connected if board is None else self._sources.get(board)
+        shown = connected if board is None else board
         recording = connected is not None and connected.recorder is not None
         return ConnectionState(connected is not None, recording, None if shown is None else shown.status())
 
-    def look_at(self, board: BoardId | None) -> None:
+    def look_at(self, board: LiveSource | None) -> None:
         """This board is on screen now: close another that is not recorded; reopen this one if that closed it."""
         work: Callable[[], None] | None = None
         with self._lock:
             connected = self._connected
-            source = None if connected is None else self._sources[connected]
-            if source is None and board is not None and board is self._left:
+            if connected is None and board is not None and board is self._left:
                 self._connected, self._left, work = board, None, self.start
-            elif source is not None and source.recorder is None and connected not in (board, self._awaited):
-                self._connected, self._left, work = None, connected, source.close
+            elif connected and connected.recorder is None and connected not in (board, self._awaited):
+                self._connected, self._left, work = None, connected, connected.close
         if work is not None:
             self._jobs.run(work)
 

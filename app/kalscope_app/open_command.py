@@ -9,7 +9,7 @@ import secrets
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +24,6 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.port.registry import address_examples
 
 if TYPE_CHECKING:
-    from kalscope.sources.live.source import LiveSource
     from kalscope_app.guard.server import GuardedServer
     from kalscope_app.program.log import Log
     from kalscope_app.session.state import State
@@ -73,8 +72,8 @@ def open_dashboard(
     """Open the dashboard in a browser."""
     from kalscope_app.guard.requests import kept_token
     from kalscope_app.guard.server import guarded_server
+    from kalscope_app.guard.viser_private import replaced
     from kalscope_app.program.log import logging_to
-    from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.share import apply_options
     from kalscope_app.views.window import page_script
 
@@ -82,27 +81,27 @@ def open_dashboard(
         return secrets.token_urlsafe(32) if port == 0 else kept_token(bound_port, renew=new_link)
 
     report_compiling()
-    with logging_to(log, verbose=verbose) as running_log, own_temporary_folder():  # Ctrl+C still interrupts reading
-        state, board = first_state(followed(source) if follow else source, reading, config, sample_period)
-        if not source and config is None and (last := KeptTunings().last()):
-            name = one_line(Path(last).name)[:80]
-            note = f"{name} was open last: Open this path, in the Source tab, brings it back."
-            state = state.with_answers(note=note)
-        state = apply_options(state, channel, q, r, p0, x0, gate, momentum, chain)
+    # All temporary files, also those of unfinished tasks, are removed at the end. Ctrl+C still interrupts reading.
+    with (
+        logging_to(log, verbose=verbose) as running_log,
+        temporary_folder() as own,
+        replaced(tempfile, "tempdir", str(own)),
+    ):
+        state = first_state(followed(source) if follow else source, reading, config, sample_period)
+        state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
-        serve(state, board, start, running_log, browser=browser)
+        serve(state, start, running_log, browser=browser)
 
 
 def serve(
     state: State,
-    board: LiveSource | None,
     start_server: Callable[..., GuardedServer],
     log: Log,
     *,
     browser: bool,
 ) -> None:
-    """Show `state` and its board in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
+    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.requests import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -129,8 +128,8 @@ def serve(
                         webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
                     from kalscope_app.dashboard import Dashboard  # while the page loads
 
-                    dashboard = Dashboard(guarded.server, state, folder, log.file, board)
-                    errors.notify_with(dashboard.notifications.show_failure)
+                    dashboard = Dashboard(guarded.server, state, folder, log.file)
+                    errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
                     watch_compiling(CompilingNote(guarded.server).show)
                     guarded.let_in()
@@ -155,19 +154,18 @@ def end_within(seconds: float, name: str, stop: Callable[[], None]) -> None:
 
 def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
-) -> tuple[State, LiveSource | None]:
-    """The state that is shown first, and its live board, not connected yet; None for a finished recording."""
+) -> State:
+    """The state that is shown first; a live board is not connected yet."""
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import is_live
     from kalscope.tuning.file import load_tuning
     from kalscope_app.session.live_changes import opened_live
-    from kalscope_app.session.state import BoardId
 
     if not is_live(source):
-        return recorded_state(source, options, config, sample_period), None
+        return recorded_state(source, options, config, sample_period)
     board = LiveSource(source, options)
-    state = opened_live(BoardId(), board.spec.url, tuning=None if config is None else load_tuning(config))
-    return state.with_open(options=options), board
+    state = opened_live(board, board.spec.url, tuning=None if config is None else load_tuning(config))
+    return state.with_open(options=options)
 
 
 def followed(source: str) -> str:
@@ -188,13 +186,16 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     from kalscope.catalogue import open_source
     from kalscope.errors import BadSetting
     from kalscope.tuning.file import load_tuning
+    from kalscope_app.program.user_settings import KeptTunings
     from kalscope_app.session.opening import opened, opened_experiment, opened_with
 
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
         state = opened(open_source(source or "demo", options, sample_period=sample_period))
-        return state.with_open(options=options, typed_period=sample_period)
+        last = "" if source else one_line(Path(KeptTunings().last()).name)[:80]
+        note = f"{last} was open last: Open this path, in the Source tab, brings it back." if last else ""
+        return state.with_open(options=options, typed_period=sample_period).with_answers(note=note)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -204,15 +205,3 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
         )
     state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
     return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
-
-
-@contextlib.contextmanager
-def own_temporary_folder() -> Generator[None]:
-    """One folder for all temporary files, removed at the end with those of unfinished background tasks."""
-    before = tempfile.tempdir
-    with temporary_folder() as folder:
-        tempfile.tempdir = str(folder)
-        try:
-            yield
-        finally:
-            tempfile.tempdir = before

@@ -83,14 +83,6 @@ def test_what_cannot_be_opened_is_refused_in_one_line(arguments, message, tmp_pa
     assert message in refusal(arguments, capsys)
 
 
-def test_a_busy_port_is_refused_in_one_line(capsys):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        assert f"port {port}" in refusal(["open", "demo", "--port", str(port)], capsys)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
@@ -110,7 +102,3 @@ def test_without_a_command_the_demo_opens(tmp_path):
     with start(tmp_path, source=None, env={"BROWSER": "true"}) as program:
         assert link_of(program).startswith("http://127.0.0.1:8080/?token=")
         assert end(program)[0] == 0
-
-
-def test_a_device_is_no_file(capsys):
-    assert "a device or a pipe" in refusal(["open", "/dev/zero"], capsys)

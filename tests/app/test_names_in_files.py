@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import logging
 import re
 import shlex
-import shutil
 import subprocess
 import tomllib
 from html.parser import HTMLParser
@@ -17,12 +15,10 @@ import numpy as np
 import pytest
 from each import each
 from hostile_names import MARKUP, NAMES
-from required import node, not_here
 
-from kalscope import ChannelTuning, Recording, Tuning, export_tuning, load_tuning, read_recording, save_tuning
+from kalscope import ChannelTuning, Recording, Tuning, load_tuning, read_recording, save_tuning
 from kalscope.common.text import CONTROL
 from kalscope.export.csv import csv_header
-from kalscope.export.names import identifiers
 from kalscope.export.report import as_html, make_report
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.line_format import LineFormat
@@ -35,8 +31,6 @@ from kalscope_app.session.share import share_line
 from kalscope_app.views.export import with_tuning_file
 from kalscope_app.views.window import COMMAND
 
-SIXES = [NAMES[i : i + 6] for i in range(0, len(NAMES), 6)]
-"""The sketch reads at most six channels."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
 
@@ -54,67 +48,6 @@ def tuning_of(names, text):
 
 def recording_of(name, source="log.csv"):
     return Recording(np.arange(60) / 100, (name,), (name,), VALUES, 0.01, source=source, title=source)
-
-
-def written(names, target, folder):
-    """The files of an export, each text a hostile one; and those of a harmless export with the same identifiers."""
-    for place, words, text in (("hostile", names, names[0]), ("calm", identifiers(names), "calm")):
-        (folder / place).mkdir()
-        for file, content in export_tuning(tuning_of(words, text), target).items():
-            (folder / place / file).write_text(content, "ascii")
-    return sorted(path.name for path in (folder / "hostile").iterdir())
-
-
-def preprocessed(compiler, paths, headers):
-    """The programs as the compiler sees them behind its preprocessor: without comments, with their lines joined."""
-    flags = ("-E", "-P", "-trigraphs", "-w", "-nostdinc", "-DKALSCOPE_UNITS_DONE", f"-I{headers}")
-    language = "c" if compiler == "gcc" else "c++"
-    command = (compiler, *flags, "-x", language, *map(str, paths))
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("target", "compiler"), [("c", "gcc"), ("arduino", "avr-g++")])
-def test_a_compiler_sees_no_more_than_of_harmless_names(tmp_path, target, compiler):
-    if shutil.which(compiler) is None:
-        not_here(f"{compiler} is not installed")
-    (empty := tmp_path / "empty").mkdir()
-    for header in ("Arduino", "EEPROM", "math", "stdint", "stddef", "string", "float", "stdbool"):
-        (empty / f"{header}.h").touch()
-    files = []
-    for i, names in enumerate(SIXES):
-        (folder := tmp_path / str(i)).mkdir()
-        found = written(names, target, folder)
-        assert found
-        files += [(folder, file) for file in found]
-    hostile, calm = (
-        preprocessed(compiler, [folder / place / file for folder, file in files], empty)
-        for place in ("hostile", "calm")
-    )
-    assert len(calm) > 100 * len(SIXES)
-    assert hostile == calm
-
-
-LOAD = """\
-import { readFileSync } from "node:fs";
-for (const path of readFileSync(0, "utf8").trim().split("\\n")) {
-  const { filters } = await import(path);
-  console.log(JSON.stringify(Object.keys(filters)));
-}
-"""
-
-
-def test_node_loads_filters_of_the_names_that_are_identifiers(tmp_path):
-    paths = []
-    for i, names in enumerate(SIXES):
-        (folder := tmp_path / str(i)).mkdir()
-        paths += [f"./{i}/hostile/{file}" for file in written(names, "javascript", folder) if file.endswith("mjs")]
-    (tmp_path / "main.mjs").write_text(LOAD)
-    found = subprocess.run(
-        (node(), "main.mjs"), input="\n".join(paths), capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    loaded = [word for line in found.stdout.splitlines() for word in json.loads(line)]
-    assert [word.lower() for word in loaded] == [word for names in SIXES for word in identifiers(names)]
 
 
 @pytest.mark.slow

@@ -20,11 +20,9 @@ from kalscope_app.engine import engine
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.changes import (
     pin_present,
-    set_map_colour,
     set_match_by,
     set_velocity,
     set_window,
-    use_paper_filter,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.views import map
@@ -79,17 +77,19 @@ SETTINGS = {
     "pinned": lambda state: pin_present(state).with_tuning(q=1e-12, r=1.0),
     "q = 0": lambda state: state.with_tuning(q=0.0, r=1.0),
     "r = 0": lambda state: state.with_tuning(q=1.0, r=0.0),
-    "far away": lambda state: set_map_colour("lag")(state.with_tuning(q=1e-300, r=1e300)),
+    "far away": lambda state: state.with_tuning(q=1e-300, r=1e300),
     "equal noise": set_match_by("noise"),
     "start and gate": lambda state: state.with_tuning(p0=1.0, x0=0.0, gate=4.0),
     "momentum": lambda state: set_velocity(True)(pin_present(state).with_tuning(momentum=20.0)),
-    "longest momentum, by lag": lambda state: set_map_colour("lag")(state.with_tuning(momentum=1e5)),
+    "longest momentum": lambda state: state.with_tuning(momentum=1e5),
     "shortest momentum, equal noise": lambda state: set_match_by("noise")(state.with_tuning(momentum=5e-324)),
     "momentum, q = 0": lambda state: state.with_tuning(q=0.0, r=1.0, momentum=9.0),
     "momentum, r = 0": lambda state: state.with_tuning(q=1.0, r=0.0, momentum=9.0),
     "momentum, far away": lambda state: state.with_tuning(q=1e-300, r=1e300, momentum=9.0, p0=1.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "Khan et al.": lambda state: use_paper_filter(state, GeneralizedParams(1.0, None, None, "without_slip")),
+    "Khan et al.": lambda state: state.with_tuning_of(
+        0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "without_slip"))
+    ),
 }
 
 

@@ -19,7 +19,7 @@ RULES = {"light": (), "dark": ("color-contrast",)}
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
 CLOSED_FOLDERS = {
-    "Tune": ("Start and outliers", "Resulting filter", "Presets", "Paper filter"),
+    "Tune": ("Start and outliers", "Resulting filter"),
     "Source": ("Advanced", "Generate a signal", "Import options"),
 }
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}

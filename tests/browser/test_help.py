@@ -48,7 +48,7 @@ def test_every_action_is_a_command_and_every_heading_a_button_for_keys(start):
     actions.get_by_text("Map", exact=True).click()
     actions.first.wait_for(state="detached")  # the palette lists "Hide map" too, until it is closed
     screen.page.get_by_role("button", name="Hide map").wait_for()
-    heading = screen.page.get_by_role("button", name="Presets")
+    heading = screen.page.get_by_role("button", name="Resulting filter")
     heading.focus()
     assert heading.get_attribute("aria-expanded") == "false"
     for key, opened in (("Enter", "true"), (" ", "false")):

@@ -188,22 +188,17 @@ def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
         screen.shot(f"map-{width}-{theme}")
 
 
-def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start_map):
+def test_the_map_can_be_hidden_and_magnified(start_map):
     screen = start_map("demo")
     screen.tab("View")
     wide = screen.page.evaluate(CANVAS)[2]
     screen.page.get_by_role("button", name="Hide map").click()
     screen.wait(f"() => ({CANVAS})()[2] < {wide} / 2")
-    screen.page.get_by_text("map coloured by").wait_for(state="detached")
     screen.wait_for_fit()
     screen.page.get_by_role("button", name="Map", exact=True).click()
     screen.wait(f"() => ({CANVAS})()[2] > 200")
     screen.wait_for_map()
-    by_likelihood = screen.map_picture()
-    screen.choose("map coloured by", "lag")
-    wait_until(lambda: differ(screen.map_picture(), by_likelihood), "the map in other colours", pause=0.2)
-    (by_lag,) = wait_until(screen.settled_map, "a map that stays the same")
-    screen.shot("map-by-lag")
+    (whole,) = wait_until(screen.settled_map, "a map that stays the same")
     q, r = 10.0, 1000.0
     x, y = screen.at(q, r)
     mouse = screen.page.mouse
@@ -214,7 +209,7 @@ def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start_map):
             mouse.wheel(0, way * 300)
 
     turn_wheel(-1)
-    wait_until(lambda: differ(screen.map_picture(), by_lag), "the map magnified", pause=0.2)
+    wait_until(lambda: differ(screen.map_picture(), whole), "the map magnified", pause=0.2)
     screen.shot("map-magnified")
     before = screen.values()
     mouse.click(x, y)  # what is under the mouse stays there
@@ -227,7 +222,7 @@ def test_the_map_can_be_hidden_coloured_by_lag_and_magnified(start_map):
     wait_until(lambda: differ(screen.map_picture(), magnified), "the map moved", pause=0.2)
     assert screen.values() == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
     turn_wheel(1)
-    wait_until(lambda: not differ(screen.map_picture(), by_lag), "the whole map", pause=0.2)
+    wait_until(lambda: not differ(screen.map_picture(), whole), "the whole map", pause=0.2)
     screen.shot("map-whole-again")
 
 

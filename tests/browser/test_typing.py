@@ -36,10 +36,10 @@ def opened_here(source, browser, folder):
     with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as running:
         patch.chdir(folder)
         patch.setenv(FOLDER_VARIABLE, str(folder))
-        state, board = first_state(source, DEFAULTS, None)
+        state = first_state(source, DEFAULTS, None)
         start = guarded_server(port=0, page_script=page_script(), max_upload_bytes=2**20, on_refused=print)
         guarded = running.enter_context(start)
-        dashboard = Dashboard(guarded.server, state, folder, None, board)
+        dashboard = Dashboard(guarded.server, state, folder)
         running.callback(dashboard.stop)
         dashboard.start()
         yield dashboard.session, running.enter_context(Screen(browser, guarded.url, **WITHOUT_MAP)), state

@@ -13,7 +13,6 @@ from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import apply_estimate, candidates, set_taking_part
 from kalscope_app.session.live_changes import opened_live, refreshed
-from kalscope_app.session.state import BoardId
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
@@ -29,7 +28,7 @@ def test_two_sensors_of_a_board_are_fused_as_they_come_in(start_board, workshop)
     board = start_board(workshop.sketch(SKETCH, TWO_CHANNELS, RATE), counts, "--speed", "1", "--wait-open", *until)
     with LiveSource(board.port) as live:
         wait_for(lambda: live.status().accepted >= 150)
-        state = refreshed(opened_live(BoardId(), "x"), live.snapshot())
+        state = refreshed(opened_live(live, "x"), live.snapshot())
         assert candidates(state) == ("near", "far")
         found = estimate_fusion(state.recording.values, names=("near", "far"))
         state, runs = apply_estimate(state.recording, ("near", "far"), found)(state), FilterRuns()

@@ -16,7 +16,6 @@ from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.live import send_setting
 from kalscope_app.session.live_changes import opened_live, refreshed, set_sent
-from kalscope_app.session.state import BoardId
 from kalscope_app.studies.checks import compare_with_board
 
 pytestmark = pytest.mark.device
@@ -39,7 +38,7 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
     board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
     read_lines(board.port, 3)  # its header has gone
     with LiveSource(board.port) as source:
-        state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
+        state = grown(source, opened_live(source, "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("value 1", "value 2")
         state = state.with_tuning(q=0.037, r=11.3)
         state = set_sent(send_setting(state, source))(state)
@@ -59,7 +58,7 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
     counts = np.random.default_rng(8).integers(300, 700, (4000, 2))
     board = start_board(firmware, counts, "--wait-open")
     with LiveSource(board.port) as source:
-        state = grown(source, opened_live(BoardId(), "board"), lambda state: len(state.recording) > 150)
+        state = grown(source, opened_live(source, "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
         state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3, momentum=after)
         state = replace(state, sent=send_setting(state, source))

@@ -16,10 +16,10 @@ from kalscope_app.engine.filter_runs import (
     MAX_POINTS,
     Cache,
     DrawnSamples,
+    Facts,
     FilterRuns,
-    RecordFacts,
-    VariantCurves,
     choose_samples,
+    facts_of,
 )
 from kalscope_app.engine.frame import Frame, compute_frame
 from kalscope_app.session.live_changes import live_window, studied
@@ -47,23 +47,14 @@ class Part(IntEnum):
     """The chart of the signal with all its points."""
 
 
-@dataclass(frozen=True)
-class Delay:
-    """How long a part may lag behind the newest frame, s."""
-
-    pause: float
-    """Without a newer frame; a slider that moves brings one every 0.05 s."""
-    longest: float
-    """While newer frames keep coming."""
-
-
-DELAYS: Mapping[Part, Delay] = {
-    Part.NUMBERS: Delay(0.06, 0.08),
-    Part.CHARTS: Delay(0.12, 0.13),
-    Part.OTHER: Delay(0.12, 1.0),
-    Part.FULL: Delay(0.12, math.inf),
+DELAYS: Mapping[Part, tuple[float, float]] = {
+    Part.NUMBERS: (0.06, 0.08),
+    Part.CHARTS: (0.12, 0.13),
+    Part.OTHER: (0.12, 1.0),
+    Part.FULL: (0.12, math.inf),
 }
-"""Of the parts that may wait."""
+"""How long a part may lag behind the newest frame, s: without a newer one (a slider that moves brings one every
+0.05 s), and while newer ones keep coming."""
 
 
 class Schedule:
@@ -100,10 +91,10 @@ class Schedule:
         return due
 
     def _due(self, part: Part) -> float:
-        return min(self._newest + DELAYS[part].pause, self._latest(part))
+        return min(self._newest + DELAYS[part][0], self._latest(part))
 
     def _latest(self, part: Part) -> float:
-        return self._behind[part] + DELAYS[part].longest
+        return self._behind[part] + DELAYS[part][1]
 
 
 def is_move(before: State, after: State) -> bool:
@@ -232,11 +223,6 @@ SETTLING = STUDY_INTERVAL + 1.0
 and the range control moves once a second."""
 
 
-def pause_before_frame(now: float, last: float) -> float:
-    """Seconds to wait before the next frame may be sent."""
-    return max(0.0, min(MIN_INTERVAL, last + MIN_INTERVAL - now))
-
-
 class Engine:
     """Session -> Frame, on its own thread."""
 
@@ -264,7 +250,7 @@ class Engine:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
         self._samples = Cache[DrawnSamples]()
-        self._runs, self._facts, self._curves = FilterRuns(), RecordFacts(), VariantCurves()
+        self._runs, self._facts = FilterRuns(), Cache[Facts]()
         self._frame: Frame | None = None
         self._schedule = Schedule()
         self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
@@ -293,7 +279,7 @@ class Engine:
             if parts := self._schedule.take_due(now, moving=moving):
                 self._guarded(partial(self._show_parts, parts))
             elif self._wait_for_frame(now):
-                time.sleep(pause_before_frame(time.monotonic(), self._begun))
+                time.sleep(max(0.0, min(MIN_INTERVAL, self._begun + MIN_INTERVAL - time.monotonic())))
                 self._session.wakeup.clear()
                 self._begun = time.monotonic()
                 self._guarded(self._turn)
@@ -356,14 +342,12 @@ class Engine:
     def _show_frame(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
         (channel, *others), window = state.measured, live_window(state)
+        facts = self._facts.once(lambda: facts_of(state.recording, channel), state.recording, channel)
         drawn = self._samples.once(
-            lambda: choose_samples(
-                state.recording, channel, window, limit, self._facts.of(state), others=tuple(others)
-            ),
+            lambda: choose_samples(state.recording, channel, window, limit, facts, others=tuple(others)),
             *(state.recording, state.measured, window, limit),
         )
-        variants = self._curves.of(state, drawn) if state.live is None else None
-        frame = compute_frame(state, serial, drawn, self._runs, variants, self._session.connection())
+        frame = compute_frame(state, serial, drawn, self._runs, self._session.connection())
         last, self._frame, self._frame_at = self._frame, frame, time.monotonic()
         whole = last is None or not is_move(last.state, state)
         self._show_parts(self._schedule.begin(self._frame_at, whole=whole))

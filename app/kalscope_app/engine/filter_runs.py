@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
@@ -16,15 +16,13 @@ from kalscope.filtering.filter import (
     Filter,
     FilterResult,
     GrowingRun,
-    KalmanFilter,
     StandardFilter,
     filter_at,
     kalman_filter,
 )
-from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
-from kalscope_app.session.state import Fusion, State
+from kalscope_app.session.state import State
 
 # Results that are kept while nothing they depend on has changed.
 
@@ -64,7 +62,7 @@ def _same(one: object, other: object) -> bool:
     return one is other or (isinstance(one, PLAIN) and one == other)
 
 
-# Facts about all samples of a record, kept between frames: of a live record only the new samples are read.
+# Facts about all samples of a record.
 
 
 @dataclass(frozen=True)
@@ -79,35 +77,6 @@ class Facts:
     def clock(self, recording: Recording) -> NDArray[np.float64]:
         """Times to draw at, s, never descending, shape (n,): where time steps back, the last value is held."""
         return recording.time if self.ascends else np.maximum.accumulate(recording.time)
-
-
-def facts_of(recording: Recording, channel: str, known: Facts | None = None, seen: int = 0) -> Facts:
-    """The facts of a recording whose first `seen` samples are `known`."""
-    known = known or Facts()
-    time = recording.time[max(seen - 1, 0) :]
-    gaps = np.isnan(recording.channel(channel)[seen:])
-    return Facts(known.ascends and not np.any(time[1:] < time[:-1]), known.missing + int(np.count_nonzero(gaps)))
-
-
-class RecordFacts:
-    """The facts of the record on screen."""
-
-    def __init__(self) -> None:
-        self._state: State | None = None  # held so that the ids in its key stay valid
-        self._facts = Facts()
-
-    def of(self, state: State) -> Facts:
-        """The facts of what a State shows; of a record that has grown only the new samples are read."""
-        recording, before = state.recording, self._state
-        grown = before is not None and _key(before) == _key(state) and len(before.recording) <= len(recording)
-        known, seen = (self._facts, len(before.recording)) if grown and before is not None else (None, 0)
-        self._facts, self._state = facts_of(recording, state.channel, known, seen), state
-        return self._facts
-
-
-def _key(state: State) -> tuple[object, ...]:
-    snapshot = state.live.snapshot if state.live else None
-    return state.record_key, state.channel, 0 if snapshot is None else snapshot.first
 
 
 # Which samples of a long record are drawn.
@@ -151,6 +120,12 @@ class DrawnSamples:
     def decimated(self) -> bool:
         """Whether some samples of the window are not drawn."""
         return len(self.indices) < self.last - self.first
+
+
+def facts_of(recording: Recording, channel: str) -> Facts:
+    """The facts of a recording and a channel."""
+    time, gaps = recording.time, np.isnan(recording.channel(channel))
+    return Facts(not np.any(time[1:] < time[:-1]), int(np.count_nonzero(gaps)))
 
 
 def choose_samples(
@@ -259,7 +234,7 @@ class DrawnRun:
     gain: Callable[[int], Array]
     """The gain of the first n samples."""
     whole: FilterResult | None
-    """All of the run; None where only the drawn samples were kept, or sensors are fused."""
+    """All of the run; None where only the drawn samples were kept."""
 
 
 @dataclass
@@ -272,41 +247,57 @@ class _LiveRun:
 
 
 class FilterRuns:
-    """Filters the record of a State, once for each filter."""
+    """Filters what is on screen, one channel or several sensors, once for each filter."""
 
     def __init__(self) -> None:
-        self._whole = Cache[FilterResult]()
-        self._drawn = Cache[DrawnRun]()
+        self._whole, self._live = Cache[FilterResult](), Cache[_LiveRun]()
+        self._drawn, self._variants = Cache[FilterResult](), Cache[Array]()
         self._settled = Cache[SteadyState]()
-        self._live = Cache[_LiveRun]()
-        self._fused = Cache[FilterResult]()
-        self._live_fused = Cache[_LiveRun]()
 
     def begin(self, state: State) -> None:
         """A new frame begins."""
         scope = (state.record_key, state.measured, state.recording.gaps)
         self._whole.begin(*scope)
         self._live.begin(*scope)
-        self._live_fused.begin(*scope)
 
     def of(self, state: State, used: Filter) -> FilterResult:
-        """The channel on screen, filtered."""
+        """What is on screen, filtered by another filter or its own."""
+        z = state.readings
         if state.live is not None and isinstance(used, StandardFilter | ChainFilter):
-            return self._continued(state, used)
-        if state.live is not None or len(state.z) > MAX_KEPT:
-            return used.run(state.z, state.dt)
-        return self._whole.get(used, lambda: used.run(state.z, state.dt))
+            return self._continued(state, used, z)
+        if state.live is not None or len(z) > MAX_KEPT:
+            return used.run(z, state.dt)
+        return self._whole.get(used, lambda: used.run(z, state.dt))
 
     def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
         """The filter of the State at the samples drawn; for a finished recording only these are kept."""
-        used = state.filter
-        if state.fusion is not None:
-            return _as_drawn(self._fused_at(state, state.fusion, drawn), state.params)
+        used, dt, whole = state.running_filter, state.dt, None
         if state.live is None and state.board is None and isinstance(used, StandardFilter):
-            self._drawn.begin(state.record_key, state.channel, state.recording.gaps, drawn)
-            return self._drawn.get(used, lambda: _at_drawn(state, used, drawn))
-        whole = self.of(state, used)
-        return DrawnRun(whole.at(drawn.indices), lambda size: whole.k[:size], whole)
+            self._drawn.begin(state.record_key, state.measured, state.recording.gaps, drawn)
+            at = self._drawn.get(used, lambda: filter_at(state.readings, used.params, drawn.indices, dt))
+        else:
+            whole = self.of(state, used)
+            at = whole.at(drawn.indices)
+        if state.running.sensors:  # no innovation is drawn, and the gain is that of the equivalent filter
+            none = np.full(len(at.x), np.nan)
+            at = replace(at, k=none, innovation=none, s=none)
+            return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), state.params).k, None)
+        if whole is not None:
+            return DrawnRun(at, lambda size: whole.k[:size], whole)
+
+        def gain(size: int) -> Array:
+            return kalman_filter(state.z[:size], state.params, None if dt is None else dt[:size]).k
+
+        return DrawnRun(at, gain, None)
+
+    def variants(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
+        """The pinned settings of the channel on screen at the samples drawn: no slider changes them."""
+        filters = [one.tuning.filter for one in state.variants]
+        if state.live is not None:
+            return tuple(self.of(state, one).x[drawn.indices] for one in filters)
+        self._variants.begin(drawn, state.recording, state.channel)
+        z, dt, at = state.z, state.dt, drawn.indices
+        return tuple(self._variants.get(one, lambda one=one: one.denoise(z, dt)[at]) for one in filters)
 
     def settled(self, state: State, run: FilterResult) -> SteadyState:
         """The steady state of the State's filter, from its run; that of a chain is measured, which takes longer.
@@ -320,75 +311,14 @@ class FilterRuns:
         self._settled.begin(state.record_key, state.measured, state.recording.gaps, size)
         return self._settled.get(used, lambda: used.settled(run, period))
 
-    def _continued(self, state: State, used: StandardFilter | ChainFilter) -> FilterResult:
-        def start() -> GrowingRun:
-            return GrowingRun(used.stream())
-
-        run = self._live.get(used, lambda: _LiveRun(start(), _first_of(state)))
-        return _grown(run, state, start, lambda first: state.z[first:]).result
-
-    def _fused_at(self, state: State, fusion: Fusion, drawn: DrawnSamples) -> FilterResult:
-        """The fused value at the samples drawn."""
-        params, columns = fusion.params, fusion.columns(state.recording)
-        if state.live is None:
-            self._fused.begin(state.record_key, state.measured, state.recording.gaps, drawn)
-            z = state.recording.values
-            return self._fused.get(params, lambda: filter_at(z[:, columns], params, drawn.indices, state.dt))
-
-        def start() -> GrowingRun:
-            return GrowingRun(KalmanFilter(params))
-
-        run = self._live_fused.get(params, lambda: _LiveRun(start(), _first_of(state)))
-        values = state.recording.values
-        grown = _grown(run, state, start, lambda first: values[first:, columns])
-        return grown.result.at(drawn.indices)
-
-
-def _first_of(state: State) -> int:
-    """Number of the first sample of a live record, counted since the board began to send."""
-    snapshot = state.live.snapshot if state.live else None
-    return 0 if snapshot is None else snapshot.first
-
-
-def _grown(
-    run: _LiveRun, state: State, start: Callable[[], GrowingRun], samples_from: Callable[[int], Array]
-) -> GrowingRun:
-    """The run over a live record as it is now: only the new samples go through the filter."""
-    first, n = _first_of(state), len(state.recording)
-    if not 0 <= first - run.first <= len(run.running) <= first - run.first + n:
-        run.running, run.first = start(), first
-    run.running.forget(first - run.first)
-    run.first = first
-    run.running.extend(samples_from(len(run.running)))
-    return run.running
-
-
-def _as_drawn(fused: FilterResult, params: FilterParams) -> DrawnRun:
-    """Fused sensors as a run: no innovation is drawn for them, and their gain is that of the equivalent filter."""
-    none = np.full(len(fused.x), np.nan)
-    at = FilterResult(fused.x, fused.p, none, none, none, 0.0, 0, fused.rejected, fused.velocity, fused.velocity_p)
-    return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), params).k, None)
-
-
-def _at_drawn(state: State, used: StandardFilter, drawn: DrawnSamples) -> DrawnRun:
-    z, dt, params = state.z, state.dt, used.params
-
-    def gain(size: int) -> Array:
-        return kalman_filter(z[:size], params, None if dt is None else dt[:size]).k
-
-    return DrawnRun(filter_at(z, params, drawn.indices, dt), gain, None)
-
-
-class VariantCurves:
-    """The filtered signals of the pinned settings at the drawn samples: no slider changes them."""
-
-    def __init__(self) -> None:
-        self._curves = Cache[Array]()
-
-    def of(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
-        """One curve for each variant of the channel on screen, in their order, unit, shape (m,)."""
-        self._curves.begin(drawn, state.recording, state.channel)
-        return tuple(
-            self._curves.get(one, lambda one=one: one.denoise(state.z, state.dt)[drawn.indices])
-            for one in (variant.tuning.filter for variant in state.variants)
-        )
+    def _continued(self, state: State, used: StandardFilter | ChainFilter, z: Array) -> FilterResult:
+        """The run over a live record as it is now: only the new samples go through the filter."""
+        snapshot = state.live.snapshot if state.live else None
+        first = 0 if snapshot is None else snapshot.first
+        run = self._live.get(used, lambda: _LiveRun(GrowingRun(used.stream()), first))
+        if not 0 <= first - run.first <= len(run.running) <= first - run.first + len(z):
+            run.running, run.first = GrowingRun(used.stream()), first
+        run.running.forget(first - run.first)
+        run.first = first
+        run.running.extend(z[len(run.running) :])
+        return run.running.result

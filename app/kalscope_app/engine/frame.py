@@ -97,7 +97,6 @@ def compute_frame(
     serial: int,
     drawn: DrawnSamples,
     runs: FilterRuns | None = None,
-    variants: tuple[Array, ...] | None = None,
     connection: ConnectionState = NO_CONNECTION,
 ) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn.
@@ -107,7 +106,6 @@ def compute_frame(
         serial: the requests that are in it.
         drawn: the samples to draw.
         runs: the runs of earlier frames; None = filter again.
-        variants: the curves of the pinned settings, where they are already known (`VariantCurves`).
         connection: the state of the connection to the live board.
     """
     recording = state.recording
@@ -144,9 +142,7 @@ def compute_frame(
         velocity_spread=velocity_spread,
         set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
         refused=np.where(refused, drawn.raw, np.nan) if gated else None,
-        variants=tuple(runs.of(state, variant.tuning.filter).x[at] for variant in state.variants)
-        if variants is None
-        else variants,
+        variants=runs.variants(state, drawn),
     )
 
 
@@ -155,10 +151,7 @@ def _smoothed(state: State, drawn: DrawnSamples) -> Array:
     first = 0 if state.live is None else max(0, drawn.first - SMOOTHED_BEFORE)
     last = len(state.recording) if state.live is None else drawn.last
     dt = None if state.dt is None else state.dt[first:last]
-    if state.fusion is not None:
-        z = state.recording.values[first:last, state.fusion.columns(state.recording)]
-        return smooth(z, state.fusion.params, dt).x[drawn.indices - first]
-    return smooth(state.z[first:last], state.params, dt).x[drawn.indices - first]
+    return smooth(state.readings[first:last], state.running.params, dt).x[drawn.indices - first]
 
 
 def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) -> tuple[SensorCurve, ...]:
@@ -166,10 +159,12 @@ def _sensors(state: State, fusion: Fusion, drawn: DrawnSamples, fused: Array) ->
 
     The noisiest comes first, to be drawn below the others; by the noise that was found, so no slider reorders them.
     """
-    raw = state.recording.values[drawn.indices][:, fusion.columns(state.recording)]
-    values = (raw - fusion.params.offset) / fusion.params.gain
+    params = fusion.used.params
+    columns = [state.recording.index(name) for name in fusion.used.sensors]
+    raw = state.recording.values[drawn.indices][:, columns]
+    values = (raw - params.offset) / params.gain
     difference = values - fused[:, None]
-    if np.any(fusion.params.gain != 1.0):
+    if np.any(params.gain != 1.0):
         raw = values  # sensors of several scales or units have no common axis
     noise = dict(zip(fusion.start.sensors, fusion.start.params.scaled_r, strict=True))
     curves = [

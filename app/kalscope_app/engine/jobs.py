@@ -17,6 +17,9 @@ MAX_WAITING = 8
 """Jobs that may wait, at most: each may hold a whole uploaded file."""
 
 
+def _nothing() -> None: ...
+
+
 class Jobs:
     """One worker thread for slow work; a failure becomes one sentence for the user."""
 
@@ -24,7 +27,7 @@ class Jobs:
         """Args: shows a sentence, or logs and shows an exception; `good`: not an error; `failed`: its heading."""
         self._tell = tell
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Failed]] = queue.SimpleQueue()
-        self._idle: Callable[[], None] | None = None
+        self._idle: Callable[[], None] = _nothing
         self._every: float | None = None
         # A daemon, unlike the threads of a pool: a job that hangs does not keep the program from ending.
         threading.Thread(target=self._run, name="kalscope-jobs", daemon=True).start()
@@ -50,34 +53,23 @@ class Jobs:
     def when_idle(self, work: Callable[[], None], every: float) -> None:
         """Repeat `work` whenever no job has arrived for `every` seconds, until it fails."""
         self._idle, self._every = work, every
-        self._waiting.put((work, Failed.OTHER))  # ends the wait without a timeout
-
-    def _next(self) -> tuple[Callable[[], None], Failed] | None:
-        try:
-            return self._waiting.get(timeout=self._every)
-        except queue.Empty:
-            return None
-
-    def _do_idle(self) -> None:
-        try:
-            if self._idle is not None:
-                self._idle()
-        except Exception:
-            log.exception("Idle work failed and is not tried again")
-            self._idle = self._every = None
+        self._waiting.put((_nothing, Failed.OTHER))  # ends the wait without a timeout
 
     def _run(self) -> None:
         while True:
-            following = self._next()
-            if following is None:
-                self._do_idle()
-                continue
-            work, failed = following
+            try:
+                work, failed = self._waiting.get(timeout=self._every)
+            except queue.Empty:
+                work, failed = self._idle, Failed.OTHER
             try:
                 work()
-            except Cancelled as error:
-                self._tell(f"{error}.", good=True)
-            except (KalscopeError, OSError) as error:
-                self._tell(describe(error), failed=failed)
             except Exception as error:  # the dashboard continues
-                self._tell(error)
+                if work is self._idle:
+                    self._every = None
+                    log.exception("Idle work failed and is not tried again")
+                elif isinstance(error, Cancelled):
+                    self._tell(f"{error}.", good=True)
+                elif isinstance(error, KalscopeError | OSError):
+                    self._tell(describe(error), failed=failed)
+                else:
+                    self._tell(error)

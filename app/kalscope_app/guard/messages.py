@@ -140,10 +140,8 @@ def _is_possible(value: object, max_integer: int) -> bool:
 
 
 MAX_UPLOAD_BYTES = 64 * 2**20
-"""Size of the unfinished uploads of one client, by default. Larger files are opened by path."""
+"""Size of an upload, by default. Larger files are opened by path."""
 
-MAX_FULL_CLIENTS = 2
-"""How many clients may upload files of the largest size at once."""
 
 STALLED_S = 30.0
 """Seconds without a part after which an upload no longer counts."""
@@ -152,25 +150,17 @@ MIN_PART_BYTES = 1024
 """A browser cuts an upload into parts of 512 KiB; one that announces parts smaller than this is refused."""
 
 
-def upload_refusal(
-    size_bytes: int, part_count: int, bytes_under_way: int, max_bytes: int, own_bytes: int = 0
-) -> str | None:
-    """Why an announced upload cannot be taken, or None if it can.
+MAX_UPLOADS = 2
+"""Unfinished uploads at a time, of different clients."""
 
-    Args:
-        size_bytes: the size that the client declares.
-        part_count: the number of parts that it declares.
-        bytes_under_way: declared sizes of the uploads not yet complete, of all clients.
-        max_bytes: the most that one client may need at a time; all together may need MAX_FULL_CLIENTS times it.
-        own_bytes: the part of `bytes_under_way` that belongs to this client.
-    """
+
+def upload_refusal(size_bytes: int, part_count: int, max_bytes: int) -> str | None:
+    """Why an announced upload of this many bytes and parts cannot be taken, or None if it can."""
     if size_bytes > max_bytes:
         return (
             f"This file has {size_bytes / 2**20:.1f} MiB; up to {max_bytes / 2**20:g} MiB can be uploaded. "
             "Start Kalscope with the file's path instead: kalscope open FILE"
         )
-    if own_bytes + size_bytes > max_bytes or bytes_under_way + size_bytes > MAX_FULL_CLIENTS * max_bytes:
-        return "Other uploads are still under way. Try again when they have ended."
     fewest, most = min(size_bytes, 1), -(-size_bytes // MIN_PART_BYTES)
     return None if 0 <= fewest <= part_count <= most else "This upload could not be understood."
 
@@ -192,8 +182,10 @@ class UploadLimits:
         if name in channel.uploads or not _is_upload_button(channel, message.source_component_uuid):
             return None
         self._drop_stalled()
-        total, own = self._bytes_under_way(), self._bytes_under_way(client_id)
-        reason = upload_refusal(message.size_bytes, message.part_count, total, self._max_bytes, own)
+        reason = upload_refusal(message.size_bytes, message.part_count, self._max_bytes)
+        owners = [one["client_id"] for channel in self.channels.values() for one in channel.uploads.values()]
+        if reason is None and (client_id in owners or len(owners) >= MAX_UPLOADS):
+            reason = "Other uploads are still under way. Try again when they have ended."
         if reason is not None:
             self._refuse(client_id, message, reason)
             return None
@@ -221,14 +213,6 @@ class UploadLimits:
             raise Misbehaviour("an upload with more bytes than announced")
         self._last_part[name] = time.monotonic()
         return message
-
-    def _bytes_under_way(self, client_id: int | None = None) -> int:
-        return sum(
-            upload["total_bytes"]
-            for channel in self.channels.values()
-            for upload in channel.uploads.values()
-            if client_id in (None, upload["client_id"])
-        )
 
     def _drop_stalled(self) -> None:
         """No client can block the others by announcing a file and never sending it."""

@@ -112,27 +112,6 @@ def behind_of(address: str | None) -> str:
 
 
 @dataclass(frozen=True)
-class RequestHead:
-    """The parts of a request that decide; headers as the peer sent them, every occurrence of each."""
-
-    hosts: tuple[str, ...] = ()
-    """The Host headers. HTTP requires exactly one."""
-    origins: tuple[str, ...] = ()
-    """The Origin headers: the page that sent the request. Browsers send one with every websocket."""
-    is_upgrade: bool = False
-    """Whether any Upgrade header asks for a websocket, in any letter case."""
-    target: str = "/"
-    """The request target: path and query."""
-    cookies: tuple[str, ...] = ()
-    """The Cookie headers."""
-
-
-@dataclass(frozen=True)
-class Allow:
-    """Let viser answer."""
-
-
-@dataclass(frozen=True)
 class SetCookie:
     """The link was right: answer with the small page that keeps the token and leads to `Policy.home`."""
 
@@ -162,32 +141,53 @@ def below_home(policy: Policy, target: str) -> str:
     return target[len(home) - 1 :] or "/" if f"{target}/".startswith(home) else target
 
 
-def decide(policy: Policy, head: RequestHead) -> Allow | Refuse | SetCookie:
-    """Decide on one request. Any exception counts as a refusal."""
-    refusal = _refusal_of_sender(policy, head)
-    if refusal is not None:
-        return refusal
-    path, _, query = head.target.partition("?")
-    if query:
-        return _answer_to_query(policy, head, path, query)
-    if not _has_cookie(policy, head.cookies):
-        return Refuse(403, "This browser has not opened Kalscope's link yet, or the link has changed since.")
-    return Allow()
-
-
-def _refusal_of_sender(policy: Policy, head: RequestHead) -> Refuse | None:
-    """What is wrong before any secret is compared: the name of this machine, and the page that asks."""
-    if len(head.hosts) != 1 or not host_allowed(policy, head.hosts[0]):
+def decide(policy: Policy, request: Request) -> Refuse | SetCookie | None:
+    """Decide on one request; None lets viser answer. Any exception counts as a refusal."""
+    hosts, origins, cookies = (tuple(request.headers.get_all(name)) for name in ("Host", "Origin", "Cookie"))
+    if len(hosts) != 1 or not host_allowed(policy, hosts[0]):
         return Refuse(
             403,
             "Kalscope is not known under this address. "
             "If it should be, start it with --allow-host and the name that you typed.",
         )
-    if not origin_allowed(policy.origin_of(head.hosts[0]), head.origins, required=head.is_upgrade):
+    if not origin_allowed(policy.origin_of(hosts[0]), origins, required=is_upgrade(request)):
         return Refuse(403, "The request came from a page that is not Kalscope's.")
-    if not all(text.isascii() for text in (head.target, *head.cookies)) or not head.target.startswith("/"):
+    if not all(text.isascii() for text in (request.path, *cookies)) or not request.path.startswith("/"):
         return NOT_UNDERSTOOD
+    path, _, query = request.path.partition("?")
+    if query:
+        return _answer_to_query(policy, request, path, query)
+    if not _has_cookie(policy, cookies):
+        return Refuse(403, "This browser has not opened Kalscope's link yet, or the link has changed since.")
     return None
+
+
+def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> bool:
+    """Whether the requesting page is our own: the Origin must equal ours exactly, port included."""
+    return origins == (own,) if origins else not required  # browsers send one with every websocket
+
+
+def _has_cookie(policy: Policy, headers: tuple[str, ...]) -> bool:
+    pairs = (pair.strip().partition("=") for header in headers for pair in header.split(";"))
+    sent = [value for name, _, value in pairs if name == policy.cookie_name]
+    return any(hmac.compare_digest(value, policy.token) for value in sent)
+
+
+def is_upgrade(request: Request) -> bool:
+    """Whether any Upgrade header asks for a websocket, in any letter case."""
+    return any("websocket" in value.lower() for value in request.headers.get_all("Upgrade"))
+
+
+def _answer_to_query(policy: Policy, request: Request, path: str, query: str) -> Refuse | SetCookie:
+    """Decide on a target with a query: only the printed link has one, and only for a page."""
+    match = _TOKEN_QUERY.fullmatch(query)
+    if match is None or path != "/" or is_upgrade(request):
+        return Refuse(403, "Kalscope accepts no parameter in its address except the token of its link.")
+    if not hmac.compare_digest(match[1], policy.token):
+        return Refuse(403, "This link is wrong, or no longer valid.")
+    # Strict: no page of another site can make the browser send it. A path without its last "/" covers both forms.
+    cookie = f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}"
+    return SetCookie(f"{cookie}; Secure" if policy.is_behind(request.headers.get_all("Host")[0]) else cookie)
 
 
 def host_allowed(policy: Policy, host: str) -> bool:
@@ -205,31 +205,6 @@ def is_loopback(name: str) -> bool:
         return ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
-
-
-def origin_allowed(own: str, origins: tuple[str, ...], *, required: bool) -> bool:
-    """Whether the requesting page is our own: the Origin must equal ours exactly, port included."""
-    return origins == (own,) if origins else not required
-
-
-def _answer_to_query(policy: Policy, head: RequestHead, path: str, query: str) -> Refuse | SetCookie:
-    """Decide on a target with a query: only the printed link has one, and only for a page."""
-    match = _TOKEN_QUERY.fullmatch(query)
-    if match is None or path != "/" or head.is_upgrade:
-        return Refuse(403, "Kalscope accepts no parameter in its address except the token of its link.")
-    if not hmac.compare_digest(match[1], policy.token):
-        return Refuse(403, "This link is wrong, or no longer valid.")
-    # Strict: no page of another site can make the browser send it. A path without its last "/" covers both forms.
-    secure = "; Secure" if policy.is_behind(head.hosts[0]) else ""
-    return SetCookie(
-        f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}{secure}"
-    )
-
-
-def _has_cookie(policy: Policy, headers: tuple[str, ...]) -> bool:
-    pairs = (pair.strip().partition("=") for header in headers for pair in header.split(";"))
-    sent = [value for name, _, value in pairs if name == policy.cookie_name]
-    return any(hmac.compare_digest(value, policy.token) for value in sent)
 
 
 # The connections that no valid request has come on: the oldest is closed where there are too many.
@@ -284,8 +259,7 @@ class OpenConnections:
         if (now := time.monotonic()) - self._warned >= REPEAT_S:
             self._warned = now
             _log.warning(
-                "too many open connections: another program opens them and sends no valid request. "
-                "More than %d are not kept, the oldest is closed first. The dashboard keeps running.",
+                "too many open connections without a valid request: of more than %d the oldest is closed",
                 MAX_UNKNOWN,
             )
 
@@ -387,17 +361,9 @@ _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
 <title>{title}</title><style>
-:root {{ color-scheme: light dark;
-  --ink: #1c2430; --dim: #5a6675; --paper: #f4f6f8; --card: #fff; --line: #d9dfe6 }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e6eaf0; --dim: #9aa6b5; --paper: #14181e; --card: #1d232b; --line: #323b47 }} }}
-body {{ margin: 0; min-height: 100vh; display: grid; place-items: center; background: var(--paper);
-  color: var(--ink); font: 16px/1.5 system-ui, sans-serif }}
-main {{ max-width: 32rem; margin: 1rem; padding: 1.5rem 2rem; background: var(--card);
-  border: 1px solid var(--line); border-radius: 12px }}
-li {{ margin: .4rem 0 }} ul {{ padding-left: 1.2rem }}
-h1 {{ font-size: 1.25rem; margin: 0 0 .5rem }} p {{ margin: .5rem 0 }} .dim {{ color: var(--dim) }}
-code {{ font-size: .9em; overflow-wrap: anywhere }} a {{ color: inherit }}
+:root {{ color-scheme: light dark }} code {{ overflow-wrap: anywhere }} a {{ color: inherit }}
+body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; background: Canvas;
+  font: 16px/1.5 system-ui, sans-serif }}
 </style></head><body><main><h1>{title}</h1>{body}</main></body></html>
 """
 
@@ -406,7 +372,7 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
     """The page of a refusal: what to do first, then why."""
     return _PAGE.format(
         title=OPEN_THE_LINK,
-        body=f"<p>{html.escape(refusal.reason)}</p><p class=dim>When Kalscope starts it prints a line like "
+        body=f"<p>{html.escape(refusal.reason)}</p><p>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
         "Open that address once in this browser. It leads to a page that may be bookmarked.</p>",
     )
@@ -512,13 +478,12 @@ class RequestFilter:
         """The `process_request` of websockets: None continues with the websocket handshake."""
         try:
             request.path = below_home(self._policy, request.path)
-            head = _head_of(request)
-            answer = decide(self._policy, head)
-            if isinstance(answer, Allow) and head.is_upgrade and not self.is_open:
+            answer = decide(self._policy, request)
+            if answer is None and is_upgrade(request) and not self.is_open:
                 answer = Refuse(503, "Kalscope is still starting.")
-            if isinstance(answer, Allow):
+            if answer is None:
                 self.connections.allow(connection)
-                return self._own_page(head, request) or viser_answer(connection, request)
+                return self._own_page(request) or viser_answer(connection, request)
         except Exception:
             # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
             answer = NOT_UNDERSTOOD
@@ -529,9 +494,9 @@ class RequestFilter:
             _log.info("refused %r: %s", request.path.partition("?")[0], answer.reason)
         return _small_page(answer.status, refusal_page(self._policy, answer))
 
-    def _own_page(self, head: RequestHead, request: Request) -> Response | None:
+    def _own_page(self, request: Request) -> Response | None:
         """The page of viser with our script; None for all else."""
-        if head.target.partition("?")[0] != "/" or head.is_upgrade:
+        if request.path.partition("?")[0] != "/" or is_upgrade(request):
             return None
         headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
         if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
@@ -580,17 +545,6 @@ def served_page(page_script: str) -> tuple[bytes, bytes, tuple[str, ...]]:
     page = dashboard_page(stock.read_text("utf-8"), page_script)
     plain = page.encode()
     return plain, gzip.compress(plain, 1), inline_script_hashes(page)
-
-
-def _head_of(request: Request) -> RequestHead:
-    headers = request.headers
-    return RequestHead(
-        hosts=tuple(headers.get_all("Host")),
-        origins=tuple(headers.get_all("Origin")),
-        is_upgrade=any("websocket" in value.lower() for value in headers.get_all("Upgrade")),
-        target=request.path,
-        cookies=tuple(headers.get_all("Cookie")),
-    )
 
 
 def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:

@@ -143,8 +143,8 @@ async def press(widget: _GuiInputHandle[Any], client: viser.ClientHandle) -> Non
 
 
 @contextmanager
-def replaced(module: object, name: str, value: Callable[..., Any]) -> Generator[None]:
-    """Replace a function of a module while the block runs."""
+def replaced(module: object, name: str, value: Callable[..., Any] | str) -> Generator[None]:
+    """Replace a function or a value of a module while the block runs."""
     stock = getattr(module, name)
     setattr(module, name, value)
     try:

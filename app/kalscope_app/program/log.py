@@ -40,15 +40,12 @@ class ErrorReporter:
     """Log uncaught exceptions and notify the user; the program keeps running. Any thread may call it."""
 
     def __init__(self) -> None:
-        self._notify: Callable[[Exception], object] | None = None
+        self.notify: Callable[[Exception], object] | None = None
+        """How the user is told; None: not yet."""
         self._shown: dict[str, float] = {}
         self.is_ending = False
         """True during shutdown: errors are logged, not shown."""
         self._lock = threading.Lock()
-
-    def notify_with(self, notify: Callable[[Exception], object]) -> None:
-        """Notify the user in this way from now on."""
-        self._notify = notify
 
     def report(self, where: str, error: BaseException | None) -> None:
         """Log the error, and notify the user unless the same notification was just shown."""
@@ -58,9 +55,9 @@ class ErrorReporter:
             _log.info("%s: %r", where, error)
             return
         _log.error("%s: %s: %s", where, type(error).__name__, error, exc_info=error)
-        if self._notify is not None and isinstance(error, Exception) and self._is_new(sentence_for(error, None)):
+        if self.notify is not None and isinstance(error, Exception) and self._is_new(sentence_for(error, None)):
             try:
-                self._notify(error)
+                self.notify(error)
             except Exception:  # the notification itself may fail
                 _log.exception("The user could not be notified")
 
@@ -161,18 +158,7 @@ class Lines(logging.Formatter):
         return "\n    ".join(CONTROL.sub("·", line) for line in text.split("\n"))
 
 
-class _Quiet:
-    """A log that cannot be written (a full disk, a closed terminal) must not become an error of its own."""
-
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Drop the entry."""
-
-
-class _Terminal(_Quiet, logging.StreamHandler):  # pyright: ignore[reportMissingTypeArgument]
-    pass
-
-
-class _File(_Quiet, logging.handlers.RotatingFileHandler):
+class _File(logging.handlers.RotatingFileHandler):
     def _open(self) -> TextIOWrapper:
         """For this user only: other users of the machine must not learn the names of files."""
         handle = os.open(self.baseFilename, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
@@ -212,7 +198,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     if file is not None:
         for path in (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1))):
             _check_own(path)
-    log, on_terminal = Log(file), _Terminal(sys.stderr)
+    log, on_terminal = Log(file), logging.StreamHandler(sys.stderr)
     on_terminal.setFormatter(Lines("kalscope: %(message)s", log.hidden, with_traceback=verbose))
     on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)
     if not verbose:  # libraries report each broken request of a port scan as an error, with its traceback
@@ -228,6 +214,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
         root.addHandler(handler)
     root.setLevel(logging.INFO if file is not None or verbose else logging.WARNING)
     logging.captureWarnings(True)
+    logging.raiseExceptions = False  # a full disk or a closed terminal must not become an error of its own
     try:
         yield log
     finally:

@@ -59,12 +59,12 @@ class UserSettings:
     @property
     def tour_seen(self) -> bool:
         """Whether the user asked not to see the tour again."""
-        return self._read().get("tour_seen") is True
+        return self._read().get("tour_seen", False)
 
     @property
     def map_shown(self) -> bool:
         """Whether the tuning map was open when it was last opened or closed."""
-        return self._read().get("map_shown") is True
+        return self._read().get("map_shown", False)
 
     def keep(self, **values: bool) -> None:
         """Write some of the settings above, by their names; the others stay.
@@ -72,12 +72,12 @@ class UserSettings:
         Raises:
             OSError: the file cannot be written.
         """
-        kept = {name: value for name, value in self._read().items() if isinstance(value, bool)}
-        lines = "".join(f"{name} = {str(value).lower()}\n" for name, value in sorted({**kept, **values}.items()))
+        kept = sorted({**self._read(), **values}.items())
+        lines = "".join(f"{name} = {str(value).lower()}\n" for name, value in kept)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(self.path, f"{HEADER}{lines}".encode())
 
-    def _read(self) -> dict[str, object]:
+    def _read(self) -> dict[str, bool]:
         try:
             if not self.path.is_file():  # a pipe or a device would be read forever
                 return {}
@@ -85,7 +85,7 @@ class UserSettings:
                 found = tomllib.loads(file.read(MAX_BYTES).decode())
         except (OSError, ValueError, RecursionError):
             return {}
-        return {name: value for name, value in found.items() if name in KNOWN}
+        return {name: value for name, value in found.items() if name in KNOWN and isinstance(value, bool)}
 
 
 # The filters of each file as they were left, kept between starts.

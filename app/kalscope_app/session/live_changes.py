@@ -14,10 +14,11 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.recording import Recording
 from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes import channel_named, select_channel
 from kalscope_app.session.opening import adapted, opened, starting_tuning
-from kalscope_app.session.state import BoardCalibration, BoardId, Change, Deferred, Live, Sent, Setting, State
+from kalscope_app.session.state import BoardCalibration, Change, Live, Sent, Setting, State, requested
 
 SPANS = {
     "1 s": 1.0,
@@ -46,7 +47,7 @@ MAX_STUDIED = 100_000
 """Newest samples that the checks, spectra and maps of a live record are computed from."""
 
 
-def opened_live(board: BoardId, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+def opened_live(board: LiveSource, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
     """A state that waits for the first samples of a board and then shows them.
 
     Args:
@@ -55,7 +56,7 @@ def opened_live(board: BoardId, title: str, before: State | None = None, tuning:
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    live = Live(board, deferred=None if tuning is None else Deferred(tuning))
+    live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
     return replace(opened(waiting(title), before).with_answers(note=""), live=live)
 
 
@@ -64,13 +65,12 @@ def waiting(title: str) -> Recording:
     return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
 
 
-def defer_until_settled(state: State, channel: str | None, values: Setting) -> State:
-    """Choose channel and parameters as soon as the channels of a board are known; at once where they are."""
+def when_settled(state: State, change: Change) -> State:
+    """Make a change of the command line as soon as the channels of a board are known; at once where they are."""
     live = state.live
     if live is None or live.settled:
-        return with_setting(state, channel, values)
-    deferred = replace(live.deferred or Deferred(), channel=channel, values=tuple(values.items()))
-    return replace(state, live=replace(live, deferred=deferred))
+        return change(state)
+    return replace(state, live=replace(live, deferred=(*live.deferred, change)))
 
 
 def with_setting(state: State, channel: str | None, values: Setting) -> State:
@@ -85,25 +85,16 @@ def with_setting(state: State, channel: str | None, values: Setting) -> State:
 
 def _apply_deferred(state: State) -> State:
     """The state with what the command line asked for; the note says what could not be applied."""
-    live = state.live
-    if live is None or not live.settled or live.deferred is None:
+    live, notes = state.live, list[str]()
+    if live is None or not live.settled or not live.deferred:
         return state
-    deferred, state = live.deferred, replace(state, live=replace(live, deferred=None))
-    notes: list[str] = []
-
-    def apply(change: Change) -> State:
+    state = replace(state, live=replace(live, deferred=()))
+    for change in live.deferred:
         try:
-            after = change(state)
+            state = change(state)
+            notes += filter(None, [state.answers.note])
         except BadSetting as error:
             notes.append(f"Ignored command-line option: {error}.")
-            return state
-        notes.extend([after.answers.note] if after.answers.note else [])
-        return after
-
-    if (tuning := deferred.tuning) is not None:
-        state = apply(lambda state: adapted(state, tuning))
-    if deferred.channel is not None or deferred.values:
-        state = apply(lambda state: with_setting(state, deferred.channel, dict(deferred.values)))
     return state.with_answers(note=" ".join(notes)).with_reset_view()
 
 
@@ -124,7 +115,7 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
 def _begun(state: State, snapshot: Snapshot) -> State:
     """Starting values from the first samples, and what is kept from before."""
     recording = snapshot.recording
-    firsts = _first_values(recording)
+    firsts: list[int] = np.isfinite(recording.values).argmax(axis=0).tolist()  # a topic may first appear later
     begin = max(firsts, default=0)
     lasted = float(recording.time[-1] - recording.time[begin])
     settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
@@ -136,7 +127,10 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     fresh = opened(head, state, starts)
     live = replace(state.live, settled=settled) if state.live else None
     last = state.live.snapshot if state.live else None
-    if last is not None and (last.generation == snapshot.generation or _has_more_channels(last, snapshot)):
+    before = () if last is None else last.recording.names
+    if last is not None and (
+        last.generation == snapshot.generation or before == recording.names[: len(before)] != recording.names
+    ):
         fresh = fresh.with_answers(note=state.answers.note)
     if fresh.recording.names == state.recording.names:
         fresh = fresh.with_view(resets=state.view.resets)
@@ -144,17 +138,6 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
     fresh = fresh.with_open(board_choice=choice, options=state.open.options)
     return _apply_deferred(replace(fresh, live=live))
-
-
-def _has_more_channels(last: Snapshot, snapshot: Snapshot) -> bool:
-    """Whether channels were added to those before."""
-    before, now = last.recording.names, snapshot.recording.names
-    return len(now) > len(before) and now[: len(before)] == before
-
-
-def _first_values(recording: Recording) -> list[int]:
-    """The row of each channel's first value: a topic of a broker may first appear later."""
-    return np.isfinite(recording.values).argmax(axis=0).tolist()
 
 
 def without_samples(state: State) -> State:
@@ -205,59 +188,44 @@ def follow(state: State) -> State:
     return replace(state, live=live).with_reset_view(window=None)
 
 
-def set_paused(paused: bool) -> Change:
+@requested
+def set_paused(state: State, paused: bool) -> State:
     """Freeze the screen, or continue; samples arrive in either case."""
-
-    def change(state: State) -> State:
-        return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
-
-    return change
+    return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
 
 
-def set_span(words: str) -> Change:
+@requested
+def set_span(state: State, words: str) -> State:
     """Choose the length of the window that follows, by its label."""
     if words not in SPANS:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
-
-    def change(state: State) -> State:
-        if state.live is None:
-            return state
-        live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
-        return replace(state, live=live).with_reset_view(window=None)
-
-    return change
+    if state.live is None:
+        return state
+    live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
+    return replace(state, live=live).with_reset_view(window=None)
 
 
-def set_sent(sent: Sent | None) -> Change:
+@requested
+def set_sent(state: State, sent: Sent | None) -> State:
     """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
-
-    def change(state: State) -> State:
-        if sent is not None and state.board is None and sent.filtered in state.recording.names:
-            state = state.with_open(board_choice=sent.filtered)
-        return replace(state, sent=sent)
-
-    return change
+    if sent is not None and state.board is None and sent.filtered in state.recording.names:
+        state = state.with_open(board_choice=sent.filtered)
+    return replace(state, sent=sent)
 
 
-def set_calibration(calibration: BoardCalibration | None) -> Change:
+@requested
+def set_calibration(state: State, calibration: BoardCalibration | None) -> State:
     """The board has measured its noise, or could not; None: it begins to."""
-
-    def change(state: State) -> State:
-        # Its filter continued with what it measured: there is no restart from which to compare it.
-        sent = state.sent if calibration is None or calibration.values is None else None
-        return replace(state, calibration=calibration, sent=sent)
-
-    return change
+    # Its filter continued with what it measured: there is no restart from which to compare it.
+    sent = state.sent if calibration is None or calibration.values is None else None
+    return replace(state, calibration=calibration, sent=sent)
 
 
-def set_kept(kept: bool) -> Change:
+@requested
+def set_kept(state: State, kept: bool) -> State:
     """The board keeps its values for its next start, or those of its export."""
-
-    def change(state: State) -> State:
-        known = state.calibration
-        return state if known is None else replace(state, calibration=replace(known, kept=kept))
-
-    return change
+    known = state.calibration
+    return state if known is None else replace(state, calibration=replace(known, kept=kept))
 
 
 def calibration_here(state: State) -> BoardCalibration | None:

@@ -5,7 +5,6 @@ A tuning file or a figure of a source document overrides both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +55,9 @@ def _with_what_stays(fresh: State, before: State) -> State:
     tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
     here = set(map(_key, settings.tunings))
     state = replace(fresh, view=before.view, fleet=before.fleet).with_reset_view(window=None)
-    fusion = settings.fusion if settings.fusion and _sensors_of(settings.fusion, before) <= channels else None
+    fusion = settings.fusion
+    if fusion and not {_key(one) for one in settings.tunings if one.name in fusion.tuning.sensors} <= channels:
+        fusion = None
     state = state.with_settings(
         tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
         elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
@@ -66,27 +67,13 @@ def _with_what_stays(fresh: State, before: State) -> State:
     ).with_open(fused=before.open.fused and fusion is not None)
     if _key(before.tuning) in channels:
         state = state.with_open(channel=before.channel)
-    return state.with_answers(note=_about_what_stays(channels, tuned, {_key(pin.tuning) for pin in settings.pins}))
+    stays = channels & {*tuned, *(_key(pin.tuning) for pin in settings.pins)}
+    note = "Filters and pins of channels of the same name and unit stay (Reset gives starting values); "
+    return state.with_answers(note=f"{note}Undo returns to the previous recording." if stays else "")
 
 
 def _key(tuning: ChannelTuning) -> ChannelKey:
     return tuning.name, tuning.unit
-
-
-def _sensors_of(fusion: Fusion, state: State) -> set[ChannelKey]:
-    return {_key(one) for one in state.settings.tunings if one.name in fusion.tuning.sensors}
-
-
-def _about_what_stays(channels: set[ChannelKey], tuned: Iterable[ChannelKey], pinned: set[ChannelKey]) -> str:
-    """What stays for the channels that are open now, in a sentence; "" where nothing does."""
-    kept = [name for name, unit in tuned if (name, unit) in channels]
-    pins = sorted(name for name, _ in pinned & channels)
-    said: list[str] = []
-    if kept:
-        said.append(f"Kept for {_listed(kept)}: the filter as tuned (Reset gives starting values).")
-    if pins:
-        said.append(f"Pins of {_listed(pins)} stay.")
-    return " ".join((*said, "Undo returns to the previous recording.")) if said else ""
 
 
 def _listed(names: list[str]) -> str:
@@ -133,7 +120,7 @@ def adapted(state: State, tuning: Tuning) -> State:
     state = state.with_settings(tunings=tunings).with_open(channel=channel, fused=False)
     state, missing = _with_fusion_of(tuning, state)
     note = f"{note} {missing}".strip()
-    return state.with_answers(outcome=None, method_comparison=(), note=note)
+    return state.with_answers(outcome=None, note=note)
 
 
 def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
@@ -145,7 +132,7 @@ def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
         fused = tuning.rescaled(period).fusion or fused
     name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
     fusion = Fusion(replace(fused, name=name), replace(fused, name=name))
-    if not fusion.fits(state.recording):
+    if not set(fused.sensors) <= set(state.recording.names):
         return state, f"The sensors that the file fuses are not all here: {_listed(list(fused.sensors))}."
     return state.with_fusion(fusion), ""
 

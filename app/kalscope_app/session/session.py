@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
-from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope_app.session.live_changes import refreshed, with_current_samples, without_samples
-from kalscope_app.session.state import NO_CONNECTION, BoardId, Change, ConnectionState, State
+from kalscope_app.session.state import NO_CONNECTION, Change, ConnectionState, State
 
 # Undo and redo of gestures, pure: what is remembered, what belongs to one gesture, the steps back and forth.
 
@@ -57,20 +57,14 @@ def _tuned(state: State) -> tuple[object, ...]:
     return state.record_key, state.channel, state.open.fused, state.settings
 
 
-def step_back(history: History, present: State) -> tuple[History, State]:
-    """One gesture back; the same if there is none."""
-    if not history.past:
+def step(history: History, present: State, *, back: bool) -> tuple[History, State]:
+    """One gesture back, or one undone gesture forward; the same if there is none."""
+    past, future = history.past, history.future
+    if not (past if back else future):
         return history, present
-    past = History(history.past[:-1], (present, *history.future))
-    return past, _seen_as(present, history.past[-1])
-
-
-def step_forward(history: History, present: State) -> tuple[History, State]:
-    """One undone gesture forward; the same if there is none."""
-    if not history.future:
-        return history, present
-    future = History((*history.past, present), history.future[1:])
-    return future, _seen_as(present, history.future[0])
+    if back:
+        return History(past[:-1], (present, *future)), _seen_as(present, past[-1])
+    return History((*past, present), future[1:]), _seen_as(present, future[0])
 
 
 def _seen_as(present: State, other: State) -> State:
@@ -132,24 +126,19 @@ def redo(state: State) -> State:
 
 
 class Boards(Protocol):
-    """Where the samples of live boards come from; `BoardConnection` is one. No call may wait for a port."""
+    """What connects live boards; `BoardConnection` does. No call may wait for a port."""
 
-    def snapshot(self, board: BoardId) -> Snapshot | None:
-        """The samples of a board; None before the first."""
-        ...
-
-    def state(self, board: BoardId | None) -> ConnectionState:
+    def state(self, board: LiveSource | None) -> ConnectionState:
         """The state of the connection to the board on screen; None: no board is on screen."""
         ...
 
-    def look_at(self, board: BoardId | None) -> None:
+    def look_at(self, board: LiveSource | None) -> None:
         """This board is on screen now; None: none is."""
         ...
 
 
 @dataclass(frozen=True)
 class _Request:
-    serial: int
     key: str
     change: Change
     failed: Failed
@@ -159,7 +148,7 @@ class Session:
     """The State and the changes that wait for the engine. `wakeup` is set when a request is waiting."""
 
     def __init__(self, state: State, boards: Boards | None = None) -> None:
-        """Args: what is shown first; where the samples of live boards come from."""
+        """Args: what is shown first; what connects live boards."""
         self._state, self._boards = state, boards
         self._history = History()
         self._lock = threading.Lock()
@@ -179,7 +168,7 @@ class Session:
             self._serial += 1
             if key and self._waiting and self._waiting[-1].key == key:
                 self._waiting.pop()
-            self._waiting.append(_Request(self._serial, key, change, failed))
+            self._waiting.append(_Request(key, change, failed))
             serial = self._serial
         self.wakeup.set()
         return serial
@@ -216,10 +205,10 @@ class Session:
 
     def _refresh(self) -> None:
         if self._boards is not None and self._board is not None:
-            self._state = refreshed(self._state, self._boards.snapshot(self._board))
+            self._state = refreshed(self._state, self._board.snapshot())
 
     @property
-    def _board(self) -> BoardId | None:
+    def _board(self) -> LiveSource | None:
         return None if self._state.live is None else self._state.live.board
 
     def connection(self) -> ConnectionState:
@@ -227,13 +216,13 @@ class Session:
         return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
 
     def _apply(self, request: _Request, now: float) -> None:
-        if request.change is undo and not self.can_undo:
-            self._state = self._state.with_answers(note="There is nothing to undo.")
-        elif request.change is redo and not self.can_redo:
-            self._state = self._state.with_answers(note="There is nothing to redo.")
-        elif request.change is undo or request.change is redo:
-            step = step_back if request.change is undo else step_forward
-            self._history, kept = step(self._history, without_samples(self._state))
+        back = request.change is undo
+        if back or request.change is redo:
+            if not (self._history.past if back else self._history.future):
+                note = f"There is nothing to {'undo' if back else 'redo'}."
+                self._state = self._state.with_answers(note=note)
+                return
+            self._history, kept = step(self._history, without_samples(self._state), back=back)
             self._state = with_current_samples(kept, self._state)
             self._refresh()  # a later request of the same turn needs the samples, which the history does not keep
         else:
@@ -247,13 +236,3 @@ class Session:
     def is_live(self) -> bool:
         """Whether samples come in that the screen should show."""
         return self._state.live is not None
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a gesture to go back to."""
-        return bool(self._history.past)
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is an undone gesture to go forward to."""
-        return bool(self._history.future)

@@ -11,7 +11,7 @@ from kalscope.common.text import typed_number
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
 from kalscope.tuning.tuning import chain_text, typed_chain
-from kalscope_app.session.live_changes import defer_until_settled
+from kalscope_app.session.live_changes import when_settled, with_setting
 from kalscope_app.session.state import Setting, State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
@@ -52,10 +52,8 @@ def share_line(state: State) -> ShareLine:
 
 def _source(recording: Recording) -> tuple[str, list[str]]:
     source = recording.source
-    if not source:
-        return "FILE", ["Replace FILE with the path of the file you uploaded."]
-    if not source.isprintable():
-        return "FILE", ["Replace FILE with the path of the open file: its name cannot be shown."]
+    if not source or not source.isprintable():
+        return "FILE", ["Replace FILE with the path of the open file."]
     return (f"./{source}" if source.startswith("-") else source), []
 
 
@@ -85,24 +83,13 @@ def reading_words(state: State) -> list[str]:
     return [*words, *option_words(state.open.options)]
 
 
-def apply_options(
-    state: State,
-    channel: str | None,
-    q: str | None,
-    r: str | None,
-    p0: str | None,
-    x0: str | None,
-    gate: str | None,
-    momentum: str | None = None,
-    chain: str | None = None,
-) -> State:
+def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:
     """The state with the channel and the setting of the command line; what is None stays as it was opened.
 
     Raises:
         BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
     """
     values: Setting = {}
-    given = {"q": q, "r": r, "p0": p0, "x0": x0, "gate": gate, "momentum": momentum}
     for name, text in given.items():
         if text is not None:
             nothing = name in NOTHING and text.strip().lower() in WORDS_OF_NOTHING
@@ -114,4 +101,5 @@ def apply_options(
 
     if values and state.live is not None and not state.live.settled:
         state.with_tuning(**values)  # refuses now what no channel could have
-    return defer_until_settled(state, channel, values) if values or channel is not None else state
+    nothing = channel is None and not values
+    return state if nothing else when_settled(state, lambda state: with_setting(state, channel, values))

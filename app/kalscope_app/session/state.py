@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.samples import Snapshot
-from kalscope.sources.live.source import LiveStatus
+from kalscope.sources.live.source import LiveSource, LiveStatus
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 if TYPE_CHECKING:
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
 
 
 # How the open recording is shown.
-
-
-MAP_COLOURS: tuple[str, ...] = ("likelihood", "RMSE", "lag")
-"""What the tuning map may be coloured by; RMSE where the truth is known."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +44,6 @@ class View:
     """Dark theme."""
     map_shown: bool = False
     """Whether the tuning map is shown where the window is wide enough."""
-    map_colour: str = "likelihood"
-    """What the tuning map is coloured by, one of MAP_COLOURS."""
     smoother: bool = False
     """Whether the best possible offline curve is drawn."""
     velocity: bool = False
@@ -64,8 +58,6 @@ class View:
     """The simpler filter that is drawn beside the present one; any other word draws all."""
     search_method: str = "maximum lag"
     """How q and r are searched, one of the search methods of the dashboard."""
-    preset: str = ""
-    """Title of the preset that is selected; "" = the first."""
     window: tuple[float, float] | None = None
     """First and last time on screen, s; None = the whole recording."""
     resets: int = 0
@@ -82,11 +74,6 @@ AS_OPENED = View()
 MAX_VARIANTS = 8
 """Variants of one channel: more lines cannot be told apart."""
 
-MAX_NAME_LENGTH = 20
-"""Characters of a name that fit into a legend."""
-
-DRAWN_NAMES = frozenset({"now", "raw", "filtered", "truth", "smoother", "board's filter", "−2√p", "+2√p"})
-"""What the chart and the table call their own lines."""
 
 LIGHT = ("#332288", "#41a392", "#aa4499", "#8c8c28", "#1e9be2", "#117733", "#882255", "#7a5c00")
 """Colours on a light background: the muted scheme of P. Tol, which colour-blind people can distinguish, four of
@@ -100,33 +87,23 @@ DARK = ("#9687f0", "#5fd0bc", "#e07fd0", "#cccc55", "#88ccee", "#4fb76a", "#d460
 class Variant:
     """A setting of one channel that was pinned."""
 
-    name: str
-    """What it is called: a letter, or the name that the user gave it; distinct among those of its channel."""
-    colour: int
-    """Number of its colour, 0 … 7."""
+    number: int
+    """Of its letter and its colour, 0 … 7; distinct among those of its channel."""
     tuning: ChannelTuning
     """The setting; `tuning.name` is the channel it belongs to."""
 
+    @property
+    def name(self) -> str:
+        """What it is called: A … H."""
+        return string.ascii_uppercase[self.number]
+
     def css(self, *, dark: bool = False) -> str:
         """Its colour in a theme, #rrggbb."""
-        return (DARK if dark else LIGHT)[self.colour % MAX_VARIANTS]
-
-
-def next_name(taken: Iterable[str]) -> str:
-    """The first letter that no variant has; a freed letter is used again.
-
-    Raises:
-        BadSetting: all 26 are taken.
-    """
-    used = set(taken)
-    for letter in string.ascii_uppercase:
-        if letter not in used:
-            return letter
-    raise BadSetting("all letters from A to Z name pinned settings: delete one first")
+        return (DARK if dark else LIGHT)[self.number]
 
 
 def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
-    """A new variant of a channel that has `variants` already.
+    """A new variant of a channel that has `variants` already: under the first letter and colour that are free.
 
     Raises:
         BadSetting: there are as many as can be told apart.
@@ -135,25 +112,7 @@ def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
         raise BadSetting(
             f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
         )
-    used = {variant.colour for variant in variants}
-    colour = next(number for number in range(MAX_VARIANTS) if number not in used)
-    return Variant(next_name(variant.name for variant in variants), colour, tuning)
-
-
-def checked_name(name: str, others: Iterable[str]) -> str:
-    """A name as it is kept, without blanks around it.
-
-    Raises:
-        BadSetting: it is empty, too long, not printable, that of another line of the chart, or one of the others'.
-    """
-    bare = " ".join(name.split())
-    if not bare or len(bare) > MAX_NAME_LENGTH or not bare.isprintable():
-        raise BadSetting(f"the name must have 1 to {MAX_NAME_LENGTH} characters (got {name[:40]!r})")
-    if bare in DRAWN_NAMES:
-        raise BadSetting(f"the name must differ from those of the lines in the chart (got {bare!r})")
-    if bare in set(others):
-        raise BadSetting(f"the name must be new (got {bare!r}, which another pinned setting has)")
-    return bare
+    return Variant(min(set(range(MAX_VARIANTS)) - {variant.number for variant in variants}), tuning)
 
 
 # What the State knows about a live board: the record as of the last refresh, what it shows, what was sent.
@@ -161,11 +120,6 @@ def checked_name(name: str, others: Iterable[str]) -> str:
 
 FIRST_SPAN = 10.0
 """Length of the live window at first, s."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoardId:
-    """Names a board in the State; only the connection knows its running source. Compared by identity."""
 
 
 @dataclass(frozen=True)
@@ -188,23 +142,11 @@ NO_CONNECTION = ConnectionState()
 
 
 @dataclass(frozen=True)
-class Deferred:
-    """What the command line asked for, applied once the channels and the starting values of a board are known."""
-
-    tuning: Tuning | None = None
-    """A tuning file."""
-    channel: str | None = None
-    """The channel to look at, a name or a number from 1."""
-    values: tuple[tuple[str, float | Chain | None], ...] = ()
-    """Names and values of its parameters."""
-
-
-@dataclass(frozen=True)
 class Live:
     """The live part of a State."""
 
-    board: BoardId
-    """Where the samples come from."""
+    board: LiveSource
+    """Where the samples come from; compared by identity."""
     snapshot: Snapshot | None = None
     """The record as of the last refresh; None before the first samples."""
     span: float = FIRST_SPAN
@@ -215,8 +157,8 @@ class Live:
     """Whether the screen is frozen while samples still arrive."""
     settled: bool = False
     """Whether the starting values have been measured."""
-    deferred: Deferred | None = None
-    """What waits for them."""
+    deferred: tuple[Change, ...] = ()
+    """What the command line asked for: it waits for them."""
 
     @property
     def waits(self) -> bool:
@@ -293,21 +235,26 @@ def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -
     """
     if link == UNLINKED:
         return tunings
+    by_noise = link == SAME_LAG and starts[leader].r > 0.0
     return tuple(
-        own if i == leader else scaled_copy(tunings[leader], own, _factor(starts, leader, i, link))
-        for i, own in enumerate(tunings)
+        own if i == leader else scaled_copy(tunings[leader], own, start.r / starts[leader].r if by_noise else 1.0)
+        for i, (own, start) in enumerate(zip(tunings, starts, strict=True))
     )
 
 
-def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) -> ChannelTuning:
+def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float) -> ChannelTuning:
     """Another channel's setting, its variances `factor` times as large.
 
     The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
     """
     p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
     x0 = leader.x0 if factor == 1.0 else own.x0
+    chain = leader.chain
+    if chain is not None and isinstance(chain.then, OneEuro):  # only it has a setting with a unit
+        chain = replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
     return replace(
-        replace(own, chain=None, paper=None),
+        own,
+        paper=None,
         q=_scaled(leader.q, factor),
         r=_scaled(leader.r, factor),
         p0=p0,
@@ -315,19 +262,8 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float = 1.0) 
         gate=leader.gate,
         momentum=leader.momentum,
         how=leader.how,
-        chain=_scaled_chain(leader.chain, factor),
+        chain=chain,
     )
-
-
-def _scaled_chain(chain: Chain | None, factor: float) -> Chain | None:
-    """The same chain at `factor` times the variances: only the one-euro filter has a setting with a unit."""
-    if chain is None or not isinstance(chain.then, OneEuro):
-        return chain
-    return replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
-
-
-def _factor(starts: Tunings, leader: int, i: int, link: str) -> float:
-    return starts[i].r / starts[leader].r if link == SAME_LAG and starts[leader].r > 0.0 else 1.0
 
 
 def _scaled(variance: float, factor: float) -> float:
@@ -369,10 +305,6 @@ def loss_text(growth: float) -> str:
     return f"{trimmed(round(100.0 * growth, 1) + 0.0)} %"
 
 
-COLOURS = ("loss", "verdict")
-"""What the devices may be coloured by."""
-
-
 @dataclass(frozen=True, eq=False)
 class OpenFleet:
     """A fleet and how it is shown; compared by identity."""
@@ -381,8 +313,6 @@ class OpenFleet:
     """Its arrays."""
     order: str = next(iter(ORDERS))
     """How its devices are sorted, one of ORDERS."""
-    colour: str = COLOURS[0]
-    """What they are coloured by, one of COLOURS."""
     at_shared: bool = False
     """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
@@ -442,47 +372,19 @@ class Fusion:
     @cached_property
     def used(self) -> ChannelTuning:
         """The filter of the sensors that take part."""
-        return self._of_used(self.tuning)
-
-    @cached_property
-    def params(self) -> FilterParams:
-        """Its parameters."""
-        return self.used.params
-
-    @cached_property
-    def as_channel(self) -> ChannelTuning:
-        """The filter of one channel that it equals while all sensors in use answer."""
-        return self.used.as_channel
-
-    @cached_property
-    def start_as_channel(self) -> ChannelTuning:
-        """The same of its starting values."""
-        return self._of_used(self.start).as_channel
-
-    @property
-    def reset(self) -> Fusion:
-        """As it was when the sensors were fused; all of them take part."""
-        return replace(self, tuning=self.start, dropped=frozenset())
+        return self.of_used(self.tuning)
 
     @cached_property
     def shares(self) -> Mapping[str, float]:
         """What each sensor contributes to the fused value while all answer; 0 for a dropped one."""
         shares = dict.fromkeys(self.tuning.sensors, 0.0)
-        return {**shares, **dict(zip(self.used.sensors, self.params.shares.tolist(), strict=True))}
-
-    def columns(self, recording: Recording) -> list[int]:
-        """The columns of a recording with the readings of the sensors that take part."""
-        return [recording.index(name) for name in self.used.sensors]
-
-    def fits(self, recording: Recording) -> bool:
-        """Whether a recording has all its sensors."""
-        return set(self.tuning.sensors) <= set(recording.names)
+        return {**shares, **dict(zip(self.used.sensors, self.used.params.shares.tolist(), strict=True))}
 
     def with_values(self, **values: Any) -> Fusion:
         """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""
-        r = values.pop("r", None)
-        if r is not None and r != self.as_channel.r:
-            factor = r / self.as_channel.r if self.as_channel.r > 0.0 else 1.0
+        r, before = values.pop("r", None), self.used.as_channel.r
+        if r is not None and r != before:
+            factor = r / before if before > 0.0 else 1.0
             values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in self.tuning.r)
         return replace(self, tuning=replace(self.tuning, **values))
 
@@ -506,7 +408,8 @@ class Fusion:
             raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
         return replace(self, dropped=dropped)
 
-    def _of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+    def of_used(self, tuning: ChannelTuning) -> ChannelTuning:
+        """The part of a tuning for the sensors that take part."""
         return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
 
 
@@ -575,8 +478,6 @@ class Answers:
 
     outcome: Outcome | None = None
     """The last search."""
-    method_comparison: tuple[Estimate, ...] = ()
-    """The estimates of the three methods, once they were run."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
 
@@ -648,15 +549,26 @@ class State:
         """The channels whose readings are on screen: one, or the sensors that are fused."""
         return (self.channel,) if self.fusion is None else self.fusion.used.sensors
 
-    @property
+    @cached_property
     def tuning(self) -> ChannelTuning:
         """Its parameters; those of the fused filter as of one channel."""
-        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.as_channel
+        return self.running.as_channel
+
+    @cached_property
+    def running(self) -> ChannelTuning:
+        """The filter that runs: the channel's, or that of the sensors."""
+        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.used
+
+    @property
+    def readings(self) -> NDArray[np.float64]:
+        """What it filters, NaN where missing: shape (n,), or (n, sensors)."""
+        return self.running.readings(self.recording)
 
     @property
     def start(self) -> ChannelTuning:
         """Its starting values."""
-        return self.settings.starts[self.index] if self.fusion is None else self.fusion.start_as_channel
+        fusion = self.fusion
+        return self.settings.starts[self.index] if fusion is None else fusion.of_used(fusion.start).as_channel
 
     @cached_property
     def params(self) -> FilterParams:
@@ -675,6 +587,11 @@ class State:
     def filter(self) -> Filter:
         """Its filter; where sensors are fused, the one that equals theirs while all answer."""
         return self.tuning.filter
+
+    @cached_property
+    def running_filter(self) -> Filter:
+        """The filter that runs on `readings`."""
+        return self.filter if self.fusion is None else self.running.filter
 
     @property
     def is_standard(self) -> bool:
@@ -775,3 +692,10 @@ class State:
 
 Change = Callable[[State], State]
 """What is asked of the session; the engine's thread applies it."""
+
+P = ParamSpec("P")
+
+
+def requested(function: Callable[Concatenate[State, P], State]) -> Callable[P, Change]:
+    """The function of a State and some values, to be called with the values alone: it then returns a Change."""
+    return lambda *values, **named: lambda state: function(state, *values, **named)

@@ -14,12 +14,11 @@ from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
-from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.still import find_still_stretch
 from kalscope.export.board import BoardCheck, check_board
-from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
+from kalscope.filtering.params import FilterParams
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.state import Fusion, State
 
@@ -90,7 +89,7 @@ class FusionJudge:
         if fusion is None:
             return None
         self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
-        judgement = self._verdicts.get(fusion.params, lambda: _verdict(state, fusion))
+        judgement = self._verdicts.get(fusion.used.params, lambda: _verdict(state, fusion))
         half = (judgement.second_half,) if judgement.second_half else ()
         return Judged(judgement, (*half, *_about_estimate(fusion)))
 
@@ -98,8 +97,8 @@ class FusionJudge:
 def _verdict(state: State, fusion: Fusion) -> Judgement:
     found = None if fusion.dropped else fusion.estimate
     return judge_fusion(
-        state.recording.values[:, fusion.columns(state.recording)],
-        fusion.params if found is None else replace(found, params=fusion.params),
+        state.readings,
+        fusion.used.params if found is None else replace(found, params=fusion.used.params),
         state.dt,
         names=fusion.used.sensors,
         unit=fusion.tuning.unit,
@@ -116,58 +115,6 @@ def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
 
 
 # How well each momentum explains the channel on screen, with the best q and r of each. Computed on request.
-
-
-MIN_DRAWN = 0.3
-"""Samples: a shorter momentum cannot be distinguished from none."""
-
-POINTS = 25
-"""Values of the momentum, evenly spaced in its logarithm."""
-
-
-@dataclass(frozen=True, eq=False)
-class MomentumProfile:
-    """The likelihood over the momentum; compared by identity, because arrays have no single truth value."""
-
-    state: State
-    """The choices that it belongs to."""
-    momentum: Array
-    """Samples, rising, shape (k,)."""
-    loglik: Array
-    """Log-likelihood with the best q and r of each, shape (k,)."""
-    plain: float
-    """The same without momentum."""
-
-    def belongs_to(self, state: State) -> bool:
-        """Whether it is still about the channel on screen."""
-        mine = self.state
-        return (mine.record_key, mine.channel, mine.recording.gaps) == (
-            state.record_key,
-            state.channel,
-            state.recording.gaps,
-        )
-
-
-def momentum_profile(
-    state: State, progress: Callable[[float, str], None], cancelled: Callable[[], bool]
-) -> MomentumProfile:
-    """The profile of the channel on screen: one search for q and r at each momentum.
-
-    Raises:
-        BadSetting: the channel has too little information for a search.
-        Cancelled: `cancelled()` was true.
-    """
-    z, dt = state.z, state.dt
-    longest = min(MAX_MOMENTUM, 10.0 * max(len(z), 10))  # longer ones are a constant velocity over the whole record
-    momentum = np.geomspace(MIN_DRAWN, longest, POINTS)
-    found: list[float] = []
-    for i, tau in enumerate((0.0, *momentum.tolist())):
-        progress(i / (POINTS + 1), "likelihood over the momentum")
-        best = estimate(z, "ml", dt=dt, momentum=tau, cancelled=cancelled)
-        if best.verdict in ("too_few", "constant", "bad_unit"):
-            raise BadSetting(f"there is no momentum profile, because q and r cannot be found: {best.message}")
-        found.append(float(best.loglik))
-    return MomentumProfile(state, momentum, np.array(found[1:]), found[0])
 
 
 # Spectra and Allan deviations of raw and filtered signal, for their charts.

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from kalscope.analysis.alternatives import Alternative, Comparison, compare_alternatives, stretch_of
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.residuals import Run
 from kalscope.common.numbers import Array
-from kalscope.common.progress import Progress
-from kalscope.estimation.fit import estimate
-from kalscope.estimation.methods import METHODS
-from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
-from kalscope.recording import Recording
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices, choose_samples
+from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_samples
 from kalscope_app.session.state import State, Variant
 
 # The filter on screen beside simpler ones: an idle-time computation.
@@ -95,7 +89,8 @@ def _compare(state: State, window: tuple[int, int]) -> Comparison:
 MAX_LANES = 16
 """Channels that are drawn, at most: with more, the lanes are too low to read."""
 
-MAX_POINTS = 3000
+
+MAX_LANE_POINTS = 3000
 """Points of all lanes together, at most, before what they share is drawn once."""
 
 HALF_LANE = 0.46
@@ -136,7 +131,7 @@ class Overviews:
     """Computes overviews; what a change does not touch is kept."""
 
     def __init__(self) -> None:
-        self._drawn = Cache[NDArray[np.intp]]()
+        self._drawn = Cache[DrawnSamples]()
         self._filtered = Cache[Array]()
 
     def compute(self, state: State) -> Overview:
@@ -144,27 +139,20 @@ class Overviews:
         recording, window = state.recording, state.view.window
         if len(recording.names) < 2:
             return Overview(state, np.empty(0), ())
-        clock = np.maximum.accumulate(recording.time)
-        at = self._drawn.once(lambda: _drawn_samples(recording, clock, window), recording, window)
+        first, *others = recording.names[:MAX_LANES]
+        drawn = self._drawn.once(
+            lambda: choose_samples(recording, first, window, MAX_LANE_POINTS, others=tuple(others)),
+            recording,
+            window,
+        )
+        at = drawn.indices
         self._filtered.begin(recording, window)
         lanes: list[Lane] = []
         for i, name in enumerate(recording.names[:MAX_LANES]):
             z, used = recording.values[:, i], state.settings.tunings[i].filter
             filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
             lanes.append(_lane(name, z, at, filtered))
-        return Overview(state, clock[at], tuple(lanes))
-
-
-def _drawn_samples(recording: Recording, clock: Array, window: tuple[float, float] | None) -> NDArray[np.intp]:
-    """Indices of the samples that show every channel in the window, ascending."""
-    first, last = 0, len(clock)
-    if window is not None:
-        first = int(np.searchsorted(clock, window[0], side="left"))
-        last = max(int(np.searchsorted(clock, window[1], side="right")), first + 1)
-    values = recording.values[first:last, :MAX_LANES]
-    share = max(2, MAX_POINTS // values.shape[1])
-    chosen = [choose_indices(np.ascontiguousarray(column), None, share) for column in values.T]
-    return first + np.unique(np.concatenate(chosen))
+        return Overview(state, drawn.time, tuple(lanes))
 
 
 def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:
@@ -270,66 +258,3 @@ def measure(state: State, tuning: ChannelTuning) -> Measures:
         rmse = float(np.sqrt(np.nanmean(np.square(error, out=error)))) if np.isfinite(error).any() else None
     steady = used.settled(run or used.run(z, state.dt), recording.sample_period)
     return Measures(steady, rmse, fit)
-
-
-# The methods that estimate q and r, side by side, and which lie within the interval of maximum likelihood.
-
-
-WITHOUT_NUMBERS = ("too_few", "constant", "bad_unit", "irregular")
-"""Verdicts of a method that finds no numbers."""
-
-
-def compare_methods(
-    z: ArrayLike,
-    dt: ArrayLike | None = None,
-    progress: Callable[[float, str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> tuple[Estimate, ...]:
-    """All methods on one record, in the order of METHODS, without momentum and on all samples.
-
-    Args:
-        z: measurements, shape (n,); NaN is a missing sample.
-        dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
-        progress: called with the fraction done and a few words.
-        cancelled: whether to stop.
-
-    Raises:
-        BadSetting: z holds inf or has another shape; dt does not fit z.
-        Cancelled: `cancelled()` was true.
-    """
-    whole = Progress(progress, cancelled)
-    return tuple(
-        estimate(z, method, dt, whole.part(i / len(METHODS), (i + 1) / len(METHODS)), momentum=0.0, robust=False)
-        for i, method in enumerate(METHODS)
-    )
-
-
-def is_within(one: Estimate, best: Estimate) -> bool | None:
-    """Whether the q/r of a method lies in the 95 % interval of maximum likelihood; None where either has none."""
-    if {one.verdict, best.verdict} & {*WITHOUT_NUMBERS}:
-        return None
-    low, high = best.ratio_interval
-    return bool(low <= one.ratio <= high)
-
-
-def comparison(estimates: Sequence[Estimate], momentum: float = 0.0) -> str:
-    """How the methods compare, as sentences; "" where the record has no numbers to compare.
-
-    Args:
-        estimates: what `compare_methods` gave.
-        momentum: of the filter that was chosen.
-    """
-    best, *others = estimates
-    if momentum > 0.0:
-        return "They need not agree here: all of them look for a signal without momentum."
-    if best.verdict == "below_resolution":
-        return "They need not agree here: the sensor rounds its readings to steps larger than the noise."
-    within = {METHODS[one.method]: is_within(one, best) for one in others}
-    outside = ", ".join(name for name, inside in within.items() if inside is False)
-    if outside:
-        return (
-            f"Outside the 95 % interval of maximum likelihood: {outside}. These use less of the record, so "
-            "chance may explain it; so may a trend, an oscillation, spikes or slow noise, which the model lacks."
-        )
-    agree = "The q/r of every method lies within the 95 % interval of maximum likelihood."
-    return agree if True in within.values() else ""

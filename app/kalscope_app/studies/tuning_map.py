@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,10 +15,8 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
 from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import ratio_for, steady_state
-from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.state import OpenFleet, State, loss_text
 
@@ -85,7 +82,7 @@ class MapFrame:
 
 def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
     """The map in a picture: space for names and numbers around it and for the legend below."""
-    left, right, top = 62.0, width - 54.0, 88.0
+    left, right, top = 62.0, width - 54.0, 56.0
     bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
     return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
 
@@ -155,8 +152,6 @@ LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
 LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "not judged")
 """What the colours mean."""
-MAX_VERDICTS = 3
-"""Verdicts with a colour of their own."""
 MAX_NAME = 36
 """Characters of the name of a device that was clicked."""
 REACH = 8.0
@@ -208,10 +203,8 @@ class FleetLayer:
         """The row whose point is nearest to a pixel of the picture; None where no point is near."""
         if not len(self.points):
             return None
-        across = (self.points[:, 0] - frame.q[0]) / (frame.q[1] - frame.q[0])
-        up = (self.points[:, 1] - frame.r[0]) / (frame.r[1] - frame.r[0])
-        x, y = frame.left + across * (frame.right - frame.left), frame.bottom - up * (frame.bottom - frame.top)
-        away = np.hypot(x - pixel[0], y - pixel[1])[::-1]  # of two at the same place, the one on top
+        pixels = np.array([frame.pixel((q, r)) for q, r in self.points.tolist()])
+        away = np.hypot(*(pixels - pixel).T)[::-1]  # of two at the same place, the one on top
         at = int(np.argmin(away))
         return int(self.devices[len(away) - 1 - at]) if away[at] <= REACH else None
 
@@ -228,7 +221,9 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
     usable = np.flatnonzero(fleet.devices.usable)
     logs = np.stack([np.log10(values[usable]) for values in (fleet.devices.q, fleet.devices.r)], axis=1)
     logs = np.clip(logs, (q[0], r[0]), (q[1], r[1]))
-    classes, words = _by_loss(fleet, usable) if open_fleet.colour == "loss" else _by_verdict(fleet, usable)
+    growth = fleet.growth[usable]
+    classes = np.where(np.isnan(growth), len(LOSSES) + 1, np.searchsorted(LOSSES, growth, side="left"))
+    sizes = np.bincount(classes, minlength=len(LOSS_WORDS)).tolist()
     chosen = _points(fleet, usable)
     few = len(chosen) == len(usable)
     shared = fleet.shared
@@ -240,8 +235,8 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
         devices=usable[chosen],
         points=logs[chosen],
         classes=classes[chosen],
-        words=words,
-        shared=None if shared is None else (_exponent(shared.params.q), _exponent(shared.params.r)),
+        words=tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(LOSS_WORDS, sizes, strict=True)),
+        shared=None if shared is None else exponents_of(shared.params.q, float(shared.params.r)),
         ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
         picked=_picked(fleet, open_fleet.picked, q, r),
     )
@@ -264,10 +259,6 @@ def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | No
     return Picked(device, (min(max(x, q[0]), q[1]), min(max(y, r[0]), r[1])), words)
 
 
-def _exponent(value: object) -> float:
-    return math.log10(float(value))  # pyright: ignore[reportArgumentType]
-
-
 def _points(fleet: Fleet, usable: Indices) -> Indices:
     """Which of the devices with q and r are points, the most remarkable last."""
     distance, growth = (np.nan_to_num(one[usable], posinf=1e9) for one in (fleet.distance, fleet.growth))
@@ -280,27 +271,6 @@ def _points(fleet: Fleet, usable: Indices) -> Indices:
     for order in (by_distance, np.argsort(growth, kind="stable")):
         wanted[order[odd[order]][-half:]] = True
     return by_distance[wanted[by_distance]]
-
-
-def _by_loss(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
-    growth = fleet.growth[usable]
-    classes = np.where(np.isnan(growth), len(LOSSES) + 1, np.searchsorted(LOSSES, growth, side="left"))
-    return classes, _counted(LOSS_WORDS, classes)
-
-
-def _by_verdict(fleet: Fleet, usable: Indices) -> tuple[Indices, tuple[str, ...]]:
-    rows: list[int] = usable.tolist()
-    verdicts = [fleet.devices.verdicts[i] for i in rows]
-    common = [verdict for verdict, _ in Counter(verdicts).most_common(MAX_VERDICTS)]
-    places = {verdict: place for place, verdict in enumerate(common)}
-    classes = np.array([places.get(verdict, MAX_VERDICTS) for verdict in verdicts], dtype=np.intp)
-    words = [verdict.replace("_", " ")[:20] for verdict in common]
-    return classes, _counted((*words, *("",) * (MAX_VERDICTS - len(words)), "others"), classes)
-
-
-def _counted(words: tuple[str, ...], classes: Indices) -> tuple[str, ...]:
-    sizes = np.bincount(classes, minlength=len(words)).tolist()
-    return tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(words, sizes, strict=True))
 
 
 def _density(logs: Array, q: Range, r: Range) -> Array:
@@ -325,8 +295,6 @@ TUNING_MAP_CELLS = 200
 TUNING_MAP_REACH = {"q": (-6, 2), "r": (-4, 2)}
 """Decades around the starting r of the channel that the map shows at least."""
 
-LOG_RATIOS = np.linspace(-24.0, 24.0, 65)
-"""ln λ at which the error against the truth is computed; between them it is as smooth as the filter is."""
 
 LN10 = math.log(10.0)
 
@@ -346,32 +314,19 @@ class Scan:
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Error against the truth over λ."""
-
-    rmse: Array
-    """Root mean square error of the filtered signal for each ln λ of LOG_RATIOS, unit, shape (65,)."""
-    raw: float
-    """The same of the measurements themselves."""
-
-
-@dataclass(frozen=True)
 class TuningMap:
     """What is drawn in the middle of the screen."""
 
-    colour: str
-    """One of MAP_COLOURS; "" where there is nothing to draw but `note`."""
     q: Range
     """Exponents of q at the left and the right edge."""
     r: Range
     """Exponents of r at the bottom and the top edge."""
     values: Array
-    """What is coloured, shape (CELLS, CELLS), row 0 at the lowest r, at the centres of the cells: log-likelihood,
-    RMSE in the unit of the signal, or lag in samples."""
+    """Log-likelihood at the centres of the cells, shape (CELLS, CELLS), row 0 at the lowest r."""
     shade: Array
     """The same as a shade, 0 = worst … 1 = best."""
     marks: tuple[tuple[float, float], ...]
-    """(shade, value) to write at the colour bar; for the likelihood the value is how far below the best."""
+    """(shade, how far below the best) to write at the colour bar; none where only `note` is drawn."""
     optimum: Point | None
     """Exponents of the most likely pair, −inf where q or r is 0; None where the record has no information."""
     contour: Array | None
@@ -388,7 +343,7 @@ class MapMaker:
     """Computes the map of a state and keeps what it can for the next. One thread at a time."""
 
     def __init__(self) -> None:
-        self._scans, self._errors, self._maps = Cache[Scan](), Cache[Errors](), Cache[TuningMap]()
+        self._scans, self._maps = Cache[Scan](), Cache[TuningMap]()
 
     def __call__(self, state: State) -> TuningMap:
         """The map of a state; the same object while nothing of it has changed."""
@@ -398,25 +353,21 @@ class MapMaker:
             return nothing(other if state.fusion is None else fused)
         signal = state.recording, state.channel, state.tuning.momentum
         scan = self._scans.once(lambda: scan_recording(state), *signal)
-        colour = state.view.map_colour
-        if colour == "RMSE" and state.recording.truth is None:
-            colour = "likelihood"
-        errors = self._errors.once(lambda: errors_over_ratio(state), *signal) if colour == "RMSE" else None
         q, r = map_ranges(state, scan)
         note = " ".join(filter(None, (limits_of(state), spikes_left_out(scan))))
         fleet = state.fleet
 
         def draw() -> TuningMap:
-            drawn = draw_map(scan, errors, colour, q, r, note)
+            drawn = draw_map(scan, q, r, note)
             return drawn if fleet is None else replace(drawn, fleet=fleet_layer(fleet, q, r))
 
-        return self._maps.once(draw, scan, colour, q, r, note, fleet)
+        return self._maps.once(draw, scan, q, r, note, fleet)
 
 
 def nothing(why: str) -> TuningMap:
     """A map with only a sentence on it."""
     empty = np.zeros((1, 1))
-    return TuningMap("", (-1, 1), (-1, 1), empty, empty, (), None, None, why)
+    return TuningMap((-1, 1), (-1, 1), empty, empty, (), None, None, why)
 
 
 def scan_recording(state: State) -> Scan:
@@ -433,33 +384,6 @@ def scan_recording(state: State) -> Scan:
     around = likelihood_contour(z, best, dt, scan=scan)
     line = None if around is None else np.stack([around.log_q, around.log_r], axis=1) / LN10
     return Scan(best, scan(z, dt=dt), line, momentum)
-
-
-def errors_over_ratio(state: State) -> Errors:
-    """Error against the truth for every λ of LOG_RATIOS: one run of the filter each, automatic start."""
-    column = state.index
-    z, dt = state.recording.values[:, column], state.dt
-    truth = np.full(len(z), np.nan) if state.recording.truth is None else state.recording.truth[:, column]
-    out = np.empty(len(z))
-    rmse: list[float] = []
-    for log_ratio in LOG_RATIOS:
-        params = FilterParams(q=math.exp(log_ratio), r=1.0, momentum=state.tuning.momentum)
-        denoise(z, params, dt, out=out)
-        rmse.append(rms(np.subtract(out, truth, out=out)))
-    return Errors(np.array(rmse), rms(z - truth))
-
-
-def rms(error: Array) -> float:
-    """Root mean square of what is not missing; NaN if all is."""
-    with np.errstate(over="ignore"):
-        total = float(np.einsum("i,i->", error, error))
-    if 1e-250 < total < 1e300:  # nothing missing, no overflow or underflow: the fast path
-        return math.sqrt(total / len(error))
-    seen = error[np.isfinite(error)]
-    if len(seen) == 0:
-        return math.nan
-    largest = float(np.abs(seen).max()) or 1.0  # squares of 1e-200 would underflow
-    return largest * math.sqrt(float(np.mean((seen / largest) ** 2)))
 
 
 def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
@@ -480,10 +404,9 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
     return reach("q", list(q)), reach("r", list(r))
 
 
-def exponents_of(state: State, tuning: ChannelTuning | None = None) -> Point:
-    """log₁₀ of the present q and r, or of another pair; −inf for 0."""
-    of = tuning or state.tuning
-    return tuple(math.log10(value) if value > 0.0 else -math.inf for value in (of.q, of.r))  # pyright: ignore[reportReturnType]
+def exponents_of(q: float, r: float) -> Point:
+    """log₁₀ of a pair; −inf for 0."""
+    return math.log10(q) if q > 0.0 else -math.inf, math.log10(r) if r > 0.0 else -math.inf
 
 
 def spikes_left_out(scan: Scan) -> str:
@@ -495,15 +418,8 @@ def spikes_left_out(scan: Scan) -> str:
 def limits_of(state: State) -> str:
     """What of the present filter the map does not take into account, in a sentence; "" if all is."""
     tuning = state.tuning
-    left_out = [
-        words
-        for words, there in (
-            ("start value", tuning.x0 is not None),
-            ("initial variance p0", tuning.p0 is not None),
-            ("outlier gate", tuning.gate is not None),
-        )
-        if there
-    ]
+    values = {"start value": tuning.x0, "initial variance p0": tuning.p0, "outlier gate": tuning.gate}
+    left_out = [words for words, value in values.items() if value is not None]
     said = [f"Drawn without {' and '.join(left_out)}."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
     if elsewhere:
@@ -517,47 +433,15 @@ def cell_exponents(ends: Range) -> Array:
     return low + (np.arange(TUNING_MAP_CELLS) + 0.5) * (high - low) / TUNING_MAP_CELLS
 
 
-def draw_map(scan: Scan, errors: Errors | None, colour: str, q: Range, r: Range, note: str) -> TuningMap:
-    """Fill the cells; what the colours show is `colour`, one of MAP_COLOURS."""
+def draw_map(scan: Scan, q: Range, r: Range, note: str) -> TuningMap:
+    """Fill the cells."""
     if scan.profile is None:
         return nothing(str(scan.best.message))
     log_q, log_r = LN10 * cell_exponents(q), LN10 * cell_exponents(r)
-    log_ratio = log_q[None, :] - log_r[:, None]
-    best_q, best_r = float(scan.best.q), float(scan.best.r)
-    optimum = tuple(math.log10(value) if value > 0.0 else -math.inf for value in (best_q, best_r))
-    if colour == "RMSE" and errors is not None and np.isfinite(errors.rmse).all():
-        values = between(errors.rmse, log_ratio)
-        shade, marks = shade_of_excess(values, float(errors.rmse.min()))
-        note = f"{note} The error against the truth depends on q/r alone.".strip()
-    elif colour == "lag":
-        values = lags(log_ratio, scan.momentum)
-        shade, marks = shade_of_lag(values)
-    else:
-        colour = "likelihood"
-        values = loglik_map(scan.profile, log_q, log_r)
-        shade, marks = shade_of_loglik(values, float(scan.best.loglik))
-    best = (optimum[0], optimum[1])
-    return TuningMap(colour, q, r, values, shade, marks, best, scan.contour, note, scan.momentum)
-
-
-def lags(log_ratio: Array, momentum: float) -> Array:
-    """Lag on a ramp, samples, of each ln λ; with momentum interpolated in a table, accurate to 0.1 %."""
-    over = np.exp(np.minimum(-log_ratio, 700.0))  # r/q, kept finite at the far ends
-    if momentum == 0.0:
-        return 2.0 * over / (1.0 + np.sqrt(1.0 + 4.0 * over))  # (1 − K)/K = K/λ
-    table = np.linspace(-60.0, 60.0, 241)
-    settled = [steady_state(FilterParams(q, 1.0, momentum=momentum)) for q in np.exp(table).tolist()]
-    log_lags = np.log(np.maximum([one.lag_samples for one in settled], 1e-30))
-    return np.exp(np.interp(log_ratio, table, log_lags))
-
-
-def between(rmse: Array, log_ratio: Array) -> Array:
-    """The error at any ln λ from that at LOG_RATIOS, accurate to 0.2 %; beyond them, that at the end."""
-    from scipy.interpolate import CubicSpline
-
-    within = np.clip(log_ratio, LOG_RATIOS[0], LOG_RATIOS[-1])
-    floor = max(1e-9 * float(rmse.max()), 1e-300)  # a filter that follows a signal without noise has no error
-    return np.exp(CubicSpline(LOG_RATIOS, np.log(np.maximum(rmse, floor)))(within))
+    values = loglik_map(scan.profile, log_q, log_r)
+    shade, marks = shade_of_loglik(values, float(scan.best.loglik))
+    best = exponents_of(float(scan.best.q), float(scan.best.r))
+    return TuningMap(q, r, values, shade, marks, best, scan.contour, note, scan.momentum)
 
 
 def shade_of_loglik(values: Array, best: float) -> tuple[Array, tuple[tuple[float, float], ...]]:
@@ -567,20 +451,3 @@ def shade_of_loglik(values: Array, best: float) -> tuple[Array, tuple[tuple[floa
     depth = math.log1p(max(reach, 30.0) / 3.0)
     marks = [(1.0 - math.log1p(drop / 3.0) / depth, drop) for drop in (0.0, *(3.0 * 10.0**k for k in range(12)))]
     return 1.0 - np.clip(np.log1p(short / 3.0) / depth, 0.0, 1.0), tuple(m for m in marks if m[0] >= 0.0)
-
-
-def shade_of_excess(values: Array, smallest: float) -> tuple[Array, tuple[tuple[float, float], ...]]:
-    """Shades by the logarithm of the error over the smallest one."""
-    floor = max(smallest, float(values.max()) * 1e-6, 1e-300)
-    excess = np.log(np.maximum(values, floor) / floor)
-    depth = max(float(excess.max()), 1e-3)
-    marks = tuple((1.0 - part, floor * math.exp(depth * part)) for part in (0.0, 0.33, 0.67, 1.0))
-    return 1.0 - excess / depth, marks
-
-
-def shade_of_lag(values: Array) -> tuple[Array, tuple[tuple[float, float], ...]]:
-    """Shades by the logarithm of the lag, from a tenth of a sample on; short lags are bright."""
-    exponent = np.log10(np.maximum(values, 0.1))
-    top = max(1, math.ceil(float(exponent.max())))
-    marks = tuple((1.0 - (e + 1) / (top + 1), 10.0**e) for e in range(-1, top + 1))
-    return 1.0 - (exponent + 1.0) / (top + 1.0), marks

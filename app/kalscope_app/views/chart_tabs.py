@@ -14,8 +14,6 @@ from kalscope.common.text import count, decibels, frequency, lag_text, number, p
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
-    ALL_OTHERS,
-    copy_setting,
     momentum_words,
     set_drawn_alternative,
     set_link,
@@ -263,7 +261,7 @@ MIN_HEIGHT = 390
 
 
 class ChannelsView:
-    """Chart, table and copy button."""
+    """Chart, table, and how the channels are linked."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
@@ -278,22 +276,13 @@ class ChannelsView:
                 LINKS,
                 hint="All together: each change under Tune sets every channel. Undo reverts it.",
             )
-            self._to = gui.add_dropdown(
-                "copy to",
-                list[str]([ALL_OTHERS]),
-                hint="The channels that get q, r, momentum, initial state and gate.",
-            )
-            self._copy = gui.add_button("Copy", hint="Copies the numbers once; Undo reverts it.")
         bind(self._together, session, set_link)
-        on_user(self._copy.on_click, lambda _client: session.request(copy_setting(self._to.value)))
 
     def show(self, frame: Frame) -> None:
         """Offer the other channels."""
         names = frame.state.recording.names
         self._folder.visible = self._chart.handle.visible = len(names) > 1
         self._together.value = frame.state.settings.link
-        others = (ALL_OTHERS, *(name for name in names if name != frame.state.channel))
-        offer(self._to, others, self._to.value if self._to.value in others else ALL_OTHERS)
 
     def show_overview(self, overview: Overview) -> None:
         """Draw the lanes and write the table."""

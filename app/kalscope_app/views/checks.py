@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -16,40 +14,30 @@ from kalscope.analysis.diagnostics import expected_nis, residual_rows
 from kalscope.analysis.findings import Finding, as_sentences, times
 from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
-from kalscope.common.text import count, lag_text, number, trimmed
-from kalscope.estimation.methods import METHODS
+from kalscope.common.text import count, number, trimmed
 from kalscope.estimation.request import Noise, Request
-from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import (
     FOR_LAG,
     change_for,
     is_same_signal,
-    momentum_words,
-    set_method_comparison,
     set_why_shown,
 )
-from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.checks import Checks, Judged, MomentumProfile, momentum_profile
-from kalscope_app.studies.comparisons import compare_methods, comparison, is_within
-from kalscope_app.views.chart_tabs import log_axes
+from kalscope_app.studies.checks import Checks, Judged
 from kalscope_app.views.charts import (
     DARK,
     LIGHT,
     Chart,
     ChartLayout,
     axes,
-    dots,
     line,
-    log_scale_for,
-    log_time_scale,
     range_text,
     time_scale_for,
 )
 from kalscope_app.views.goal import GoalView
-from kalscope_app.views.widgets import SlowJobProgress, escape_markdown, on_user, put
+from kalscope_app.views.widgets import escape_markdown, on_user
 from kalscope_app.views.window import VERDICT
 
 # Advice as buttons: the label of each, and the one undoable step that it takes.
@@ -283,165 +271,3 @@ def table(checks: Checks) -> str:
         "| test | measured | expected (95\u00a0%) |\n|---|---|---|\n"
     )
     return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)
-
-
-# Part of the Check tab: three methods side by side, and which lie within the interval of the first.
-
-
-METHODS_COMPARED = (
-    "Three methods estimate q and r from the recording, without momentum; the goal *best fit* tries momentum too."
-)
-"""Why the table may find no noise where the search finds some: shown above the table, too."""
-
-
-class EstimatorsView:
-    """The button "Run three methods" and its table; they run as a job."""
-
-    def __init__(
-        self, gui: viser.GuiApi, check_tab: AbstractContextManager[object], session: Session, jobs: Jobs
-    ) -> None:
-        self._session, self._jobs = session, jobs
-        self._stop = threading.Event()
-        with check_tab:
-            heading = gui.add_markdown("### Compare estimators")
-            compare = gui.add_button("Run three methods", hint="Two other methods beside maximum likelihood.")
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and compare nothing.")
-            self._comparison = gui.add_markdown("")
-        self._of_one_channel = heading, compare, self._comparison
-        on_user(compare.on_click, lambda _client: self._start())
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
-
-    def _start(self) -> None:
-        stop = self._stop = threading.Event()
-        self._jobs.run_with_state(self._session, lambda state: self._compare(state, stop), Failed.FIND)
-
-    def _compare(self, state: State, stop: threading.Event) -> None:
-        state.require_one_channel()
-        z = samples_to_compare(state)
-        with SlowJobProgress(self._progress, self._cancel) as shown:
-            estimates = compare_methods(z, state.dt, progress=shown.report, cancelled=stop.is_set)
-        self._session.request(set_method_comparison(state.recording, state.channel, estimates))
-
-    def show(self, frame: Frame) -> None:
-        """Write the table; fused sensors have none."""
-        for part in self._of_one_channel:
-            put(part, visible=frame.state.fusion is None)
-        self._comparison.content = comparison_text(frame.state)
-
-
-def samples_to_compare(state: State) -> Array:
-    """The channel on screen without the spikes that the last search set aside: all methods see the same samples."""
-    z, aside = state.recording.channel(state.channel), state.set_aside
-    return z if aside is None else np.where(aside, np.nan, z)
-
-
-def comparison_text(state: State) -> str:
-    """The three methods side by side, and which of them lie outside the interval, as markdown."""
-    if not state.answers.method_comparison:
-        return METHODS_COMPARED
-    period = state.recording.sample_period
-    rows: list[str] = []
-    best = state.answers.method_comparison[0]
-    for one in state.answers.method_comparison:
-        steady = steady_state(one.params) if one.params is not None else None
-        lag = "–" if steady is None else lag_text(steady.lag_samples, period)
-        inside = {True: "yes", False: "no", None: "–"}[is_within(one, best)]
-        q, r, verdict = number(float(one.q)), number(float(one.r)), str(one.verdict).replace("_", " ")
-        rows.append(f"| {METHODS[one.method]} | {q} | {r} | {lag} | {inside} | {verdict} |")
-    said = comparison(state.answers.method_comparison, state.tuning.momentum) or "No two of them can be compared."
-    head = "| method | q | r | lag | in 95 % | verdict |\n|---|---|---|---|---|---|\n"
-    return f"{METHODS_COMPARED}\n\n{head}{chr(10).join(rows)}\n\n**{said}**\n\n{best.message}"
-
-
-# The likelihood over the momentum: a button in the Check tab, a chart of it, and what it says.
-
-
-LEAD = "How well each momentum explains the recording, with the best q and r of each: its log-likelihood."
-
-
-class MomentumProfileView:
-    """Part of the Check tab; the profile is computed as a job."""
-
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
-        self._session, self._jobs = session, jobs
-        self._profile: MomentumProfile | None = None
-        self._shown: object = None
-        self._stop = threading.Event()
-        heading = gui.add_markdown("### Momentum")
-        draw = gui.add_button("Draw the momentum profile", hint="Searches q and r at 25 values of the momentum.")
-        self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and draw nothing.")
-        self._said = gui.add_markdown(LEAD)
-        self._of_one_channel = heading, draw, self._said
-        self._chart = Chart(gui, 0.3)
-        self._chart.hide()
-        on_user(draw.on_click, lambda _client: self._start())
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
-
-    def _start(self) -> None:
-        stop = self._stop = threading.Event()
-
-        def work(state: State) -> None:
-            state.require_one_channel()
-            with SlowJobProgress(self._progress, self._cancel) as shown:
-                self._profile = momentum_profile(state, shown.report, stop.is_set)
-            self._session.request(lambda state: state)  # the frame of it draws the profile
-
-        self._jobs.run_with_state(self._session, work)
-
-    def show(self, frame: Frame) -> None:
-        """Draw the profile and mark the present momentum; hide the profile of another channel."""
-        state, profile = frame.state, self._profile
-        for part in self._of_one_channel:
-            put(part, visible=state.fusion is None)
-        present = profile, state.tuning.momentum, state.view.dark, state.record_key, state.measured
-        if present == self._shown:
-            return
-        if profile is None or state.fusion is not None or not profile.belongs_to(state):
-            self._said.content = LEAD
-            self._chart.hide()
-        else:
-            self._said.content = words_of(profile)
-            self._chart.show(*lines_of(profile, state))
-        self._shown = present
-
-
-def words_of(profile: MomentumProfile) -> str:
-    """What the profile says, in one or two sentences."""
-    at = int(np.argmax(profile.loglik))
-    gain = float(profile.loglik[at]) - profile.plain
-    if gain < 1.0:
-        return f"{LEAD} No momentum explains it better than none."
-    words = momentum_words(float(profile.momentum[at]), profile.state.recording.sample_period)
-    return (
-        f"{LEAD} The best is near **{words}**: its log-likelihood lies {number(gain)} above that without momentum. "
-        "The goal *best fit* takes momentum only if it also predicts unseen samples better."
-    )
-
-
-def lines_of(profile: MomentumProfile, state: State) -> tuple[Array, list[Array], ChartLayout]:
-    """Log-likelihood below the best over the momentum, that without momentum, and a dot at the present one."""
-    palette = DARK if state.view.dark else LIGHT
-    period = profile.state.recording.sample_period
-    times = profile.momentum * (period or 1.0)
-    clock = log_scale_for(times, "samples") if period is None else log_time_scale(times)
-    best = max(float(profile.loglik.max()), profile.plain)
-    below, plain = profile.loglik - best, np.full(len(times), profile.plain - best)
-    present = np.full(len(times), np.nan)
-    if state.tuning.momentum > 0.0:
-        nearest = int(np.argmin(np.abs(np.log(profile.momentum) - np.log(state.tuning.momentum))))
-        present[nearest] = below[nearest]
-    x = times * clock.factor
-    layout = ChartLayout(
-        (
-            {"label": clock.label("momentum")},
-            {**line("without momentum", palette.truth, 1.5), "dash": (6, 4)},
-            line("with momentum", palette.filtered, 2),
-            dots("near the present one", palette.filtered, 12),
-        ),
-        log_axes(x, None, "below the best"),
-        gaps=frozenset({2}),
-        log_x=True,
-    )
-    return x, [plain, below, present], layout

@@ -19,11 +19,10 @@ from kalscope_app.session.changes import (
     find_devices,
     open_fleet,
     set_at_shared,
-    set_fleet_colour,
     set_fleet_order,
 )
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.session.state import COLOURS, ORDERS, OpenFleet, loss_text
+from kalscope_app.session.state import ORDERS, OpenFleet, loss_text
 from kalscope_app.views.widgets import bind, escape_markdown, offer, on_user, put
 from kalscope_app.worker.worker import Worker
 
@@ -137,19 +136,12 @@ class FleetView:
             self._at_shared = gui.add_checkbox(
                 "at the filter for all", False, visible=False, hint="Open devices with the q and r that all share."
             )
-            self._colour = gui.add_dropdown(
-                "devices coloured by",
-                COLOURS,
-                visible=False,
-                hint="What each loses by the filter for all, or the verdict of its own fit.",
-            )
             self._close = gui.add_button("Close fleet", visible=False, hint="Take its devices off the map.")
         for subscribe in (open_button.on_click, form.on_submit):
             on_user(subscribe, lambda _client: self._open(self._path.value.strip()))
         on_user(self._close.on_click, lambda _client: session.request(close_fleet))
         bind(self._order, session, set_fleet_order)
         bind(self._find, session, find_devices)
-        bind(self._colour, session, set_fleet_colour)
         bind(self._at_shared, session, set_at_shared)
         on_user(self._device.on_update, lambda _client: self._on_device())
 
@@ -177,7 +169,7 @@ class FleetView:
             return
         before = self._shown
         about = self._about, self._order, self._find, self._table
-        for part in (*about, self._device, self._at_shared, self._colour, self._close):
+        for part in (*about, self._device, self._at_shared, self._close):
             put(part, visible=shown is not None)
         if shown is None:
             self._shown = None
@@ -188,7 +180,6 @@ class FleetView:
             put(self._find, value=shown.find)
         put(self._table, content=fleet_table(shown))
         put(self._order, value=shown.order)
-        put(self._colour, value=shown.colour)
         put(self._at_shared, value=shown.at_shared)
         offer(self._device, _options(device_labels(shown)), NONE)
         self._shown = shown

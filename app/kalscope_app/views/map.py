@@ -18,9 +18,9 @@ from kalscope.common.text import DURATIONS, duration, number, squared, trimmed
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes import momentum_words, pick_device, set_map_colour, set_map_shown, set_point
+from kalscope_app.session.changes import momentum_words, pick_device, set_map_shown, set_point
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import MAP_COLOURS, State
+from kalscope_app.session.state import State
 from kalscope_app.studies.tuning_map import (
     FleetLayer,
     MapFrame,
@@ -35,7 +35,7 @@ from kalscope_app.studies.tuning_map import (
 )
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.phone import Pen
-from kalscope_app.views.widgets import bind, offer, on_user, put
+from kalscope_app.views.widgets import on_user, put
 from kalscope_app.views.window import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
@@ -62,9 +62,6 @@ class MapPalette:
     best: str
     point: str
     """The present q and r, in the colour of the filtered curve."""
-    chip: str
-    """Behind the chosen colouring."""
-    on_chip: str
     devices: tuple[str, str, str, str]
     """Classes of the devices of a fleet, from usual to remarkable, and those without any."""
     edge: str
@@ -85,8 +82,6 @@ LIGHT_MAP = MapPalette(
     contour="#f7c948",
     best="#f7c948",
     point=LIGHT.filtered,
-    chip="#0072B2",
-    on_chip="#ffffff",
     devices=("#ffffff", "#f0a6ca", "#c2185b", "#9aa0a6"),
     edge="#343a40",
     density="#6a1b9a",
@@ -102,8 +97,6 @@ DARK_MAP = MapPalette(
     contour="#c2410c",
     best="#c2410c",
     point=DARK.filtered,
-    chip="#56B4E9",
-    on_chip="#101317",
     devices=("#ffffff", "#f0a6ca", "#ff4f98", "#9aa0a6"),
     edge="#101317",
     density="#d0a2ee",
@@ -215,8 +208,6 @@ class MapPictureInput:
     period: float | None
     """Sample period, s."""
     dark: bool
-    truth: bool
-    """Whether RMSE can be chosen."""
     pinned: tuple[tuple[str, str, Point], ...] = ()
     """Name, colour and exponents of each pinned variant."""
 
@@ -235,7 +226,7 @@ def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
     size = round(SHARPNESS * frame.width), round(SHARPNESS * frame.height)
     image = Image.new("RGB", size, palette.background)
     pen = Pen(image, SHARPNESS)
-    if not inputs.map.colour:
+    if not inputs.map.marks:
         pen.paragraph((24, 0.3 * frame.height), inputs.map.note, palette.quiet, 14, frame.width - 48)
         return np.asarray(image)
     left, top, right, bottom = (
@@ -247,7 +238,6 @@ def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
         draw_density(image, inputs.map.fleet, palette, box)
     _draw_inside(image, inputs, palette, box)
     pen.draw.rectangle(box, outline=palette.quiet, width=SHARPNESS)
-    _write_chips(pen, inputs, palette)
     _write_lags(pen, inputs, palette)
     _write_axes(pen, inputs, palette)
     y = _write_bar(pen, inputs, palette, frame.bottom + 62)
@@ -297,26 +287,6 @@ def _draw_inside(
     inside = box[0], box[1], box[2] + 1, box[3] + 1
     part = layer.crop(inside)
     image.paste(part, inside[:2], part)
-
-
-def chips(frame: MapFrame, truth: bool) -> tuple[tuple[str, tuple[float, float, float, float]], ...]:
-    """The colourings to choose from above the map, each with its box, pixels: left, top, right, bottom."""
-    names = (("likelihood", 82.0), *((("RMSE", 58.0),) if truth else ()), ("lag", 44.0))
-    boxes: list[tuple[str, tuple[float, float, float, float]]] = []
-    x = frame.left + 62.0
-    for name, width in names:
-        boxes.append((name, (x, 12.0, x + width, 36.0)))
-        x += width + 6.0
-    return tuple(boxes)
-
-
-def _write_chips(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
-    pen.text((inputs.frame.left, 24), "colour by", palette.quiet, 12, "lm")
-    for name, (left, top, right, bottom) in chips(inputs.frame, inputs.truth):
-        chosen = name == inputs.map.colour
-        pen.box((left, top, right, bottom), palette.chip if chosen else None, palette.chip)
-        colour = palette.on_chip if chosen else palette.ink
-        pen.text((0.5 * (left + right), 0.5 * (top + bottom)), name, colour, 12, "mm")
 
 
 def _write_lags(pen: Pen, inputs: MapPictureInput, palette: MapPalette) -> None:
@@ -374,18 +344,13 @@ def _write_bar(pen: Pen, inputs: MapPictureInput, palette: MapPalette, y: float)
     """The colour bar with its numbers; returns where it ends."""
     frame, shown = inputs.frame, inputs.map
     left, right = frame.left, frame.right
-    titles = {
-        "likelihood": "log-likelihood below the best",
-        "RMSE": f"error against the truth, RMSE ({inputs.unit or 'unit'})",
-        "lag": "lag" + ("" if inputs.period else " (samples)"),
-    }
-    pen.text((left, y), titles[shown.colour], palette.ink, 12, "lm")
+    pen.text((left, y), "log-likelihood below the best", palette.ink, 12, "lm")
     strip = colours(np.linspace(1.0, 0.0, round(SHARPNESS * (right - left)))[None, :], palette)
     pen.paste(Image.fromarray(np.repeat(strip, 10 * SHARPNESS, axis=0)), (left, y + 12))
     pen.outline((left, y + 12, right, y + 22), palette.quiet)
     free = -math.inf
     for shade, value in shown.marks:
-        text = lag_words(value, inputs) if shown.colour == "lag" else bare(value)
+        text = bare(value)
         x = left + (1.0 - shade) * (right - left)
         begin = min(max(x - 0.5 * pen.width(text, 11), left), right - pen.width(text, 11))
         if begin > free:
@@ -497,11 +462,7 @@ class TuningMapView:
         on_user(self._shown.on_click, lambda _client: toggle())
 
     def build_controls(self, gui: viser.GuiApi) -> None:
-        """The control of the View tab, for an open map, and the widgets that the page shows as the map."""
-        self._colour = gui.add_dropdown(
-            "map coloured by", MAP_COLOURS, hint="How well each pair explains the recording, its error, or its lag."
-        )
-        bind(self._colour, self._session, set_map_colour)
+        """The widgets that the page shows as the map."""
         dot = np.zeros((2, 2, 3), dtype=np.uint8)
         self._picture = gui.add_image(dot, label=MAP_PICTURE, format="png", visible=False)
         self._mark = gui.add_image(draw_ring(dark=False), label=MAP_MARK, format="png", visible=False)
@@ -512,10 +473,10 @@ class TuningMapView:
     # What the user does.
 
     def _on_pointed(self) -> None:
-        """File the pair under a drag or a click; a click may also choose a colouring."""
+        """File the pair under a drag or a click."""
         across, down, gesture = self._pointed.value
         frame, state = self._frame, self._state
-        if state is None or not self._map.colour:
+        if state is None or not self._map.marks:
             return
         x, y = across * frame.width, down * frame.height
         if gesture < 0.0 and self._on_fleet((x, y)):
@@ -523,11 +484,6 @@ class TuningMapView:
         if gesture > 0.0 or frame.inside((x, y)):
             point = frame.held(frame.point((x, y)))
             self._session.request(set_point(*point), key=f"held:map {gesture:.0f}")
-        else:
-            truth = state.recording.truth is not None
-            for colour, (left, top, right, bottom) in chips(frame, truth):
-                if left <= x <= right and top <= y <= bottom:
-                    self._session.request(set_map_colour(colour))
 
     def _on_fleet(self, at: Point) -> bool:
         """Whether a click is for a device: the first click names it, a second one opens it."""
@@ -548,14 +504,13 @@ class TuningMapView:
         """Move the mark of an open map."""
         self._state = frame.state
         shown = frame.state.view.map_shown
-        put(self._colour, visible=shown)
         put(self._shown, label=HIDE if shown else SHOW)
         if shown:
             self._place(frame.state)
 
     def _place(self, state: State) -> None:
-        visible = bool(self._map.colour) and state.is_standard
-        put(self._present, value=self._share(exponents_of(state)) if visible else NOWHERE)
+        visible = bool(self._map.marks) and state.is_standard
+        put(self._present, value=self._share(exponents_of(state.tuning.q, state.tuning.r)) if visible else NOWHERE)
 
     def _share(self, point: Point) -> Point:
         """The position of a pair of exponents, in shares of the picture; on the edge of the map if outside."""
@@ -580,27 +535,22 @@ class TuningMapView:
         self._frame = frame_for(*SIZE, self._map.q, self._map.r, self._map.momentum)
         inputs = picture_input(state, self._map, self._frame)
         self._place(state)
-        self._show_colour(state)
         if self._drawn is not None and same_picture(inputs, self._drawn):
             return
         self._mark.image, self._picture.image = draw_ring(dark=inputs.dark), draw_map_picture(inputs)
         self._drawn = inputs
 
-    def _show_colour(self, state: State) -> None:
-        """The colourings that this recording allows, and which is on screen."""
-        options = tuple(c for c in MAP_COLOURS if c != "RMSE" or state.recording.truth is not None)
-        offer(self._colour, options, self._map.colour or self._colour.value)
-
 
 def picture_input(state: State, shown: TuningMap, frame: MapFrame) -> MapPictureInput:
     """What the picture is drawn from."""
-    pinned = tuple((v.name, v.css(dark=state.view.dark), exponents_of(state, v.tuning)) for v in state.variants)
-    recording = state.recording
-    unit, truth = state.tuning.unit, recording.truth is not None
-    return MapPictureInput(shown, frame, unit, recording.sample_period, state.view.dark, truth, pinned)
+    pinned = tuple(
+        (v.name, v.css(dark=state.view.dark), exponents_of(v.tuning.q, v.tuning.r)) for v in state.variants
+    )
+    period, dark = state.recording.sample_period, state.view.dark
+    return MapPictureInput(shown, frame, state.tuning.unit, period, dark, pinned)
 
 
 def same_picture(one: MapPictureInput, other: MapPictureInput) -> bool:
     """Whether two inputs give the same picture; maps hold arrays, which have no single equality."""
-    rest = [(p.frame, p.unit, p.period, p.dark, p.truth, p.pinned) for p in (one, other)]
+    rest = [(p.frame, p.unit, p.period, p.dark, p.pinned) for p in (one, other)]
     return one.map is other.map and rest[0] == rest[1]

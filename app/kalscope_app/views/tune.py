@@ -1,4 +1,4 @@
-"""The parameters of the channel on screen: q, r, p0, momentum, presets, and what they give."""
+"""The parameters of the channel on screen: q, r, p0, momentum, and what they give."""
 
 from __future__ import annotations
 
@@ -7,20 +7,16 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope.common.text import decibels, frequency, gate_digits, lag_in_full, lag_text, number, percent, plural
+from kalscope.common.text import decibels, frequency, gate_digits, lag_in_full, number, percent, plural
 from kalscope.filtering.classic import OneEuro
-from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     MAX_POSITION,
     MEDIANS,
     OFF,
-    PRESETS,
     add_momentum,
-    choose_preset,
     median_words,
     momentum_words,
-    paper_filter,
     pin_present,
     reset_parameters,
     set_exponent,
@@ -28,15 +24,12 @@ from kalscope_app.session.changes import (
     set_median,
     set_momentum_position,
     set_momentum_text,
-    set_paper_text,
-    set_variant_of_eq3,
     slider_limits,
     slider_position,
-    take_preset,
     use_kalman_filter,
 )
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import Change, State
+from kalscope_app.session.state import Change
 from kalscope_app.views.goal import account_text
 from kalscope_app.views.widgets import TypedNumber, bind, offer, on_user, put
 
@@ -186,50 +179,9 @@ class ChainView:
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""
-        chain = frame.state.tuning.chain
-        self._folder.visible = chain is not None
-        if chain is not None:
-            self._said.content = BEHIND_MEDIAN if chain.then is None else CLASSIC
-
-
-# The closed folder "Paper filter": the filter of Khan et al. in place of the one with q and r, for comparison.
-
-
-FILTERS: dict[str, str | None] = {
-    "Kalman filter": None,
-    "Khan et al. filter, eq. (3) as printed": "printed",
-    "Khan et al. filter, eq. (3) corrected": "without_slip",
-}
-"""Filters by their labels, and the variant of equation (3) that each one uses."""
-
-BOXES = (
-    ("sigma_m", "measured error σM", "The only value that the paper changes from sensor to sensor; above 0."),
-    ("sigma_e0", "initial error σE", "Empty: automatic."),
-    ("e0", "initial estimate E", "Empty: the first sample."),
-)
-"""Name, label and hint of its parameters."""
-
-
-class PaperFilterView:
-    """Which filter runs, and the parameters of the other one."""
-
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        with gui.add_folder("Paper filter", expand_by_default=False) as self._folder:
-            self._filter = gui.add_dropdown("filter", tuple(FILTERS), hint="Khan et al. filter: for comparison.")
-            self._boxes = [
-                TypedNumber(gui, session, name, label, hint, set_paper_text) for name, label, hint in BOXES
-            ]
-        bind(self._filter, session, lambda name: set_variant_of_eq3(FILTERS[name]))
-
-    def show(self, frame: Frame) -> None:
-        """Follow the frame."""
-        self._folder.visible = frame.state.fusion is None
-        paper = paper_filter(frame.state)
-        reading = paper.reading if paper else None
-        self._filter.value = next(name for name, value in FILTERS.items() if value == reading)
-        for box, (name, _, _) in zip(self._boxes, BOXES, strict=True):
-            box.set_visible(paper is not None)
-            box.show(frame, None if paper is None else getattr(paper, name), "automatic")
+        chain, has_gain = frame.state.tuning.chain, frame.state.has_gain
+        self._folder.visible = chain is not None or frame.state.tuning.paper is not None
+        self._said.content = BEHIND_MEDIAN if chain is not None and has_gain else CLASSIC
 
 
 # q, r and p0 of the channel on screen, its momentum where it has one, and the row Pin, Undo, Redo, Reset.
@@ -311,46 +263,6 @@ class StartView:
         put(self._gain, value=frame.state.view.gain_shown, visible=frame.state.has_gain)
 
 
-# Presets: select one, read what it does, then apply it.
-
-
-FOR_ONE_CHANNEL = "A preset is for one channel: choose one above the tabs."
-
-
-class PresetsView:
-    """The folder "Presets". Choosing shows; only the button changes the filter."""
-
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        with gui.add_folder("Presets", expand_by_default=False) as self._folder:
-            self._which = gui.add_dropdown("preset", tuple(PRESETS), hint="Select one to see what it would do.")
-            self._text = gui.add_markdown("")
-            self._take = gui.add_button("Apply preset", hint="Sets q, r and momentum; Undo reverts it.")
-        bind(self._which, session, choose_preset)
-        on_user(self._take.on_click, lambda _client: session.request(take_preset(self._which.value)))
-
-    def show(self, frame: Frame) -> None:
-        """Show what the selected preset would do."""
-        title = frame.state.view.preset or next(iter(PRESETS))
-        self._which.value = title
-        fused = frame.state.fusion is not None
-        self._folder.visible = frame.state.tuning.chain is None
-        self._text.content = FOR_ONE_CHANNEL if fused else preset_text(frame.state, title, frame.steady)
-        self._take.visible = self._which.visible = not fused
-
-
-def preset_text(state: State, title: str, now: SteadyState) -> str:
-    """Its purpose, then its q, r, lag and noise beside the current ones, and the momentum if any; markdown."""
-    preset = PRESETS[title]
-    params, period = preset.params(state), state.recording.sample_period
-    rows = [
-        ("q", number(state.tuning.q), number(params.q)),
-        ("r", number(state.tuning.r), number(float(params.r))),
-        *rows_of((state.tuning.momentum, params.momentum), (now, steady_state(params)), period),
-    ]
-    table = "| | current | preset |\n|---|---|---|\n" + "\n".join(f"| {n} | {a} | **{b}** |" for n, a, b in rows)
-    return f"{preset.why}\n\n{table}"
-
-
 # What q, r and momentum give: lag, noise reduction, cut-off, gain, settling time, overshoot.
 
 
@@ -400,17 +312,3 @@ def table(frame: Frame) -> str:
 def _time_in_bold(text: str) -> str:
     time, bracket, samples = text.partition(" (")
     return f"**{time}**{bracket}{samples}"
-
-
-def rows_of(
-    momenta: tuple[float, float], settled: tuple[SteadyState, SteadyState], period: float | None
-) -> list[tuple[str, str, str]]:
-    """Two filters side by side: lag and noise, and where one has momentum that and the overshoot."""
-    rows = [
-        ("lag", *(lag_text(float(one.lag_samples), period) for one in settled)),
-        ("noise", *(decibels(-float(one.noise_reduction_db)) for one in settled)),
-    ]
-    if any(momenta):
-        rows.insert(0, ("momentum", *(momentum_words(one, period) for one in momenta)))
-        rows.append(("overshoot", *(percent(float(one.overshoot)) for one in settled)))
-    return [(name, before, after) for name, before, after in rows]

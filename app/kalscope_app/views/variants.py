@@ -8,9 +8,9 @@ import viser
 
 from kalscope.common.text import correlation, count, decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes import delete_variant, momentum_words, rename_variant, use_variant
+from kalscope_app.session.changes import delete_variant, momentum_words, use_variant
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import MAX_NAME_LENGTH, MAX_VARIANTS, Variant
+from kalscope_app.session.state import MAX_VARIANTS, Variant
 from kalscope_app.studies.comparisons import Fit, VariantComparison, VariantRow
 from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
 
@@ -37,26 +37,18 @@ class VariantsView:
             gui.add_markdown("### Pinned settings")
             self._table = gui.add_markdown(EMPTY)
             folder = gui.add_folder("Change a pinned setting", visible=False)
-            with folder as self._folder, gui.add_form(None) as form:
+            with folder as self._folder:
                 self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
                 self._steps = gui.add_button_group(
                     "",
                     ("Use", "Delete"),
                     hint="Use: tune with its q, r, momentum and initial state. Undo reverts both.",
                 )
-                self._name = gui.add_text(
-                    "new name", "", hint=f"At most {MAX_NAME_LENGTH} characters; press Enter to rename the setting."
-                )
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
-        on_user(form.on_submit, lambda _client: self._rename())
 
     def _use_or_delete(self) -> None:
         change = {"Use": use_variant, "Delete": delete_variant}[self._steps.value]
         self._session.request(change(self._which.value))
-
-    def _rename(self) -> None:
-        if self._name.value.strip():
-            self._session.request(rename_variant(self._which.value, self._name.value))
 
     def show(self, frame: Frame) -> None:
         """Offer the variants there are."""
@@ -67,7 +59,6 @@ class VariantsView:
             chosen = _follow(self._which.value, before, names)
             self._which.options = names
             self._which.value = chosen
-            self._name.value = ""
 
     def show_table(self, table: VariantComparison) -> None:
         """Write the table."""
@@ -75,7 +66,7 @@ class VariantsView:
 
 
 def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str:
-    """What stays chosen when the names change: the same one, renamed or not; a new one as soon as it is there."""
+    """What stays chosen when the names change: the same one; a new one as soon as it is there."""
     if len(names) > len(before) or before == (NOTHING,):
         return next(name for name in reversed(names) if name not in before)
     if chosen in names:

@@ -1,12 +1,11 @@
-"""What runs in the worker process: it takes tasks from its input, one at a time, and answers on its output."""
+"""What runs in the worker process: it takes tasks from a pipe, one at a time, and sends back what they return."""
 
 from __future__ import annotations
 
 import importlib
-import io
+import multiprocessing
 import os
 import pickle
-import queue
 import shutil
 import signal
 import tempfile
@@ -15,13 +14,16 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from kalscope.common.files import free_memory, limit_memory
 from kalscope.errors import KalscopeError
-from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 IDLE_S = 0.5
 """Seconds to wait for the first task before warming up: it may be on its way."""
@@ -33,53 +35,75 @@ NO_MEMORY = 12
 """Exit status of this process where a task does not fit into the memory."""
 MAX_CPU_S = 1800
 """Processor time of a task, s: ends even one that cannot be interrupted after the dashboard was killed."""
+PART = 1 << 24
+"""Bytes of an array that are sent at a time: the pipe of Python holds what it receives twice."""
 
 
-@dataclass(frozen=True)
-class Task:
-    """A call to make."""
+def send(pipe: Connection, message: Any) -> None:
+    """Send a message, its arrays as they are in memory.
 
-    work: Callable[..., Any]
-    """The function, known by its name."""
-    reports: bool
-    """Whether it takes `progress`, an `OnProgress`."""
+    Raises:
+        OSError: the other process no longer reads.
+    """
+    arrays: list[memoryview] = []
+    body = pickle.dumps(message, 5, buffer_callback=lambda array: arrays.append(array.raw()))
+    pipe.send((body, [array.nbytes for array in arrays]))
+    for array in arrays:
+        for at in range(0, array.nbytes, PART):
+            pipe.send_bytes(array[at : at + PART])
 
 
-def main(folder: str) -> None:
-    """Serve tasks until the input ends; temporary files go into `folder`, which is then removed."""
+def receive(pipe: Connection) -> Any:
+    """Receive a message; other threads can run while its arrays arrive.
+
+    Raises:
+        EOFError, OSError: the other process has ended.
+        MemoryError: it does not fit into the memory.
+    """
+    body, sizes = pipe.recv()
+    free = free_memory()
+    if free is not None and sum(sizes) > free:
+        raise MemoryError
+    arrays = [np.empty(size, np.uint8).data for size in sizes]  # a bytearray would be filled with zeros first
+    for array in arrays:
+        for at in range(0, array.nbytes, PART):
+            pipe.recv_bytes_into(array[at : at + PART])
+    return pickle.loads(body, buffers=arrays)
+
+
+def main(pipe: Connection, folder: str) -> None:
+    """Serve tasks until this process is ended; temporary files go into `folder`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to every process of the program
+    if os.name == "posix":
+        os.setpgid(0, 0)  # what a task starts ends with this process
     tempfile.tempdir = folder
-    answers = io.FileIO(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what a library prints is not an answer
-    tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(tasks, folder), daemon=True).start()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in 1, 2:  # standard output is for the link
+        os.dup2(nowhere, stream)
+    watch = threading.Thread(target=_end_with_dashboard, args=(folder,), daemon=True)
+    watch.start()
     importlib.import_module("kalscope.catalogue")  # with every reader of text
-    try:
-        task = tasks.get(timeout=IDLE_S)
-    except queue.Empty:
+    if not pipe.poll(IDLE_S):
         _warm_up(Path(folder))
-        task = tasks.get()
-    while True:
-        send(answers, _answer(task, answers))
-        task = tasks.get()
-
-
-def _listen(tasks: queue.SimpleQueue[Task], folder: str) -> None:
-    """Pass the tasks on; end this process, whatever it does, when the dashboard ends."""
-    status = 1
     try:
-        with io.FileIO(0, "r", closefd=False) as stream:
-            while True:
-                tasks.put(receive(stream))
+        while True:
+            work, reports = receive(pipe)
+            send(pipe, _answer(pipe, work, reports=reports))
+    except MemoryError:  # the rest of the task is still in the pipe
+        os._exit(NO_MEMORY)
     except (EOFError, OSError):
-        status = 0
-    except MemoryError:  # the rest of the input belongs to that task
-        status = NO_MEMORY
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)  # a dashboard that was killed cannot
-        if status == 0 and os.name == "posix" and os.getpgrp() == os.getpid():
-            os.killpg(0, signal.SIGKILL)  # and what it has started
-        os._exit(status)
+        watch.join()
+
+
+def _end_with_dashboard(folder: str) -> None:
+    """End this process, whatever it does, when the dashboard has ended; one that was killed cannot do it."""
+    dashboard = multiprocessing.parent_process()
+    if dashboard is not None:
+        dashboard.join()
+    shutil.rmtree(folder, ignore_errors=True)
+    if os.name == "posix":
+        os.killpg(0, signal.SIGKILL)
+    os._exit(0)
 
 
 def _warm_up(folder: Path) -> None:
@@ -94,8 +118,8 @@ def _warm_up(folder: Path) -> None:
     log.unlink(missing_ok=True)
 
 
-def _answer(task: Task, answers: io.RawIOBase) -> Done | Failed:
-    """Do one task."""
+def _answer(pipe: Connection, work: Callable[..., Any], *, reports: bool) -> tuple[str, Any]:
+    """Do one task: "done" and what it returned, or "failed" and what it raised; "progress" is sent meanwhile."""
     free, due = free_memory(), time.monotonic() + REPORT_S
     if free is not None:
         limit_memory(int(MEMORY_SHARE * free))
@@ -105,14 +129,14 @@ def _answer(task: Task, answers: io.RawIOBase) -> Done | Failed:
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + REPORT_S
-            send(answers, Progress(fraction, text))
+            send(pipe, ("progress", (fraction, text)))
 
     try:
-        return Done(task.work(progress=report) if task.reports else task.work())
+        return "done", work(progress=report) if reports else work()
     except Exception as error:
         if not isinstance(error, KalscopeError | OSError):
             error.add_note(traceback.format_exc())
-        return Failed(_sendable(error))
+        return "failed", _sendable(error)
 
 
 def _sendable(error: Exception) -> Exception:

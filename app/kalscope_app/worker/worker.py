@@ -7,26 +7,22 @@ is started at once.
 
 from __future__ import annotations
 
-import io
+import multiprocessing
 import os
-import queue
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from typing import TypeVar, cast
+from typing import Any, TypeVar
 
 from kalscope.common.files import does_not_fit
 from kalscope.common.progress import OnProgress
 from kalscope.common.stopping import done_at_stop
 from kalscope.errors import BadFile, Cancelled, NoMemory
-from kalscope_app.worker.child import MAX_CPU_S, NO_MEMORY, Task
-from kalscope_app.worker.messages import Done, Failed, Progress, receive, send
+from kalscope_app.worker.child import MAX_CPU_S, NO_MEMORY, main, receive, send
 
 T = TypeVar("T")
 
@@ -34,7 +30,8 @@ MAX_SILENCE_S = 120.0
 """Seconds in which a task must report some progress."""
 _LOOK_S = 0.05
 """Seconds between two checks whether a task is cancelled."""
-_CODE = "import sys; sys.path[:] = {path!r}; from kalscope_app.worker.child import main; main({folder!r})"
+_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}
+"""Of the process: a thread of OpenBLAS takes 40 MB at the start, and no module may come from the user's folder."""
 
 
 class Process:
@@ -42,69 +39,39 @@ class Process:
 
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="kalscope-worker-")
-        code = _CODE.format(path=[part for part in sys.path if part], folder=self._folder)
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # each of its threads takes 40 MB at the start
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            process_group=0 if os.name == "posix" else None,  # which ends with it, see `_kill`
-        )
-        self.pid, self._is_readable = self._process.pid, True
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, theirs = spawn.Pipe()
+        self._process = spawn.Process(target=main, args=(theirs, self._folder), daemon=True)
+        os.environ.update(_ENVIRONMENT)
+        self._process.start()
+        theirs.close()
         self._at_stop = ExitStack()
         self._at_stop.enter_context(done_at_stop(self.end))
-        self.news: queue.SimpleQueue[Progress | Done | Failed | None] = queue.SimpleQueue()
-        """What it reports; None once it has ended."""
-        threading.Thread(target=self._listen, name="kalscope-worker", daemon=True).start()
 
-    def _listen(self) -> None:
-        try:
-            with cast("io.FileIO", self._process.stdout) as stream:
-                while True:
-                    self.news.put(receive(stream))
-        except (EOFError, OSError, ValueError):  # ValueError: closed by `end`
-            pass
-        except Exception as error:  # an answer that does not fit into the memory; its rest is still in the pipe
-            self._is_readable = False
-            self.news.put(Failed(error))
-        self.news.put(None)
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        return self._process.pid or 0
 
     @property
     def is_alive(self) -> bool:
         """Whether it takes tasks."""
-        return self._is_readable and self._process.poll() is None
-
-    def send(self, task: Task) -> None:
-        """Give it a task; if it has ended meanwhile, `news` brings None."""
-        with suppress(OSError):
-            send(cast("io.FileIO", self._process.stdin), task)
+        return self._process.is_alive()
 
     def end(self) -> None:
-        """End it at once, whatever it does, and remove what it has unpacked."""
-        with suppress(OSError):
-            cast("io.FileIO", self._process.stdin).close()
-        self._kill()
-        with suppress(subprocess.TimeoutExpired):  # it is blocked on a lost network: the system ends it later
-            self._process.wait(1.0)
+        """End it at once with what it has started, whatever it does, and remove what it has unpacked."""
+        if self.is_alive:  # else its number may be that of another process
+            with suppress(OSError, AttributeError):  # no group yet, or none on this system
+                os.killpg(self.pid, signal.SIGKILL)
+            self._process.kill()
+        self._process.join(1.0)  # longer if it is blocked on a lost network: the system ends it later
         shutil.rmtree(self._folder, ignore_errors=True)
         self._at_stop.close()
 
-    def _kill(self) -> None:
-        """End it and, where there are process groups, what it has started: a spreadsheet is read by a process."""
-        if os.name != "posix":
-            self._process.kill()
-        elif self._process.poll() is None:  # else its number may be that of another process
-            with suppress(OSError):  # it has just ended: macOS then refuses where Linux finds no process
-                os.killpg(self.pid, signal.SIGKILL)
-
     def why_ended(self, what: str) -> BadFile | NoMemory:
         """Why the process ended while it read `what`."""
-        with suppress(subprocess.TimeoutExpired):  # its output ends a moment before it does
-            self._process.wait(1.0)
-        status = self._process.poll()
+        self._process.join(1.0)  # its pipe ends a moment before it does
+        status = self._process.exitcode
         if status == NO_MEMORY:
             return does_not_fit(what)
         if status == -getattr(signal, "SIGXCPU", 0):
@@ -161,45 +128,53 @@ class Worker:
             NoMemory: the task or its answer does not fit into the memory.
             Exception: what the task raised.
         """
-        task = Task(work, reports=progress is not None)
         with self._one_at_a_time:
             self.warm_up()
             process = self._process
             if process is None:
                 raise Cancelled("the program is ending")
             try:
-                process.send(task)
-                answer = self._wait(process, what, progress, cancelled)
-            except BaseException:
+                kind, answer = self._answer(process, (work, progress is not None), what, progress, cancelled)
+            except BaseException as error:
                 with self._starting:
                     self._replace(restart=not self._is_closed)
+                if isinstance(error, MemoryError):  # the rest of the answer is still in the pipe
+                    raise does_not_fit(what) from None
                 raise
-            if isinstance(answer, Done):
-                return answer.answer
-            if isinstance(answer.error, MemoryError) and not isinstance(answer.error, NoMemory):
-                raise does_not_fit(what)
-            raise answer.error
+        if kind == "done":
+            return answer
+        if isinstance(answer, MemoryError) and not isinstance(answer, NoMemory):
+            raise does_not_fit(what)
+        raise answer
 
-    def _wait(
-        self, process: Process, what: str, progress: OnProgress | None, cancelled: Callable[[], bool] | None
-    ) -> Done | Failed:
-        """The answer to the task that the process does."""
-        last, reported_at = Progress(0.0, ""), time.monotonic()
-        while True:
-            with suppress(queue.Empty):
-                news = process.news.get(timeout=_LOOK_S)
-                if isinstance(news, Done | Failed):
-                    return news
-                if news is None:
-                    ended = process.why_ended(what)
-                    raise Cancelled("the program is ending") if self._is_closed else ended
-                last, reported_at = news, time.monotonic()
-            if cancelled is not None and cancelled():
-                raise Cancelled("the task was cancelled before it was finished")
-            if progress is not None:
-                progress(last.fraction, last.text)
-            if time.monotonic() - reported_at > MAX_SILENCE_S:
-                raise BadFile(f"{what} must show progress every {MAX_SILENCE_S:g} s while it is read (got none)")
+    def _answer(
+        self,
+        process: Process,
+        task: tuple[Callable[..., T], bool],
+        what: str,
+        progress: OnProgress | None,
+        cancelled: Callable[[], bool] | None,
+    ) -> tuple[str, Any]:
+        """What the process answers to a task, "done" or "failed"."""
+        fraction, text, reported_at = 0.0, "", time.monotonic()
+        try:
+            send(process.pipe, task)
+            while True:
+                if process.pipe.poll(_LOOK_S):
+                    kind, answer = receive(process.pipe)
+                    if kind != "progress":
+                        return kind, answer
+                    (fraction, text), reported_at = answer, time.monotonic()
+                if cancelled is not None and cancelled():
+                    raise Cancelled("the task was cancelled before it was finished")
+                if progress is not None:
+                    progress(fraction, text)
+                if time.monotonic() - reported_at > MAX_SILENCE_S:
+                    raise BadFile(
+                        f"{what} must show progress every {MAX_SILENCE_S:g} s while it is read (got none)"
+                    )
+        except (EOFError, OSError):
+            raise Cancelled("the program is ending") if self._is_closed else process.why_ended(what) from None
 
     def _replace(self, *, restart: bool) -> None:
         process, self._process = self._process, None

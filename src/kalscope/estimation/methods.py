@@ -208,7 +208,7 @@ METHODS = {
     "moments": "moments of the differences",
     "allan": "Allan variance",
 }
-"""The methods of `estimate` with their names on screen, in the order in which `compare_methods` shows them."""
+"""The methods of `estimate` with their names on screen."""
 
 QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
 """The methods that use other properties of the record than its likelihood: from the record to a pair."""

@@ -10,10 +10,10 @@ import pytest
 from waiting import PATIENCE
 
 from kalscope import Recording, kalman_filter
-from kalscope_app.engine.engine import MIN_INTERVAL, Engine, Part, pause_before_frame
+from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.session.changes import set_exponent, set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Failed, Session
+from kalscope_app.session.session import Session
 
 
 class Screen:
@@ -59,19 +59,6 @@ def running(session):
     assert not any(thread.name == "kalscope-engine" for thread in threading.enumerate())
 
 
-@pytest.mark.parametrize(
-    ("now", "last", "pause"),
-    [(10.0, 0.0, 0.0), (1.0, 1.0, MIN_INTERVAL), (1.03, 1.0, 0.01), (0.0, 5.0, MIN_INTERVAL)],
-)
-def test_frames_keep_their_distance(now, last, pause):
-    assert pause_before_frame(now, last) == pytest.approx(pause)
-
-
-def test_the_first_frame_comes_by_itself(running):
-    _, screen = running
-    screen.wait(lambda: screen.frames)
-
-
 @pytest.mark.parametrize("burst", range(5))
 def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, burst):
     session, screen = running
@@ -84,15 +71,6 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
     expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
     assert len(screen.frames) < 100
-
-
-def test_a_refused_request_is_told_and_the_next_one_works(running):
-    session, screen = running
-    session.request(set_text("q", "-1"), failed=Failed.NUMBER)
-    session.request(set_text("r", "5"))
-    screen.wait(lambda: screen.told and screen.frames and screen.frames[-1].state.tuning.r == 5)
-    assert screen.told[0].startswith("q must be")
-    assert screen.headings == [Failed.NUMBER]
 
 
 def test_a_failing_view_does_not_stop_the_engine(session):
@@ -113,19 +91,6 @@ def test_a_failing_view_does_not_stop_the_engine(session):
     engine.stop()
 
 
-def test_a_first_frame_that_fails_lets_the_browsers_in(session):
-    screen = Screen()
-
-    def show(frame, parts):
-        raise RuntimeError("a view broke")
-
-    engine = Engine(session, show, screen.tell)
-    engine.start()
-    assert engine.first_frame.wait(timeout=PATIENCE)
-    assert str(screen.told[0]) == "a view broke"
-    engine.stop()
-
-
 @pytest.mark.slow
 def test_drawn_indices_are_chosen_once_for_one_view(running):
     session, screen = running
@@ -134,13 +99,6 @@ def test_drawn_indices_are_chosen_once_for_one_view(running):
     again = session.request(set_exponent("q", -2.0))
     screen.wait(lambda: screen.frames[-1].serial == again)
     assert screen.frames[-1].drawn is screen.frames[-2].drawn
-
-
-@pytest.mark.slow
-def test_every_part_of_the_screen_shows_the_last_value(running):
-    session, screen = running
-    last = session.request(set_exponent("q", -1.0))
-    screen.wait(lambda: all(serials and serials[-1] == last for serials in screen.drawn.values()))
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
 from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
-from kalscope_app.engine.frame import compute_frame, gain_axis, samples_to_settle
-from kalscope_app.session.changes import set_text, set_window
+from kalscope_app.engine.frame import compute_frame, samples_to_settle
+from kalscope_app.session.changes import set_text
 from kalscope_app.session.opening import opened
 
 
@@ -55,14 +55,6 @@ def test_what_is_drawn_is_the_filter_on_all_samples():
     assert frame.drawn.missing == np.isnan(state.recording.values).sum()
 
 
-def test_extremes_of_the_signal_survive_the_decimation():
-    rec = recording(200_000)
-    z = rec.channel("z").copy()
-    z[123_457] = 1e3
-    rec = Recording(rec.time, rec.names, rec.units, z[:, None], rec.sample_period)
-    assert 123_457 in choose_samples(rec, "z", None).indices
-
-
 @pytest.mark.slow
 def test_a_parameter_changes_y_only():
     state = opened(recording())
@@ -70,20 +62,6 @@ def test_a_parameter_changes_y_only():
     assert np.array_equal(before.drawn.time, after.drawn.time)
     assert np.array_equal(before.drawn.raw, after.drawn.raw)
     assert not np.array_equal(before.filtered, after.filtered)
-
-
-def test_a_window_draws_its_part_and_filters_the_whole():
-    state = opened(recording())
-    part = frame_of(set_window(100.0, 120.0)(state))
-    assert (part.drawn.time[0], part.drawn.time[-1]) == (100.0, 120.0)
-    x = kalman_filter(state.recording.channel("z"), state.params).x
-    assert np.array_equal(part.filtered, x[10_000:12_001])
-
-
-@pytest.mark.parametrize("window", [(0.001, 0.002), (199.99, 199.99), (0.0, 0.0)])
-def test_the_narrowest_window_still_has_two_samples(window):
-    shown = choose_samples(recording(), "z", window)
-    assert len(shown.indices) >= 2
 
 
 def test_time_that_steps_back_is_drawn_without_stepping_back():
@@ -94,11 +72,6 @@ def test_time_that_steps_back_is_drawn_without_stepping_back():
     assert (np.diff(shown.time) >= 0).all()
 
 
-def test_numbers_come_from_the_steady_state():
-    state = opened(recording())
-    assert frame_of(state).steady == steady_state(state.params, 0.01)
-
-
 @pytest.mark.parametrize("q", [1e-4, 1e-2, 1.0, 100.0])
 def test_the_start_up_ends_where_the_gain_is_within_one_percent(q):
     result = kalman_filter(np.zeros(5000), FilterParams(q, 1.0))
@@ -106,21 +79,6 @@ def test_the_start_up_ends_where_the_gain_is_within_one_percent(q):
     at = samples_to_settle(lambda size: result.k[:size], len(result.k), settled)
     assert abs(result.k[at] / settled - 1) <= 0.01
     assert at == 0 or abs(result.k[at - 1] / settled - 1) > 0.01
-
-
-def test_a_gain_that_never_settles_takes_the_whole_record():
-    result = kalman_filter(np.zeros(300), FilterParams(0.0, 1.0))
-    assert samples_to_settle(lambda size: result.k[:size], len(result.k), 0.0) == 300
-
-
-@pytest.mark.parametrize(
-    ("start_up", "n", "last"),
-    [(0, 9999, 19), (10, 9999, 19), (11, 9999, 49), (60, 9999, 199), (60, 30, 29), (0, 1, 0)],
-)
-def test_the_gain_axis_rests_on_round_lengths(start_up, n, last):
-    axis = gain_axis(start_up, n)
-    assert (axis[0], axis[-1]) == (0, last)
-    assert len(axis) <= 500
 
 
 def test_a_dense_line_is_a_band_that_holds_every_sample_about_it():
@@ -137,17 +95,6 @@ def test_a_dense_line_is_a_band_that_holds_every_sample_about_it():
             first, last = shown.indices[place], shown.indices[place + 1]
             between = z[first:last]
             assert low[place] <= between.min() <= between.max() <= high[place]
-
-
-def test_a_line_that_can_be_read_or_has_gaps_is_no_band():
-    few = choose_samples(recording(2000), "z", None)
-    assert few.band is None
-    z = np.random.default_rng(5).normal(size=5000)
-    z[7] = np.nan
-    gap = choose_samples(Recording(np.arange(5000) * 0.01, ("z",), ("V",), z[:, None], 0.01), "z", None)
-    assert gap.band is None
-    window = choose_samples(recording(50_000), "z", (10.0, 12.0))
-    assert window.band is None
 
 
 def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():

@@ -44,7 +44,7 @@ def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
     for part in Part:
         shown = [(moment, number) for moment, number, which in log if which is part]
         if part is not Part.SIGNAL:
-            longest = DELAYS[part].longest
+            longest = DELAYS[part][1]
             for (_, before), (moment, _) in pairwise(shown):  # the first frame that this part left out
                 assert moment <= moments[before + 1] + longest + 1e-9
         else:
@@ -53,15 +53,6 @@ def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
         moment, number = [(moment, number) for moment, number, which in log if which is part][-1]
         assert number == len(moments) - 1
         assert moment <= moments[-1] + SETTLED
-
-
-def test_while_a_slider_moves_the_whole_line_waits_and_the_others_are_rare():
-    steps = 60
-    log = drawn([0.05 * step for step in range(1 + steps)])
-    times = {part: sum(which is part for _, _, which in log) - 1 for part in Part}
-    assert times[Part.SIGNAL] == steps
-    assert times[Part.FULL] == times[Part.OTHER] - 2 == 1
-    assert steps / 4 <= times[Part.CHARTS] < times[Part.NUMBERS] <= steps / 2
 
 
 def test_the_signal_is_drawn_alone_and_what_is_no_move_at_once():
@@ -81,9 +72,9 @@ def test_a_newer_frame_goes_before_what_may_wait_and_after_what_may_not():
         for part in schedule.take_due(moment, moving=True):
             drawn[part].append(moment)
         schedule.begin(moment, whole=False)
-    for part, delay in DELAYS.items():
-        if delay.longest < math.inf:
-            assert np.diff(drawn[part]) == pytest.approx(delay.longest, abs=2 * step)
+    for part, (_, longest) in DELAYS.items():
+        if longest < math.inf:
+            assert np.diff(drawn[part]) == pytest.approx(longest, abs=2 * step)
         else:
             assert len(drawn[part]) == 1
 

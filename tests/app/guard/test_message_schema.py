@@ -60,11 +60,6 @@ def test_what_does_not_fit_leaves_the_widget_as_it_is(current, value):
     assert fitting_value(current, value) is None
 
 
-def test_a_menu_takes_only_what_is_on_it():
-    assert fitting_value("a", "b", options=("a", "b")) == "b"
-    assert fitting_value("a", "c", options=("a", "b")) is None
-
-
 junk = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner, max_size=2),

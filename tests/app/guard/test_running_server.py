@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import threading
 import types
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import viser
@@ -18,7 +16,6 @@ from viser import _messages as messages
 from viser.infra import _infra
 from waiting import PATIENCE
 from websockets.datastructures import Headers
-from websockets.exceptions import InvalidStatus
 from websockets.http11 import Request
 from websockets.sync.client import ClientConnection
 
@@ -56,30 +53,6 @@ def headers_of(answer: bytes) -> dict[str, str]:
 
 
 # --- pages ------------------------------------------------------------------------------------------------
-
-PAGES = {
-    "H1 no cookie": ("/", None, "", 403),
-    "H2 foreign Host": ("/", "evil.example", "{cookie}", 403),
-    "H7 right token": (f"/?token={TOKEN}", None, "", 200),
-    "H8 right cookie": ("/", None, "{cookie}", 200),
-    "H11 traversal, encoded": ("/..%2f..%2f..%2f_viser.py", None, "{cookie}", 404),
-    "H12 cookie of bytes": ("/", None, "Cookie: x=\xff\r\n{cookie}", 400),
-    "page asked by another site": ("/", None, "Origin: http://evil.example\r\n{cookie}", 403),
-}
-"""Every kind of answer; test_attacks.py has all attacks."""
-
-
-@pytest.mark.parametrize(("target", "host", "extra", "expected"), PAGES.values(), ids=PAGES.keys())
-def test_page(shared, target, host, extra, expected):
-    extra = extra.replace("{cookie}", f"Cookie: {cookie(shared.port)}\r\n")
-    answer = get(shared.port, target, host, extra)
-    headers = headers_of(answer)
-    assert status_of(answer) == expected
-    assert "frame-ancestors 'none'" in headers["content-security-policy"]
-    assert headers["x-content-type-options"] == "nosniff"
-    assert headers["cache-control"] == "no-store"
-    assert headers["cross-origin-resource-policy"] == "same-origin"
-    assert b"import viser" not in answer
 
 
 @pytest.mark.parametrize(
@@ -131,11 +104,6 @@ def test_socket(shared, origin, has_cookie, expected, word):
     if expected == 101 and word != "websocket":
         expected = 200  # viser takes it for a page; the user may see the page
     assert status_of(get(shared.port, extra=extra)) == expected
-
-
-def test_a_wrong_token_opens_no_socket(shared):
-    with pytest.raises(InvalidStatus, match="403"), client(shared.port, token="x" * 17):
-        pass
 
 
 def test_sockets_wait_until_the_limits_stand():
@@ -191,26 +159,6 @@ def test_an_unusable_host_is_named_at_once(host):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("port", [-1, 65536])
-def test_a_port_must_be_a_port(port):
-    with pytest.raises(BadSetting, match="port must be 0 to 65535"):
-        guarded_server(port=port)
-
-
-@pytest.mark.parametrize("port", [1, 6000, 10080])
-def test_a_port_that_no_browser_opens_is_refused_unless_a_proxy_stands_in_front(monkeypatch, port):
-    with pytest.raises(BadSetting, match=f"browsers block port {port}: choose another with --port"):
-        guarded_server(port=port)
-    monkeypatch.setattr(socket, "create_server", lambda *_, **__: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        guarded_server(port=port, behind="https://lab.example")
-
-
-def test_no_host_is_not_all_networks():
-    with pytest.raises(BadSetting, match="host must be a name or an address"):
-        guarded_server("", 0)
-
-
 def test_a_port_below_1024_names_the_rights(monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
@@ -231,18 +179,6 @@ def test_all_networks_with_a_name():
         host = f"raspberry.local:{running.port}"
         assert status_of(get(running.port, f"/?token={TOKEN}", host)) == 200
         assert status_of(get(running.port, f"/?token={TOKEN}", "other.local")) == 403
-
-
-def test_localhost_is_reached_by_its_address():
-    with guarded_server("localhost", 0, token=TOKEN) as running:
-        assert running.url.startswith(("http://127.0.0.1:", "http://[::1]:"))
-
-
-def test_each_start_has_its_own_long_token():
-    with guarded_server(port=0) as one, guarded_server(port=0) as other:
-        tokens = [running.url.partition("token=")[2] for running in (one, other)]
-    assert tokens[0] != tokens[1]
-    assert min(map(len, tokens)) >= 43  # 32 bytes in base 64
 
 
 def test_two_servers_do_not_open_to_each_others_cookie():
@@ -285,47 +221,6 @@ def test_a_server_stops_while_a_connection_waits():
     assert threads_of_viser() <= before
 
 
-def test_a_bad_token_leaves_the_port_free():
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
-    with pytest.raises(BadSetting, match="token must have"):
-        guarded_server(port=port, token="")
-    socket.create_server(("127.0.0.1", port)).close()
-
-
-def test_viser_prints_nothing(capfd):
-    guarded_server(port=0).stop()
-    assert capfd.readouterr().out == ""
-
-
-def test_the_call_that_was_replaced_is_back():
-    stock = websockets.asyncio.server.serve
-    with guarded_server(port=0):
-        assert websockets.asyncio.server.serve is stock
-
-
-def test_servers_started_at_once_do_not_mix_their_filters():
-    tokens = [letter * 16 for letter in "abcdefgh"]
-    with ThreadPoolExecutor() as pool, contextlib.ExitStack() as stack:
-        started = pool.map(lambda token: guarded_server(port=0, token=token), tokens)
-        for token, running in zip(tokens, map(stack.enter_context, started), strict=True):
-            extra = f"Cookie: kalscope_{running.port}={token}\r\n"
-            assert status_of(get(running.port, extra=extra)) == 200
-
-
-def test_the_log_keeps_the_token_to_itself(shared, caplog):
-    caplog.set_level("INFO", "kalscope_app.guard.requests")
-    get(shared.port, f"/?token={TOKEN}", "evil.example")
-    assert "refused '/'" in caplog.text
-    assert TOKEN not in caplog.text
-
-
-def test_environment_cannot_move_the_port(monkeypatch):
-    monkeypatch.setenv("_VISER_PORT_OVERRIDE", "1")
-    with guarded_server(port=0) as running:
-        assert running.port == running.server.get_port() != 1
-
-
 def test_no_argument_opens_the_public_tunnel(monkeypatch):
     tunnels = []
     monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args: tunnels.append(args))
@@ -350,8 +245,8 @@ WEAKENED = {
     "host": ("host_allowed", lambda *_: True),
     "origin": ("origin_allowed", lambda *_, **__: True),
     "cookie": ("_has_cookie", lambda *_: True),
-    "query": ("_answer_to_query", lambda *_: request_filter.Allow()),
-    "everything": ("decide", lambda *_: request_filter.Allow()),
+    "query": ("_answer_to_query", lambda *_: None),
+    "everything": ("decide", lambda *_: None),
     "every request is refused": ("decide", lambda *_: request_filter.Refuse(403, "No.")),
 }
 

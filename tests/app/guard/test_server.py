@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import string
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -17,11 +18,9 @@ from kalscope_app.guard import requests
 from kalscope_app.guard.messages import upload_refusal
 from kalscope_app.guard.requests import (
     NOT_UNDERSTOOD,
-    Allow,
     Policy,
     Refuse,
     RequestFilter,
-    RequestHead,
     SetCookie,
     behind_of,
     below_home,
@@ -41,19 +40,24 @@ TOKEN = "T0ken-T0ken_T0ken"
 POLICY = Policy(8080, TOKEN, frozenset({"raspberry.local"}))
 OWN = "127.0.0.1:8080"
 COOKIE = f"kalscope_8080={TOKEN}"
-PAGE = RequestHead(hosts=(OWN,), cookies=(COOKIE,))
-SOCKET = dataclasses.replace(PAGE, origins=(f"http://{OWN}",), is_upgrade=True)
+PAGE = {"hosts": (OWN,), "cookies": (COOKIE,)}
+SOCKET = {**PAGE, "origins": (f"http://{OWN}",), "is_upgrade": True}
 
 
-def page(**changed) -> RequestHead:
-    return dataclasses.replace(PAGE, **changed)
+def page(**changed) -> dict:
+    return {**PAGE, **changed}
 
 
-def socket(**changed) -> RequestHead:
-    return dataclasses.replace(SOCKET, **changed)
+def socket(**changed) -> dict:
+    return {**SOCKET, **changed}
 
 
-def status(answer: Allow | Refuse | SetCookie) -> int:
+def answer_to(policy, hosts=(), origins=(), is_upgrade=False, target="/", cookies=()) -> Refuse | SetCookie | None:
+    sent = {"Host": hosts, "Origin": origins, "Cookie": cookies, "Upgrade": ("websocket",) * is_upgrade}
+    return decide(policy, SimpleNamespace(path=target, headers=SimpleNamespace(get_all=sent.__getitem__)))
+
+
+def status(answer: Refuse | SetCookie | None) -> int:
     return answer.status if isinstance(answer, Refuse) else 200
 
 
@@ -81,12 +85,12 @@ ALLOWED = {
 
 @pytest.mark.parametrize("head", ALLOWED.values(), ids=ALLOWED.keys())
 def test_the_user_gets_in(head):
-    assert decide(POLICY, head) == Allow()
+    assert answer_to(POLICY, **head) is None
 
 
 @pytest.mark.parametrize("head", ALLOWED.values(), ids=ALLOWED.keys())
 def test_the_same_request_without_the_cookie_is_refused(head):
-    assert status(decide(POLICY, dataclasses.replace(head, cookies=()))) == 403
+    assert status(answer_to(POLICY, **{**head, "cookies": ()})) == 403
 
 
 # --- refused ----------------------------------------------------------------------------------------------
@@ -152,7 +156,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("head", "expected"), REFUSED.values(), ids=REFUSED.keys())
 def test_attack_is_refused(head, expected):
-    answer = decide(POLICY, head)
+    answer = answer_to(POLICY, **head)
     assert isinstance(answer, Refuse)
     assert answer.status == expected
     assert answer.reason.endswith(".")
@@ -160,9 +164,6 @@ def test_attack_is_refused(head, expected):
 
 def test_anything_that_breaks_the_check_is_refused(monkeypatch):
     """CVE-2026-14631: a header that made the check raise took the whole server down."""
-    broken: RequestHead = dataclasses.replace(PAGE, cookies=(None,))  # pyright: ignore[reportArgumentType]
-    with pytest.raises(AttributeError):
-        decide(POLICY, broken)
     monkeypatch.setattr(requests, "_has_cookie", lambda *_: 1 / 0)
     request = Request("/", Headers({"Host": OWN, "Cookie": COOKIE}))
     answer = RequestFilter(POLICY).answer(lambda *_: None, None, request)  # pyright: ignore[reportArgumentType]
@@ -197,9 +198,9 @@ def test_the_address_of_the_proxy_must_be_https_and_a_name(address):
         behind_of(address)
 
 
-@pytest.mark.parametrize("head", [PROXIED, dataclasses.replace(PROXIED, is_upgrade=False), SOCKET, PAGE])
+@pytest.mark.parametrize("head", [PROXIED, {**PROXIED, "is_upgrade": False}, SOCKET, PAGE])
 def test_behind_a_proxy_both_addresses_are_ours(head):
-    assert decide(BEHIND, head) == Allow()
+    assert answer_to(BEHIND, **head) is None
 
 
 @pytest.mark.parametrize(
@@ -215,16 +216,16 @@ def test_behind_a_proxy_both_addresses_are_ours(head):
     ],
 )
 def test_behind_a_proxy_the_origin_is_its_address_to_the_letter(changed):
-    assert status(decide(BEHIND, dataclasses.replace(PROXIED, **changed))) == 403
+    assert status(answer_to(BEHIND, **{**PROXIED, **changed})) == 403
 
 
 def test_without_the_option_the_proxy_is_refused():
-    assert status(decide(POLICY, PROXIED)) == 403
+    assert status(answer_to(POLICY, **PROXIED)) == 403
 
 
 def test_the_cookie_of_https_is_sent_by_https_only():
     link = page(target=f"/?token={TOKEN}", cookies=(), hosts=("lab.example:8443",))
-    assert decide(BEHIND, link) == SetCookie(
+    assert answer_to(BEHIND, **link) == SetCookie(
         f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}; Secure"
     )
     assert "wss://lab.example:8443 " in dashboard_csp((), BEHIND.origin_of("lab.example:8443"))
@@ -264,13 +265,13 @@ def test_any_other_path_stays_what_it_is(target):
 
 @pytest.mark.parametrize("cookies", [(), (COOKIE,), ("kalscope_8080=old",)])
 def test_the_printed_link_sets_the_cookie(cookies):
-    answer = decide(POLICY, page(target=f"/?token={TOKEN}", cookies=cookies))
+    answer = answer_to(POLICY, **page(target=f"/?token={TOKEN}", cookies=cookies))
     assert answer == SetCookie(f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}")
 
 
 def test_the_printed_link_does_not_work_under_a_foreign_name():
     head = page(target=f"/?token={TOKEN}", hosts=("evil.example:8080",))
-    assert status(decide(POLICY, head)) == 403
+    assert status(answer_to(POLICY, **head)) == 403
 
 
 # --- no string opens the door -----------------------------------------------------------------------------
@@ -284,7 +285,7 @@ nearly = st.builds(
 )
 headers = st.lists(anything | nearly, max_size=3).map(tuple)
 heads = st.builds(
-    RequestHead,
+    dict,
     hosts=headers | st.just((OWN,)),
     origins=headers | st.just((f"http://{OWN}",)) | st.just(()),
     is_upgrade=st.booleans(),
@@ -295,20 +296,19 @@ heads = st.builds(
 
 @given(heads)
 def test_no_request_without_the_token_is_allowed(head):
-    if TOKEN in head.target or any(TOKEN in cookie for cookie in head.cookies):
+    if TOKEN in head["target"] or any(TOKEN in cookie for cookie in head["cookies"]):
         return  # never happens by chance; it would be the user
-    assert isinstance(decide(POLICY, head), Refuse)
+    assert isinstance(answer_to(POLICY, **head), Refuse)
 
 
 @given(heads)
 def test_a_foreign_host_or_origin_is_refused_even_with_the_cookie(head):
-    head = dataclasses.replace(head, cookies=(*head.cookies, COOKIE))
-    answer = decide(POLICY, head)
-    if answer == Allow():
-        assert len(head.hosts) == 1
-        assert host_allowed(POLICY, head.hosts[0])
-        assert head.origins in ((), (f"http://{head.hosts[0]}",))
-        assert head.origins or not head.is_upgrade
+    hosts, origins = head["hosts"], head["origins"]
+    if answer_to(POLICY, **{**head, "cookies": (*head["cookies"], COOKIE)}) is None:
+        assert len(hosts) == 1
+        assert host_allowed(POLICY, hosts[0])
+        assert origins in ((), (f"http://{hosts[0]}",))
+        assert origins or not head["is_upgrade"]
 
 
 @given(st.text(string.ascii_lowercase + string.digits + ".-:", max_size=40))
@@ -338,7 +338,7 @@ def test_the_refusal_page_says_what_to_do_and_escapes():
     assert "Open the link printed in the terminal" in shown
     assert "http://127.0.0.1:8080/?token=" in shown
     assert "<script" not in shown
-    assert "prefers-color-scheme: dark" in shown
+    assert "color-scheme: light dark" in shown
     assert TOKEN not in shown
 
 
@@ -387,14 +387,9 @@ def test_the_dashboard_may_connect_only_to_itself():
 
 def test_the_self_test_expects_what_the_rules_say():
     for attempt in self_test_attempts(POLICY):
-
-        def sent(wanted, attempt=attempt):
-            return tuple(value for name, value in attempt.headers if name == wanted)
-
-        head = RequestHead(sent("Host"), sent("Origin"), bool(sent("Upgrade")), attempt.target, sent("Cookie"))
-        answer = decide(POLICY, head)
+        answer = decide(POLICY, Request(below_home(POLICY, attempt.target), Headers(attempt.headers)))
         if attempt.expected_status in (404, 503):  # viser has no such file; sockets wait for the end of the test
-            assert answer == Allow(), attempt.what
+            assert answer is None, attempt.what
         else:
             assert status(answer) == attempt.expected_status, attempt.what
 
@@ -405,31 +400,20 @@ MIB = 2**20
 
 
 @pytest.mark.parametrize(
-    ("size", "parts", "under_way", "words"),
+    ("size", "parts", "words"),
     [
-        (0, 0, 0, None),
-        (1, 1, 0, None),
-        (10 * MIB, 20, 0, None),
-        (64 * MIB, 128, 0, None),
-        (64 * MIB + 1, 129, 0, "up to 64 MiB"),
-        (1, 1, 128 * MIB, "still under way"),
-        (32 * MIB, 64, 96 * MIB, None),
-        (32 * MIB + 1, 65, 96 * MIB, "still under way"),
-        (1, 0, 0, "not be understood"),
-        (0, 1, 0, "not be understood"),
-        (1, 2, 0, "not be understood"),
-        (1, -1, 0, "not be understood"),
-        (MIB, 10**9, 0, "not be understood"),
-        (-1, 1, 0, "not be understood"),
+        (0, 0, None),
+        (1, 1, None),
+        (64 * MIB, 128, None),
+        (64 * MIB + 1, 129, "up to 64 MiB"),
+        (1, 0, "not be understood"),
+        (0, 1, "not be understood"),
+        (1, 2, "not be understood"),
+        (1, -1, "not be understood"),
+        (MIB, 10**9, "not be understood"),
+        (-1, 1, "not be understood"),
     ],
 )
-def test_upload_is_refused_before_it_costs_memory(size, parts, under_way, words):
-    why = upload_refusal(size, parts, under_way, 64 * MIB)
+def test_upload_is_refused_before_it_costs_memory(size, parts, words):
+    why = upload_refusal(size, parts, 64 * MIB)
     assert why is None if words is None else why is not None and words in why
-
-
-def test_one_client_cannot_take_the_room_of_the_others():
-    assert upload_refusal(32 * MIB, 64, 32 * MIB, 64 * MIB, 32 * MIB) is None
-    why = upload_refusal(32 * MIB + 1, 65, 32 * MIB, 64 * MIB, 32 * MIB)
-    assert why is not None
-    assert "still under way" in why

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import gc
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from waiting import PATIENCE
 
-from kalscope import BadSetting, Recording
+from kalscope import Recording
 from kalscope.sources.recorder import RecorderCounts
-from kalscope_app.live import BoardConnection, BoardRecording, port_named
+from kalscope_app.live import BoardConnection
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.session.state import NO_CONNECTION, BoardId
 from kalscope_app.views import live
 from kalscope_app.views.live import LiveView
 
@@ -58,8 +55,9 @@ def connection():
 @pytest.fixture
 def board(connection):
     """A board of the command line, connected and on screen."""
-    board = SimpleNamespace(id=BoardId(), source=Source())
-    connection.adopt(board.id, board.source)
+    source = Source()
+    board = SimpleNamespace(id=source, source=source)
+    connection.adopt(source)
     connection.start()
     return board
 
@@ -99,7 +97,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
     connection.look_at(board.id)
     assert (board.source.calls, other.calls, other.reconnect) == (["start", "close"], ["start"], False)
     state = session.apply_requests()[0]
-    assert connection.is_connected(state.live.board)
+    assert connection.source is state.live.board
     connection.look_at(None)
     assert other.calls == ["start", "close"]
 
@@ -126,7 +124,7 @@ def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connectio
     session.apply_requests()
     assert connection.source.calls == ["start"]
     session.request(changes[1])
-    assert connection.is_connected(session.apply_requests()[0].live.board)
+    assert connection.source is session.apply_requests()[0].live.board
 
 
 def show_file(session):
@@ -135,20 +133,6 @@ def show_file(session):
     session.apply_requests()
     session.wakeup.clear()
     assert session.connection().connected
-
-
-def test_disconnect_shows_at_once_also_while_a_file_is_on_screen(connection, board):
-    session, gui, buttons = Session(opened_live(board.id, "x"), connection), MagicMock(), {}
-    board.source.recorder = object()
-    show_file(session)
-    gui.add_button.side_effect = lambda label, **_: buttons.setdefault(label, MagicMock())
-    jobs = SimpleNamespace(run=lambda work: work(), when_idle=MagicMock())
-    LiveView(gui, session, jobs, connection, MagicMock(), MagicMock())
-    (on_click,) = buttons["Disconnect"].on_click.call_args.args
-    with pytest.raises(StopIteration):  # it ends at once: no event loop is needed, and a browser's may be running
-        on_click(SimpleNamespace(client=object())).send(None)
-    assert session.wakeup.is_set()
-    assert not session.connection().connected
 
 
 def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(connection, board, monkeypatch):
@@ -165,44 +149,3 @@ def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(co
     ports.append(SimpleNamespace(device="/dev/ttyS0", description=""))
     jobs.when_idle.call_args.args[0]()
     assert menus["port"].value == live.TYPED
-
-
-@pytest.mark.slow
-def test_a_board_behind_a_file_is_closed_when_its_recording_ends(connection, board, tmp_path, monkeypatch):
-    monkeypatch.setattr(board.source, "status", lambda: SimpleNamespace(recording=None))
-    session = Session(opened_live(board.id, "x"), connection)
-    recording = BoardRecording(connection, tmp_path, MagicMock(), session.wakeup.set)
-    recording.start("run.csv")
-    show_file(session)
-    recording.stop()
-    assert session.wakeup.wait(PATIENCE)
-    session.apply_requests()
-    assert (board.source.calls, connection.source) == (["start", "close"], None)
-
-
-def test_a_board_that_was_disconnected_stays_so(connection, board):
-    connection.close()
-    connection.look_at(board.id)
-    assert board.source.calls == ["start", "close"]
-    assert connection.state(board.id).status == "status"
-    connection.close()
-    assert board.source.calls == ["start", "close"]
-
-
-def test_a_source_is_forgotten_with_the_last_state_that_names_it(connection, board):
-    connection.close()
-    board.id = None
-    gc.collect()
-    assert not connection._sources
-    assert Session(opened(FILE)).connection() == NO_CONNECTION
-
-
-@pytest.mark.parametrize(("spec", "says"), [("", "must be named"), ("ftp://x", "must begin with one of")])
-def test_what_is_no_port_is_refused(spec, says):
-    with pytest.raises(BadSetting, match=says):
-        port_named(spec, "9600", reset=True)
-
-
-@pytest.mark.parametrize(("spec", "baud"), [("/dev/ttyACM0", 9600), ("/dev/ttyACM0@1200", 1200)])
-def test_a_baud_rate_in_the_address_wins(spec, baud):
-    assert port_named(spec, "9600", reset=True).baud == baud

@@ -18,7 +18,6 @@ from kalscope_app.live import BoardConnection
 from kalscope_app.session.live_changes import opened_live, set_paused
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session, undo
-from kalscope_app.session.state import BoardId
 from kalscope_app.views.board import FORGET, KEEP, CalibrationView
 
 
@@ -42,10 +41,10 @@ class Desk:
 
     def __init__(self, board):
         self.board, self.told, self.widgets = board, [], Widgets()
-        source, self.id = LiveSource(board.port), BoardId()
+        source = LiveSource(board.port)
         self.connection = BoardConnection(Jobs(self.tell))
-        self.connection.adopt(self.id, source)
-        self.session = Session(opened_live(self.id, "board"), self.connection)
+        self.connection.adopt(source)
+        self.session = Session(opened_live(source, "board"), self.connection)
         self.view = CalibrationView(self.widgets, self.session, self.tell, self.connection)
         self.connection.start()
         self._end = threading.Event()
@@ -70,7 +69,7 @@ class Desk:
     def state(self, state):
         self._state = state
 
-    _state = opened_live(BoardId(), "none")
+    _state = opened_live(MagicMock(), "none")
 
     def shown(self, label):
         return self.widgets.made[label].visible

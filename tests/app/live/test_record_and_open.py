@@ -35,11 +35,11 @@ def test_after_stop_a_button_opens_the_recording_and_what_was_tuned_stays(tmp_pa
         guest.set(guest.find("record to"), "mine.csv")
         guest.set(guest.find("Record"), True)
         says("recording to **mine\\.csv**")
-        guest.set(guest.find("Apply preset"), True)
+        guest.set(guest.find("Add momentum"), True)
         guest.set(guest.find("Stop recording"), True)
         says("Recorded mine.csv: ")
         guest.set(guest.find("Open the recording"), True)
-        says("Kept for light: the filter as tuned")
+        says("Filters and pins of channels of the same name and unit stay")
         says("**mine\\.csv**")
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import gc
-import logging
 import queue
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +13,6 @@ from pathlib import Path
 import pytest
 from viser import _scene_api
 from waiting import PATIENCE
-from websockets.exceptions import ConnectionClosedOK
 
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -28,7 +25,7 @@ def heard():
     """An ErrorReporter and its notifications."""
     told = queue.Queue()
     errors = ErrorReporter()
-    errors.notify_with(lambda error: told.put(sentence_for(error, None)))
+    errors.notify = lambda error: told.put(sentence_for(error, None))
     return errors, told
 
 
@@ -54,19 +51,6 @@ def test_what_ends_a_thread_is_told(heard, caplog):
     assert "ZeroDivisionError" in told.get(timeout=PATIENCE)
     assert "thread reader" in caplog.text
     assert threading.excepthook is before
-
-
-def test_what_cannot_be_raised_is_told(heard):
-    errors, told = heard
-
-    class Broken:
-        def __del__(self):
-            raise RuntimeError("in a destructor")
-
-    with errors.watch_threads():
-        Broken()
-        gc.collect()
-    assert "in a destructor" in told.get(timeout=PATIENCE)
 
 
 def test_a_callback_that_raises_is_told_and_the_next_one_runs(heard):
@@ -122,29 +106,3 @@ def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch
     monkeypatch.setattr(log, "REPEAT_S", 0.0)
     errors.report("reader", ValueError("again"))
     assert told.qsize() == 2
-
-
-@pytest.mark.parametrize(
-    "error", [ConnectionClosedOK(None, None), ConnectionResetError(), asyncio.CancelledError()], ids=repr
-)
-def test_a_browser_that_disconnects_is_not_an_error(heard, error):
-    errors, told = heard
-    errors.report("socket", error)
-    assert told.empty()
-
-
-def test_errors_are_not_shown_once_the_program_is_ending(heard):
-    errors, told = heard
-    errors.is_ending = True
-    errors.report("callback", RuntimeError("cannot schedule new futures after shutdown"))
-    errors.report("thread", SystemExit())
-    errors.report("nothing", None)
-    assert told.empty()
-
-
-def test_a_failure_to_tell_is_logged(caplog):
-    errors = ErrorReporter()
-    errors.notify_with(lambda _error: 1 / 0)
-    with caplog.at_level(logging.ERROR):
-        errors.report("reader", ValueError("first"))
-    assert "could not be notified" in caplog.text

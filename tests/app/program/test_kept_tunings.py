@@ -2,10 +2,15 @@
 
 import os
 from itertools import count
+from types import SimpleNamespace
 
+from kalscope import open_source
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.dashboard import Dashboard
 from kalscope_app.program import user_settings
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, KeptTunings
+from kalscope_app.session.changes import set_dark, set_text
+from kalscope_app.session.opening import opened
 
 
 def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkeypatch):
@@ -28,3 +33,13 @@ def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkey
     assert (kept.of(str(files[1])), kept.last()) == (None, "")
     if os.name == "posix":
         assert (tmp_path / "tunings").stat().st_mode & 0o077 == 0
+
+
+def test_filters_are_written_once_for_each_change(tmp_path):
+    (tmp_path / "log.csv").write_text("t,z\n" + "".join(f"{i},{i % 7}.5\n" for i in range(60)))
+    state, written = opened(open_source(str(tmp_path / "log.csv"))), []
+    screen = SimpleNamespace(_written=None, _kept=SimpleNamespace(keep=written.append))
+    tuned = set_text("q", "7")(state)
+    for shown in (state, set_dark(True)(state), tuned, set_dark(True)(tuned), opened(open_source("demo"))):
+        Dashboard._keep_tuning(screen, shown)
+    assert [tuning.channels[0].q for tuning in written] == [state.tuning.q, 7.0]

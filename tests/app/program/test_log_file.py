@@ -32,15 +32,6 @@ def test_the_terminal_has_warnings_of_ours_in_one_line_each(capsys):
     assert capsys.readouterr().err == "kalscope: look here\nkalscope: A part failed\n"
 
 
-def test_verbose_says_what_happens_and_why(capsys):
-    with logging_to(verbose=True):
-        OURS.info("refused '/'")
-        fail()
-    said = capsys.readouterr().err
-    assert said.startswith("kalscope: refused '/'\n")
-    assert "ValueError: it broke" in said
-
-
 def test_the_file_has_everything_and_is_private(tmp_path):
     file = tmp_path / "kalscope.log"
     with logging_to(file):
@@ -96,11 +87,6 @@ def test_a_file_that_is_no_log_is_neither_appended_to_nor_removed(tmp_path, name
     with pytest.raises(BadSetting, match=f"got '.*{name}'"), logging_to(tmp_path / "notes.txt"):
         pass
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "\nmine\n")]
-
-
-def test_a_file_that_cannot_be_written_is_refused_at_once(tmp_path):
-    with pytest.raises(FileNotFoundError), logging_to(tmp_path / "nowhere" / "kalscope.log"):
-        pass
 
 
 def test_a_disk_that_fills_up_later_is_no_error(tmp_path, monkeypatch):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,20 +13,15 @@ from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
-    copy_setting,
     pin_present,
-    reset_parameters,
-    select_channel,
     set_link,
     set_median,
-    set_text,
     use_chain,
-    use_kalman_filter,
     use_settings,
     use_variant,
 )
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.session import Session
 from kalscope_app.session.share import apply_options, share_line
 from kalscope_app.session.state import SAME_LAG
 from kalscope_app.studies.comparisons import VariantTable
@@ -65,37 +58,8 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
         assert loaded.tuning == tuned.tuning
         assert typed_chain(chain_text(chain)) == chain
         assert chain_text(chain) in share_line(tuned).line
-        again = apply_options(state, None, *[None] * 6, chain=chain_text(chain))
+        again = apply_options(state, None, chain_text(chain))
         assert again.filter == tuned.filter
-
-
-def test_going_back_to_the_kalman_filter_loses_nothing_and_undo_takes_each_step_back(state):
-    session = Session(set_text("q", "0.5")(state))
-    for change in (use_chain(Chain(5, EURO)), use_kalman_filter, undo, undo, redo):
-        session.request(change)
-    after, _, failures = session.apply_requests()
-    assert not failures
-    assert (after.tuning.q, after.tuning.chain) == (0.5, Chain(5, EURO))
-    assert use_kalman_filter(after).tuning == replace(after.tuning, chain=None)
-    assert reset_parameters(after).tuning == state.tuning
-    assert not after.is_standard
-    assert not after.uses_parameters
-
-
-def test_a_median_stands_before_the_filter_that_runs(state):
-    behind = set_median("5 samples")(state)
-    assert behind.tuning.chain == Chain(5)
-    assert behind.uses_parameters
-    faster = set_text("q", "3")(behind)
-    assert not np.array_equal(frame_of(faster).filtered, frame_of(behind).filtered, equal_nan=True)
-    assert set_median("off")(faster).is_standard
-    euro = use_chain(Chain(3, EURO))(state)
-    assert [set_median(words)(euro).tuning.chain for words in ("off", "5 samples")] == [
-        Chain(1, EURO),
-        Chain(5, EURO),
-    ]
-    with pytest.raises(BadSetting, match="the median must be one of off, 3 samples, 5 samples"):
-        set_median("100001 samples")(state)
 
 
 def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
@@ -124,15 +88,6 @@ def test_linked_channels_run_the_same_chain_and_a_speed_counts_in_their_own_nois
     assert (second.chain.median, second.chain.then.cutoff) == (5, 0.02)
     assert second.chain.then.beta == pytest.approx(0.7 / wider)
     assert first.chain == Chain(5, EURO)
-    assert copy_setting("b")(use_chain(Chain(3))(state)).settings.tunings[1].chain == Chain(3)
-
-
-def test_a_chain_stays_with_its_channel_through_another_recording(state, recording):
-    tuned = use_chain(Chain(5))(state)
-    other = opened(Recording(np.arange(9.0), ("c",), ("",), np.zeros((9, 1)), 1.0), tuned)
-    back = opened(recording, other)
-    assert back.tuning.chain == Chain(5)
-    assert select_channel("b")(back).tuning.chain is None
 
 
 HOSTILE = {
@@ -159,6 +114,6 @@ def test_a_chain_from_outside_is_checked(state):
             assert typed_chain(text) == Chain(1, Median(5))
             continue
         with pytest.raises(BadSetting, match=why):
-            apply_options(state, None, *[None] * 6, chain=text)
+            apply_options(state, None, text)
     assert typed_chain(" Kalman ") is None
-    assert apply_options(use_chain(Chain(5))(state), None, "3", *[None] * 5).tuning.chain == Chain(5)
+    assert apply_options(use_chain(Chain(5))(state), None, None, q="3").tuning.chain == Chain(5)

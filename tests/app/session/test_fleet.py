@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from fleet_folder import NOISY, finished_fleet
 from required import not_here
@@ -18,7 +16,6 @@ from kalscope_app.session.changes import (
     open_fleet,
     pick_device,
     set_at_shared,
-    set_fleet_colour,
     set_fleet_order,
     set_text,
 )
@@ -92,8 +89,6 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
 def test_what_a_browser_cannot_choose_is_refused():
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
-    with pytest.raises(BadSetting):
-        set_fleet_colour("taste")
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -104,15 +99,6 @@ def test_every_order_lists_devices_once(fleet, order):
         assert rows[0] == NOISY
     if order == "without q and r":
         assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
-
-
-def test_the_corners_hold_the_devices_and_the_filter_for_all(fleet, state):
-    (q, r), (to_q, to_r), shared = state.fleet.corners
-    usable = fleet.devices.usable
-    assert (q, to_q) == pytest.approx((fleet.devices.q[usable].min(), fleet.devices.q[usable].max()))
-    assert (r, to_r) == pytest.approx((fleet.devices.r[usable].min(), fleet.devices.r[usable].max()))
-    assert shared == (fleet.shared.params.q, fleet.shared.params.r)
-    assert math.isfinite(to_q)
 
 
 @pytest.mark.slow

@@ -9,29 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, save_tuning
-from kalscope.estimation.request import FitResult
+from kalscope import BadSetting, FilterParams, Recording, kalman_filter
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
-    ALL_OTHERS,
     MAX_POSITION,
-    apply_found,
-    copy_setting,
     momentum_at,
-    pin_present,
-    reset_parameters,
     set_link,
     set_momentum_position,
     set_momentum_text,
-    set_point,
     set_text,
     set_velocity,
     slider_position,
-    use_variant,
 )
-from kalscope_app.session.opening import opened, opened_with
+from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS
 
@@ -54,10 +46,6 @@ def momenta(state):
     return [tuning.momentum for tuning in state.settings.tunings]
 
 
-def test_a_recording_opens_without_momentum(state):
-    assert momenta(state) == [0.0, 0.0]
-
-
 def test_the_low_end_of_the_slider_is_exactly_off_and_the_high_end_the_longest():
     assert momentum_at(0.0) == 0.0
     assert momentum_at(MAX_POSITION) == MAX_MOMENTUM
@@ -69,11 +57,6 @@ def test_the_low_end_of_the_slider_is_exactly_off_and_the_high_end_the_longest()
 def test_the_slider_stays_where_it_was_put(position):
     """The slider is set again where it is more than half a step away, so it must come back nearer than that."""
     assert abs(slider_position(momentum_at(position)) - position) < 0.005
-
-
-@given(st.floats(0.5, MAX_POSITION - 0.5), st.floats(0.01, 0.5))
-def test_moving_right_means_longer_momentum(position, step):
-    assert momentum_at(position + step) > momentum_at(position)
 
 
 @pytest.mark.parametrize("position", [-1.0, 9.0, -1e300, 1e300, math.nan, math.inf])
@@ -119,52 +102,10 @@ def test_undo_and_redo_take_the_momentum_back_and_forth(state):
     assert seen[-1].q == 7.0
 
 
-def test_a_pin_keeps_its_momentum_and_gives_it_back(state):
-    state = pin_present(with_momentum(state, 12.0))
-    off = set_momentum_position(0.0)(state)
-    assert pin_present(off).variants[1].tuning.momentum == 0.0  # another setting, not the same one
-    assert use_variant("A")(off).tuning == state.tuning
-
-
 def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
     assert momenta(with_momentum(state, 12.0)) == [12.0, 0.0]
     for link in (SAME_NUMBERS, SAME_LAG):
         assert momenta(with_momentum(set_link(link)(state), 12.0)) == [12.0, 12.0]
-    assert momenta(copy_setting(ALL_OTHERS)(with_momentum(state, 12.0))) == [12.0, 12.0]
-
-
-def test_reset_takes_the_momentum_back(state):
-    assert reset_parameters(with_momentum(state, 12.0)).tuning == state.start
-
-
-def test_a_point_of_the_map_leaves_the_momentum(state):
-    moved = set_point(0.5, -0.5)(with_momentum(state, 12.0))
-    assert moved.tuning.momentum == 12.0
-    assert moved.tuning.q == pytest.approx(10**0.5, rel=1e-2)
-
-
-@pytest.mark.parametrize("momentum", [0.0, 33.5])
-def test_a_search_sets_the_momentum_it_found(state, momentum):
-    found = FitResult(FilterParams(2.0, 3.0, momentum=momentum), "maximum likelihood", "")
-    after = apply_found(state.recording, "a", found)(with_momentum(state, 12.0))
-    assert (after.tuning.q, after.tuning.r, after.tuning.momentum) == (2.0, 3.0, momentum)
-    outcome = after.answers.outcome
-    assert outcome is not None
-    assert with_momentum(after, 5.0).answers.outcome is None  # its answer is about another filter now
-    assert set_text("gate", "9")(after).answers.outcome is outcome
-
-
-def test_a_tuning_file_brings_the_momentum_back(state, tmp_path):
-    state = with_momentum(state, 12.345678901234567)
-    save_tuning(state.as_tuning(), tmp_path / "tuning.toml")
-    again = opened_with(state.recording, load_tuning(tmp_path / "tuning.toml"))
-    assert again.settings.tunings[0].momentum == state.tuning.momentum
-    assert momenta(again) == momenta(state)
-
-
-def test_a_recording_read_again_keeps_the_momentum(state):
-    state = with_momentum(state, 12.0)
-    assert momenta(opened(state.recording, state)) == [12.0, 0.0]
 
 
 @pytest.mark.parametrize("period", [0.02, None])

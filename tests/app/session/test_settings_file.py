@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from feed import Board
 
 from kalscope import BadFile, BadSetting, Recording
 from kalscope.tuning.file import dumps
-from kalscope_app.session.changes import MAX_BYTES, set_text, set_variant_of_eq3, uploaded_settings, use_settings
-from kalscope_app.session.live_changes import opened_live, refreshed
+from kalscope_app.session.changes import MAX_BYTES, set_text, uploaded_settings, use_settings
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 
@@ -43,13 +41,6 @@ def test_a_file_that_was_saved_comes_back_and_can_be_undone(state, file):
     assert session.apply_requests()[0].settings == state.settings
 
 
-def test_it_leaves_the_filter_of_a_paper(state, file):
-    content, expected = file
-    other = set_variant_of_eq3("printed")(state)
-    loaded = use_settings(uploaded_settings("mine.toml", content), "mine.toml")(other)
-    assert (loaded.filter.is_standard, loaded.settings.tunings) == (True, expected)
-
-
 def test_another_rate_rescales_q_and_no_rate_takes_that_of_the_file(file):
     tuning = uploaded_settings("mine.toml", file[0])
     slower = use_settings(tuning, "mine.toml")(opened(recording(period=0.02)))
@@ -57,13 +48,6 @@ def test_another_rate_rescales_q_and_no_rate_takes_that_of_the_file(file):
     assert slower.answers.note.startswith("Loaded mine.toml. Q was multiplied by 2")
     untimed = use_settings(tuning, "mine.toml")(opened(recording(period=None)))
     assert (untimed.recording.sample_period, untimed.tuning.q) == (0.01, 7.0)
-
-
-@pytest.mark.parametrize(("period", "q"), [(0.0102, 7.0), (0.02, 14.0)])
-def test_the_measured_rate_of_a_board_is_never_quite_that_of_the_file(file, period, q):
-    board = Board(period=period)
-    live = refreshed(opened_live(board.id, "x"), board.send(500).snapshot())
-    assert use_settings(uploaded_settings("m.toml", file[0]), "m.toml")(live).tuning.q == pytest.approx(q)
 
 
 def test_a_file_of_other_channels_is_refused(file):

@@ -12,7 +12,6 @@ from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import commands as program
 from kalscope_app.session.changes import (
-    channel_named,
     select_channel,
     set_automatic_start,
     set_momentum_position,
@@ -94,13 +93,6 @@ def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, mo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", ["demo", "sample:lis302dl", "synthetic:sine?n=300&sigma=0.2&seed=1"])
-def test_samples_and_made_signals_reopen_too(source, reopen):
-    state = set_text("q", "0.3")(opened(open_source(source)))
-    assert essence(reopen(share_line(state).line)) == essence(state)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"])
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
@@ -136,26 +128,12 @@ def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatc
     assert "--sample-period" not in share_line(set_sample_period("")(again)).line
 
 
-def test_an_upload_says_that_its_place_is_not_known():
-    state = opened(replace(open_source("demo"), source="", title="my log.csv"))
-    shared = share_line(state)
-    assert shared.line.startswith("kalscope open FILE --q ")
-    assert "path of the file you uploaded" in " ".join(shared.remarks)
-
-
 def test_names_that_no_line_can_show_become_numbers():
     recording = open_source("sample:lis302dl")
     state = opened(replace(recording, names=("x", "y\nz", "3"), source="a\nb.csv"))
     shared = share_line(select_channel("y\nz")(state))
     assert shared.line.startswith("kalscope open FILE --channel 2 --q ")
     assert "\n" not in shared.line
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("text", "name"), [("x", "x"), ("1", "x"), ("2", "3"), ("3", "3"), ("9", "9"), ("0", "0")])
-def test_a_channel_is_named_by_name_first_and_then_by_number(text, name):
-    recording = replace(open_source("sample:lis302dl"), names=("x", "3", "z"))
-    assert channel_named(recording, text) == name
 
 
 @pytest.mark.parametrize(
@@ -175,9 +153,3 @@ def test_a_setting_that_makes_no_filter_is_refused_in_one_line(words, message, c
     assert program.run(["open", "demo", *words, "--port", "0", "--no-browser"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
-
-
-@pytest.mark.parametrize("words", [["--momentum", "off"], ["--momentum="], ["--momentum", "0"]])
-def test_the_momentum_can_be_turned_off(words, reopen):
-    line = shlex.join(["kalscope", "open", "demo", *words])
-    assert reopen(line).tuning.momentum == 0.0

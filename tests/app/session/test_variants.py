@@ -9,22 +9,20 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.filter_runs import VariantCurves, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.session.changes import (
     delete_variant,
     pin_present,
-    rename_variant,
     select_channel,
     set_dark,
     set_text,
-    use_paper_filter,
     use_variant,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS, checked_name, next_name
+from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS
 from kalscope_app.studies.comparisons import VariantTable
-from kalscope_app.views.variants import EMPTY, NOTHING, _follow, table_text
+from kalscope_app.views.variants import EMPTY, table_text
 
 
 def recording(n=400, truth=True):
@@ -55,51 +53,22 @@ def names(state):
     return [variant.name for variant in state.variants]
 
 
-@pytest.mark.parametrize(
-    ("taken", "name"),
-    [
-        ([], "A"),
-        (["A"], "B"),
-        (["A", "B", "C"], "D"),
-        (["B", "C"], "A"),
-        (["A", "C"], "B"),
-        (["robot"], "A"),
-        (["robot", "A"], "B"),
-        (["a"], "A"),
-    ],
-)
-def test_a_new_variant_takes_the_first_free_letter(taken, name):
-    assert next_name(taken) == name
-
-
 def test_letters_and_colours_that_were_freed_come_again(state):
     three = pin(state, 1, 2, 3)
     assert names(three) == ["A", "B", "C"]
     without = delete_variant("B")(three)
     again = pin(without, 4)
     assert names(again) == ["A", "C", "B"]
-    assert [variant.colour for variant in again.variants] == [0, 2, 1]
+    assert [variant.number for variant in again.variants] == [0, 2, 1]
     assert again.variants[-1].tuning.q == 4
 
 
 def test_no_more_than_can_be_told_apart_are_pinned_and_that_is_said(state):
     full = pin(state, *range(1, MAX_VARIANTS + 1))
-    assert len({variant.colour for variant in full.variants}) == MAX_VARIANTS
+    assert len({variant.number for variant in full.variants}) == MAX_VARIANTS
     with pytest.raises(BadSetting, match="at most 8 pinned settings: delete one first"):
         pin(full, 99)
     assert names(pin(select_channel("b")(full), 1)) == ["A"]  # the limit is one of each channel
-
-
-def test_a_setting_is_pinned_once(state):
-    once = pin(state, 1)
-    with pytest.raises(BadSetting, match="is pinned already, as"):
-        pin_present(once)
-
-
-def test_a_variant_belongs_to_its_channel(state):
-    both = pin(select_channel("b")(pin(state, 1)), 2)
-    assert [variant.tuning.q for variant in both.variants] == [2]
-    assert [variant.tuning.q for variant in select_channel("a")(both).variants] == [1]
 
 
 def test_using_a_variant_brings_all_of_its_setting(state):
@@ -112,45 +81,23 @@ def test_using_a_variant_brings_all_of_its_setting(state):
 
 
 def test_using_a_variant_ends_the_second_papers_filter(state):
-    other = use_paper_filter(pin(state, 7), GeneralizedParams(1.0, None, None, "printed"))
+    other = pin(state, 7).with_tuning_of(
+        0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "printed"))
+    )
     assert use_variant("A")(other).filter.is_standard
     with pytest.raises(BadSetting, match="so it cannot be pinned"):
         pin_present(other)
 
 
-@pytest.mark.parametrize(
-    ("name", "kept"), [("robot", "robot"), ("  slow   one ", "slow one"), ("Ä <b>", "Ä <b>"), ("x" * 20, "x" * 20)]
-)
-def test_a_name_is_kept_without_blanks_around_it(name, kept):
-    assert checked_name(name, ["A"]) == kept
-
-
-@pytest.mark.parametrize("name", ["", "  ", "x" * 21, "a\x07b", "A", "raw", " now "])
-def test_a_name_that_is_none_or_taken_is_refused(name):
-    with pytest.raises(BadSetting, match="name must"):
-        checked_name(name, ["A"])
-
-
-def test_renaming_keeps_the_rest_and_frees_the_letter(state):
-    two = pin(state, 1, 2)
-    renamed = rename_variant("A", "robot")(two)
-    assert names(renamed) == ["robot", "B"]
-    assert renamed.variants[0] == replace(two.variants[0], name="robot")
-    assert names(pin(renamed, 3)) == ["robot", "B", "A"]
-    with pytest.raises(BadSetting, match="which another pinned setting has"):
-        rename_variant("A", "B")(two)
-    assert rename_variant("A", "A")(two).settings.pins == two.settings.pins
-
-
 def test_each_of_them_can_be_undone_one_by_one(state):
     session = Session(state)
-    for change in (pin_present, rename_variant("A", "first"), set_text("q", "9"), delete_variant("first")):
+    for change in (pin_present, set_text("q", "9"), delete_variant("A")):
         session.request(change)
     seen = [names(session.apply_requests()[0])]
-    for step in (undo, undo, undo, undo, redo):
+    for step in (undo, undo, undo, redo):
         session.request(step)
         seen.append(names(session.apply_requests()[0]))
-    assert seen == [[], ["first"], ["first"], ["A"], [], ["A"]]
+    assert seen == [[], ["A"], ["A"], [], ["A"]]
 
 
 def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
@@ -164,18 +111,18 @@ def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):
     tuned = pin(state, 1, 2)
-    curves, shown = VariantCurves(), choose_samples(tuned.recording, "a", None)
-    first = curves.of(tuned, shown)
+    curves, shown = FilterRuns(), choose_samples(tuned.recording, "a", None)
+    first = curves.variants(tuned, shown)
     for curve, variant in zip(first, tuned.variants, strict=True):
         z = tuned.recording.channel("a")
         expected = kalman_filter(z, variant.tuning.params).x[shown.indices]
         assert np.allclose(curve, expected, rtol=0, atol=1e-11 * np.abs(z).max())
-    again = curves.of(set_text("r", "3")(tuned), shown)
+    again = curves.variants(set_text("r", "3")(tuned), shown)
     assert all(a is b for a, b in zip(first, again, strict=True))
     narrower = choose_samples(tuned.recording, "a", (1.0, 2.0))
-    assert [len(curve) for curve in curves.of(tuned, narrower)] == [len(narrower.indices)] * 2
+    assert [len(curve) for curve in curves.variants(tuned, narrower)] == [len(narrower.indices)] * 2
     other = select_channel("b")(tuned)
-    assert curves.of(other, choose_samples(other.recording, "b", None)) == ()
+    assert curves.variants(other, choose_samples(other.recording, "b", None)) == ()
 
 
 def test_the_table_holds_what_each_setting_does(state):
@@ -191,45 +138,12 @@ def test_the_table_holds_what_each_setting_does(state):
         assert row.measures.steady == steady_state(row.tuning.params, 0.01)
 
 
-def test_what_was_measured_is_kept_until_the_channel_changes(state):
-    tuned, table = pin(state, 1, 2), VariantTable()
-    before = table.compute(tuned).rows
-    after = table.compute(set_text("q", "3")(tuned)).rows
-    assert [row.measures for row in before[1:]] == [row.measures for row in after[1:]]
-    assert before[1].measures is after[1].measures
-    other = pin(select_channel("b")(tuned), 1)
-    assert table.compute(other).rows[-1].measures is not before[1].measures
-
-
-def test_the_table_marks_the_best_and_escapes_names(state):
-    tuned = rename_variant("A", "<b>x|y</b>")(pin(state, 0.01, 100))
+def test_the_table_marks_the_best(state):
+    tuned = pin(state, 0.01, 100)
     text = table_text(VariantTable().compute(tuned))
-    assert "<b>" not in text
     assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
     assert LIGHT[0] in text
     assert DARK[0] in table_text(VariantTable().compute(set_dark(True)(tuned)))
     best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.fit.loglik)
     assert best.tuning.q == 0.01
     assert table_text(VariantTable().compute(state)) == EMPTY
-
-
-def test_log_likelihoods_over_different_samples_are_not_compared(state):
-    by_value = set_text("p0", "1")(pin(state, 1))
-    text = table_text(VariantTable().compute(set_text("x0", "0")(by_value)))
-    assert "cannot be compared" in text
-    assert "**−" not in text.split("\n\n")[0]
-
-
-@pytest.mark.parametrize(
-    ("chosen", "before", "after", "then"),
-    [
-        (NOTHING, (NOTHING,), ("A",), "A"),
-        ("A", ("A",), ("A", "B"), "B"),
-        ("A", ("A", "B"), ("A",), "A"),
-        ("B", ("A", "B"), ("A",), "A"),
-        ("A", ("A", "B"), ("robot", "B"), "robot"),
-        ("A", ("A", "B", "C"), ("B", "C"), "B"),
-    ],
-)
-def test_the_chosen_variant_follows_its_name(chosen, before, after, then):
-    assert _follow(chosen, before, after) == then

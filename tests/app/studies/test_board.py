@@ -17,11 +17,10 @@ from kalscope.filtering.classic import Chain, Exponential
 from kalscope.sources.live.samples import Snapshot
 from kalscope_app.live import BoardConnection, send_setting
 from kalscope_app.session.changes import apply_fusion
-from kalscope_app.session.opening import opened, opened_experiment
+from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.session.state import BoardId, Live, Sent, State
+from kalscope_app.session.state import Live, Sent, State
 from kalscope_app.views.board import BoardView, compared, values
-from kalscope_app.views.export import with_tuning_file
 
 ROWS = 400
 
@@ -62,18 +61,9 @@ def state() -> State:
     both = np.column_stack([raw, filter_float32(raw, used)])
     recording = Recording(np.arange(ROWS) * 0.005, ("raw", "filtered"), ("", ""), both, 0.005)
     snapshot = Snapshot(recording=recording, generation=1, version=1, first=0)
-    live = Live(BoardId(), snapshot, settled=True)
+    live = Live(Board(), snapshot, settled=True)
     state = replace(opened(recording), live=live).with_tuning(q=0.037, r=11.3)
     return replace(state, sent=Sent(state.record_key, "raw", "filtered", state.params, used, 0))
-
-
-def test_a_channel_is_known_by_its_place_among_the_filtered_ones():
-    assert board_filter(("raw", "filtered"), "raw") == BoardFilter(None, "filtered")
-    names = ("t", "light", "light_filtered", "temp", "temp_filtered")
-    assert [board_filter(names, name).number for name in ("light", "temp")] == [1, 2]
-    for sent, channel in ((("A0", "A1"), "A0"), (names, "t"), (names, "light_filtered")):
-        with pytest.raises(BadSetting, match="this board cannot be tuned: it sends no filtered column"):
-            board_filter(sent, channel)
 
 
 def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(state):
@@ -120,12 +110,6 @@ def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(
     with pytest.raises(BadSetting, match=words):
         send_setting(state.with_tuning(chain=chain), board)
     assert board.asked == (["?"] if answer else [])
-
-
-def test_values_go_to_a_kalman_filter_behind_the_median_of_the_board(state):
-    board = Board(dict.fromkeys(("?", "q", "r", "p"), MEDIAN_ANSWER))
-    sent = send_setting(state.with_tuning(chain=Chain(5)), board)
-    assert (sent.params.median, sent.params.q) == (5, np.float32(1.0))
 
 
 UNNAMED = ("value 1", "value 2", "value 3", "value 4")
@@ -175,45 +159,11 @@ def test_a_sketch_without_momentum_is_left_as_it_is_and_named(state):
 def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, answer):
     board = Board({at: answer})
     session, told, connection = Session(state), [], BoardConnection(MagicMock())
-    connection.adopt(state.live.board, board)
+    connection.adopt(board)
+    state = replace(state, live=replace(state.live, board=board))
     view = BoardView(MagicMock(), session, MagicMock(), told.append, connection)
     with pytest.raises(BadDevice, match=f"the board did not .* '{at} "):
         view._send(state)
     after, _, failures = session.apply_requests()
     assert (after.sent, failures, told) == (None, [], [])
     assert compared(after) == ""
-
-
-def test_the_second_papers_filter_is_not_sent():
-    board = Board()
-    with pytest.raises(BadSetting, match="cannot be exported"):
-        send_setting(opened_experiment("generalized_figure_8"), board)
-    assert board.asked == []
-
-
-def test_the_comparison_names_the_setting_it_speaks_of_also_when_another_is_on_screen(state):
-    equal = "**Equal bit for bit** in 400 rows since the board took q = 0.037, r = 11.3, p0 = inf."
-    assert compared(state) == equal
-    assert compared(state.with_tuning(q=0.5)) == f"{equal} The current values have not been sent."
-    assert compared(replace(state, sent=None)) == ""
-
-
-def test_a_board_with_other_values_is_said_to_differ(state):
-    other = replace(state.sent, params=replace(state.sent.params, q=np.float32(0.04)))
-    text = compared(replace(state, sent=other))
-    assert "of 400 rows differ since the board took q = 0.04" in text
-    assert "send again" in text
-
-
-def test_a_live_board_is_no_file_to_filter(state):
-    live = state.with_open(recording=replace(state.recording, source="serial:/dev/ttyACM0@115200"))
-    assert "`kalscope` `filter` `FILE` `--config` `tuning.toml` `-o` `out.csv`" in with_tuning_file(live)
-    assert "`kalscope` `filter` `serial:/dev/ttyACM0@115200` `--config`" in with_tuning_file(
-        replace(live, live=None)
-    )
-
-
-def test_sending_without_a_connected_board_is_refused():
-    view = BoardView(MagicMock(), MagicMock(), MagicMock(), MagicMock(), BoardConnection(MagicMock()))
-    with pytest.raises(BadSetting, match="no board is connected"):
-        view._send(SimpleNamespace(live=None))

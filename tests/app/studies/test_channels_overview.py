@@ -8,26 +8,20 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
-from kalscope.estimation.request import FitResult
-from kalscope.filtering.params import FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.session.changes import (
-    ALL_OTHERS,
-    apply_found,
-    copy_setting,
     reset_parameters,
     select_channel,
     set_exponent,
     set_link,
     set_text,
     set_window,
-    use_paper_filter,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS, UNLINKED, apply_to_linked, scaled_copy
-from kalscope_app.studies.comparisons import MAX_LANES, MAX_POINTS, Overviews
+from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, Overviews
 from kalscope_app.views.chart_tabs import lanes_of, lead_of, table_of
 
 
@@ -94,12 +88,6 @@ def test_the_same_lag_holds_for_channels_of_any_scale(state):
     assert [t.r / n for t, n in zip(together.settings.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
 
 
-def test_a_search_sets_all_that_go_together(state):
-    found = FitResult(FilterParams(0.5, 2.0), "maximum likelihood", "")
-    together = apply_found(state.recording, "c0", found)(set_link(SAME_NUMBERS)(state))
-    assert {(tuning.q, tuning.r) for tuning in together.settings.tunings} == {(0.5, 2.0)}
-
-
 def test_going_together_is_undone_in_one_step(state):
     session = Session(select_channel("c1")(state))
     session.request(set_link(SAME_NUMBERS))
@@ -109,20 +97,7 @@ def test_going_together_is_undone_in_one_step(state):
     back = session.apply_requests()[0]
     assert (back.settings.link, back.settings.tunings) == (UNLINKED, state.settings.tunings)
     with pytest.raises(BadSetting, match="way of tuning channels must be one of"):
-        set_link("<img>")
-
-
-def test_a_setting_is_copied_to_one_or_to_all_others(state):
-    tuned = set_text("gate", "9")(set_text("q", "0.3")(state))
-    one = copy_setting("c2")(tuned)
-    assert (one.settings.tunings[2].params, one.settings.tunings[1]) == (tuned.params, state.settings.tunings[1])
-    assert [t.name for t in one.settings.tunings] == ["c0", "c1", "c2"]
-    every = copy_setting(ALL_OTHERS)(tuned)
-    assert {tuning.params for tuning in every.settings.tunings} == {tuned.params}
-    assert "copied to 2 channels" in every.answers.note
-    assert copy_setting("c0")(tuned).settings.tunings == tuned.settings.tunings
-    with pytest.raises(BadSetting, match="channel must be one of c0, c1, c2"):
-        copy_setting("c9")(tuned)
+        set_link("<img>")(state)
 
 
 def test_lanes_hold_each_channel_on_its_own_scale(state):
@@ -142,7 +117,7 @@ def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
     state = opened(recording(n=20_000, channels=channels, scale=1.5))
     overview = Overviews().compute(state)
     assert len(overview.lanes) == lanes
-    assert len(overview.time) <= MAX_POINTS + MAX_LANES
+    assert len(overview.time) <= MAX_LANE_POINTS + MAX_LANES
     assert (np.diff(overview.time) > 0).all()
     if lanes:
         _, ys, layout = lanes_of(overview)
@@ -175,7 +150,7 @@ def test_constant_and_empty_channels_have_a_flat_lane():
 
 
 def test_the_second_papers_filter_has_a_lane_and_no_q(state):
-    other = use_paper_filter(state, GeneralizedParams(1.0, None, None, "without_slip"))
+    other = state.with_tuning_of(0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "without_slip")))
     overview = Overviews().compute(other)
     expected = other.filter.run(state.recording.values[:, 0]).x
     assert np.argmax(overview.lanes[0].filtered) == np.argmax(expected)

@@ -12,11 +12,11 @@ from kalscope import FilterParams, synthesize
 from kalscope.estimation.pool import Losses
 from kalscope.fleet.results import Fleet, RunNote, Shared
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope_app.session.changes import open_fleet, pick_device, set_fleet_colour
+from kalscope_app.session.changes import open_fleet, pick_device
 from kalscope_app.session.opening import opened
-from kalscope_app.session.state import MAX_ROWS, OpenFleet, loss_text
-from kalscope_app.studies.tuning_map import CELLS, MAX_POINTS, MapMaker, fleet_layer, frame_for
-from kalscope_app.views.fleet import about_fleet, device_labels, fleet_table
+from kalscope_app.session.state import MAX_ROWS, OpenFleet
+from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
+from kalscope_app.views.fleet import device_labels, fleet_table
 from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
 
 RANGES = (-6, 2), (-4, 2)
@@ -64,19 +64,6 @@ def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
     assert layer.density.max() == 1.0
 
 
-def test_points_stay_few_however_many_are_remarkable():
-    n = 5000
-    fleet = fleet_of(np.full(n, 0.01), np.ones(n), odd=range(2000), growth=np.linspace(0.0, 1.0, n))
-    layer = fleet_layer(OpenFleet(fleet), *RANGES)
-    assert len(layer.points) == MAX_POINTS
-    assert n - 1 in layer.devices  # the largest loss
-
-
-def test_devices_beyond_the_map_lie_on_its_edge():
-    layer = fleet_layer(OpenFleet(fleet_of([1e-200, 1e200], [1e200, 1e-200])), *RANGES)
-    assert sorted(layer.points.tolist()) == [[-6.0, 2.0], [2.0, -4.0]]
-
-
 def test_a_click_takes_the_nearest_point_and_none_from_afar():
     frame = frame_for(*SIZE, *RANGES)
     layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
@@ -87,10 +74,8 @@ def test_a_click_takes_the_nearest_point_and_none_from_afar():
     assert nothing.nearest(frame, (x, y)) is None
 
 
-def test_colours_tell_loss_or_verdict():
-    fleet = fleet_of(
-        [0.01] * 5, [1.0] * 5, growth=[0.0, 0.2, 0.5, np.nan, 0.1], verdicts=["ok", "ok", "a", "b", "c_d"]
-    )
+def test_colours_tell_the_loss():
+    fleet = fleet_of([0.01] * 5, [1.0] * 5, growth=[0.0, 0.2, 0.5, np.nan, 0.1])
     by_loss = fleet_layer(OpenFleet(fleet), *RANGES)
     assert dict(zip(by_loss.devices.tolist(), by_loss.classes.tolist(), strict=True)) == {
         0: 0,
@@ -100,12 +85,10 @@ def test_colours_tell_loss_or_verdict():
         4: 0,
     }
     assert [word.rpartition(": ")[2] for word in by_loss.words] == ["2", "1", "1", "1"]
-    by_verdict = fleet_layer(OpenFleet(fleet, colour="verdict"), *RANGES)
-    assert by_verdict.words == ("ok: 2", "a: 1", "b: 1", "others: 1")
 
 
-def map_of(fleet, colour="loss"):
-    state = set_fleet_colour(colour)(open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1))))
+def map_of(fleet):
+    state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
     shown = MapMaker()(state)
     return state, shown, frame_for(*SIZE, shown.q, shown.r)
 
@@ -127,31 +110,6 @@ def test_the_map_is_wide_enough_for_the_fleet_and_the_same_object_while_it_is_th
     assert shown.r[1] >= 5
     make = MapMaker()
     assert make(state) is make(state)
-    assert make(state) is not make(set_fleet_colour("verdict")(state))
-
-
-def test_no_layer_and_the_old_map_without_a_fleet():
-    state = opened(synthesize("random_walk", n=1000, seed=1))
-    assert MapMaker()(state).fleet is None
-
-
-def test_the_words_say_how_many_and_one_filter():
-    fleet = fleet_of([0.01] * 9 + [np.nan], [1.0] * 10, odd=[3], growth=[0.0] * 8 + [0.5, np.nan])
-    said = about_fleet(fleet)
-    for part in (
-        "10 rows: 9 with q and r, 1 without",
-        "q = 0.01, r = 1 lx²",
-        "89 % of 9",
-        "1 device unlike",
-    ):
-        assert part in said.replace("\\", "")
-    assert "One filter" not in about_fleet(fleet_of([0.1], [1.0], shared=None, growth=[np.nan]))
-
-
-def test_a_loss_has_no_digits_of_chance():
-    assert [loss_text(growth) for growth in (0.283, -0.0051, -0.00047, 0.0, 4.5678)] == [
-        "28.3 %", "−0.5 %", "0 %", "0 %", "457 %",
-    ]  # fmt: skip
 
 
 def test_the_table_is_short_and_no_name_is_markup():
@@ -194,9 +152,3 @@ def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
     assert np.any(pictures[0] != pictures[1])
     long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
     assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")
-
-
-def test_those_without_q_and_r_are_listed_with_their_reason():
-    shown = OpenFleet(fleet_of([0.01, np.nan], [1.0, 1.0]), order="without q and r")
-    assert fleet_table(shown) == "1. dev000001\\.csv: it is empty"
-    assert fleet_table(OpenFleet(fleet_of([0.01], [1.0]), order="without q and r")) == "None."

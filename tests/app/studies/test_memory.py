@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.engine.filter_runs import FilterRuns, RecordFacts, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.checks import StillStretches, compute_allan, compute_checks, compute_spectra
@@ -88,13 +88,12 @@ def test_opening_a_record_keeps_no_array():
 def test_a_move_of_a_slider_holds_what_is_drawn_and_no_more(states, momentum, window):
     def mover(n):
         state = states[n].with_view(window=window).with_tuning(momentum=momentum)
-        facts, runs = RecordFacts(), FilterRuns()
-        drawn = choose_samples(state.recording, state.channel, window, facts=facts.of(state))
+        runs = FilterRuns()
+        drawn = choose_samples(state.recording, state.channel, window)
 
         def move(factor):
             moved = state.with_tuning(q=factor * state.tuning.q)
-            facts.of(moved)
-            return compute_frame(moved, 1, drawn, runs, ())
+            return compute_frame(moved, 1, drawn, runs)
 
         move(1.0)
         return move

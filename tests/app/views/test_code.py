@@ -16,7 +16,7 @@ from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.export.registry import TARGETS
 from kalscope_app.session.changes import apply_found, pin_present, set_text
 from kalscope_app.session.opening import opened, opened_experiment
-from kalscope_app.session.session import History, record, step_back
+from kalscope_app.session.session import History, record, step
 from kalscope_app.session.share import share_line
 from kalscope_app.views.export import (
     GAPS,
@@ -194,7 +194,7 @@ def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(sta
 def test_undo_brings_no_earlier_sending_back(state):
     before, present = replace(state, sent="first"), replace(set_text("q", "0.5")(state), sent="second")
     history = record(History(), before, present, "", 0.0)
-    assert step_back(history, present)[1].sent == "second"
+    assert step(history, present, back=True)[1].sent == "second"
 
 
 def test_a_sketch_that_measures_is_that_of_the_command_line(state):

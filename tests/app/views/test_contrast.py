@@ -44,7 +44,6 @@ def test_every_line_of_a_chart_stands_out(dark):
 @pytest.mark.parametrize("palette", [LIGHT_MAP, DARK_MAP], ids=["light", "dark"])
 def test_words_and_marks_of_the_map_can_be_read(palette):
     assert min(contrast(ink, palette.background) for ink in (palette.ink, palette.quiet)) >= TEXT
-    assert contrast(palette.on_chip, palette.chip) >= TEXT
     assert contrast(palette.point, palette.background) >= GRAPHICS
 
 

@@ -13,16 +13,14 @@ from kalscope.cli.tune_answer import answer_for
 from kalscope.cli.tune_options import TuneOptions
 from kalscope.common.progress import Progress
 from kalscope.common.text import percent
-from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import FitResult, find_parameters
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import apply_found, select_channel, set_method_comparison, set_smoother, set_text
+from kalscope_app.session.changes import apply_found, select_channel, set_smoother, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
-from kalscope_app.studies.comparisons import compare_methods
-from kalscope_app.views.checks import comparison_text, correlation_lines, samples_to_compare, table
+from kalscope_app.views.checks import correlation_lines, table
 from kalscope_app.views.goal import (
     GOALS,
     MORE_METHODS,
@@ -259,36 +257,6 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     late = apply_found(state.recording, "a", found)(elsewhere)
     assert late.settings.tunings == elsewhere.settings.tunings
     assert "another recording" in late.answers.note
-
-
-def test_opinions_belong_to_their_channel(state):
-    opinions = compare_methods(state.recording.channel("a"))
-    asked = set_method_comparison(state.recording, "a", opinions)(state)
-    assert comparison_text(asked).count("\n|") == 2 + len(METHODS)
-    assert "95 % interval of maximum likelihood" in comparison_text(asked)
-    assert "without momentum" in comparison_text(asked)  # and so they may find no noise where the search does
-    assert "need not agree" in comparison_text(asked.with_tuning(momentum=10.0))
-    assert select_channel("b")(asked).answers.method_comparison == ()
-    assert set_method_comparison(state.recording, "b", opinions)(state).answers.method_comparison == ()
-
-
-@pytest.mark.slow
-def test_opinions_on_a_sine_lie_outside_the_interval():
-    n = 3000
-    z = np.sin(np.arange(n) / 30) + np.random.default_rng(0).normal(0, 0.1, n)
-    state = opened(Recording(np.arange(float(n)), ("z",), ("",), z[:, None], 1.0))
-    asked = set_method_comparison(state.recording, "z", compare_methods(z))(state)
-    assert "Outside the 95 % interval of maximum likelihood: " in comparison_text(asked)
-    assert "| no |" in comparison_text(asked)
-
-
-def test_spikes_that_were_set_aside_are_not_compared(state):
-    assert np.array_equal(samples_to_compare(state), state.recording.channel("a"))
-    z = state.recording.channel("a").copy()
-    z[[40, 90]] += 1000.0
-    state = opened(Recording(np.arange(float(len(z))), ("a",), ("",), z[:, None], 1.0))
-    found = apply_found(state.recording, "a", search(state, "best fit"))(state)
-    assert np.flatnonzero(np.isnan(samples_to_compare(found))).tolist() == [40, 90]
 
 
 def test_before_and_after_stand_in_the_answer(state):

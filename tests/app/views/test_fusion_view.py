@@ -128,7 +128,7 @@ def test_code_and_csv_are_those_of_the_fused_sensors(state):
     assert "humidity" not in limits_text(without)
     head, first = csv(without).decode().splitlines()[:2]
     assert head == "time,bench,door,fused,fused_variance"
-    x = fuse(without.recording.values[:, [0, 2]], without.fusion.params).x
+    x = fuse(without.recording.values[:, [0, 2]], without.fusion.used.params).x
     assert float(first.split(",")[3]) == x[0]
     assert "humidity" not in csv(without).decode()
 

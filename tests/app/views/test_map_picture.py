@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from kalscope_app.views.map import (
     LIGHT_MAP,
     SHARPNESS,
     MapPictureInput,
-    chips,
     colours,
     draw_map_picture,
     draw_ring,
@@ -36,7 +34,7 @@ def inputs(width=452, height=900, dark=False, **changes):
     state = opened(recording)
     shown = MapMaker()(state)
     frame = frame_for(width, height, shown.q, shown.r)
-    return replace(MapPictureInput(shown, frame, "V", recording.sample_period, dark, True), **changes)
+    return replace(MapPictureInput(shown, frame, "V", recording.sample_period, dark), **changes)
 
 
 def rgb(colour):
@@ -100,14 +98,6 @@ def test_where_there_is_no_map_the_reason_is_written():
     one = inputs()
     empty = replace(one, map=nothing("The signal is constant: there is nothing to tune."))
     assert (draw_map_picture(empty) != draw_map_picture(replace(one, map=nothing("")))).any()
-
-
-def test_the_colourings_to_choose_from_do_not_overlap_and_need_a_truth_for_rmse():
-    one = inputs(380, 720)
-    assert [name for name, _ in chips(one.frame, False)] == ["likelihood", "lag"]
-    boxes = [box for _, box in chips(one.frame, True)]
-    assert all(a[2] < b[0] for a, b in pairwise(boxes))
-    assert boxes[-1][2] < 380
 
 
 @pytest.mark.parametrize(

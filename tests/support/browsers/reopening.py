@@ -35,7 +35,7 @@ def connect(address: str) -> None:
 def serve(dashboard: Dashboard, address: str) -> None:
     """Answer each source with the id of an element that a page has once it shows it, until the next source."""
     server, gui = dashboard._server, dashboard._server.gui
-    first = first_state(SOURCE, DEFAULTS, None)[0]
+    first = first_state(SOURCE, DEFAULTS, None)
     chosen = [(handle, choice_of(handle)) for handle in gui._gui_input_handle_from_uuid.values()]
     folders = gui._container_handle_from_uuid.values()
     mark: viser.GuiHtmlHandle | None = None
@@ -52,7 +52,7 @@ def serve(dashboard: Dashboard, address: str) -> None:
                     for name, value in values.items():
                         setattr(handle, name, value)
                 if source != SOURCE:
-                    show(dashboard, first_state(source, DEFAULTS, None)[0])
+                    show(dashboard, first_state(source, DEFAULTS, None))
             except Exception as error:
                 tests.send(error)
                 continue

@@ -9,14 +9,14 @@ import numpy as np
 
 from kalscope import Recording
 from kalscope.sources.live.samples import Snapshot
-from kalscope_app.session.state import BoardId, ConnectionState
+from kalscope_app.session.state import ConnectionState
 
 
 class Board:
     """A board whose samples the test sends, and the only one that a session knows."""
 
     def __init__(self, names=("a", "b"), period=0.01):
-        self.names, self.period, self.generation, self.id = names, period, 0, BoardId()
+        self.names, self.period, self.generation, self.id = names, period, 0, self
         self.looked_at = []
         self.values = np.empty((0, len(names)))
         self.first = 0
