@@ -24,7 +24,6 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ("Measurement Frequency,85.7 Hz", 1 / 85.7),
         ("// Sampling interval (ms): 10", 0.01),
         ('"Epoch Length:","30","seconds",""', 30.0),
-        ("Logging interval: 00:10:00", 600.0),
         ("Sample Rate 100 Hz", 0.01),
         ("Sampling Rate (Hz)|128", 1 / 128),
         ("# Sampling Period = 4us", 4e-6),
@@ -37,8 +36,6 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ("Sample interval = 0,001 s", 1e-3),
         ("# gain=2,fs=100,filter=5", 0.01),
         ("Sample Interval,1,ms", 1e-3),
-        ("Logging interval: 01:00:00", 3600.0),
-        ("Logging interval,01:00:30", 3630.0),
     ],
 )
 def test_a_rate_above_the_table(line, period):
@@ -61,7 +58,6 @@ def test_a_rate_above_the_table(line, period):
         "# Sampling rate: 1,000.5 Hz",
         "Sample interval = 2,500 ms",
         "Sample Interval,1,000",
-        "Logging interval: 00:00:00",
         "# heart rate: 60",
         "# Range = 4 g, filter = 488 Hz",
         "rate",

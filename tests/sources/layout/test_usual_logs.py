@@ -48,11 +48,6 @@ LOGS = {
         {"value 1": ("", A), "value 2": ("", B)},
         None,
     ),
-    "Fortran": (
-        rows(lambda i: f"  {i / 4:.2f}D+00  {A[i] / 1000:.5f}D+03\n"),
-        {"value 1": ("", A)},
-        0.25,
-    ),
     "Julian dates": (
         "HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"),
         {"mag": ("", A)},

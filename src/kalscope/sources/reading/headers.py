@@ -180,7 +180,7 @@ def _chosen(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> _R
         return None
     names, units = _row(head, plan.preface.header_row, table), _row(head, plan.preface.unit_row, table)
     if names is None:
-        return _Rows(None, units, said="no header line, as requested")
+        return _Rows(None, units)
     if plan.preface.unit_row is None:
         below = [above for above in reversed(body.above) if above[0] > names[0]]
         units = next((above for above in below if are_units(above[1])), None)

@@ -29,7 +29,6 @@ from kalscope.sources.reading.columns import (
     settle_roles,
 )
 from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
-from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
@@ -191,9 +190,9 @@ def sniff(
         BadSetting: there is no such time column, or no such row.
     """
     head = join_quoted(head)
+    if head and head[0].strip('" \r').lower().startswith("sep="):
+        head[0] = ""  # what tells a spreadsheet the delimiter is no row of names
     plan = make_plan(head, options)
-    if head and told_delimiter(head[0]):
-        head[0] = ""  # no row of names
     lines, marks = candidate_lines(head, samples, marked_begin(head))
     table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):

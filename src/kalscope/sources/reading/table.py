@@ -392,9 +392,9 @@ def _may_be_data(text: str) -> bool:
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     """Every way to split the lines of a head, each with a score of how much they look like data."""
     some = first_of_each_shape(lines)
-    candidates = [] if plan.preface.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
+    candidates = [] if plan.options.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.preface.delimiter,) if plan.preface.delimiter else _delimiters(some, kinds):
+    for delimiter in (plan.options.delimiter,) if plan.options.delimiter else _delimiters(some, kinds):
         split = _SplitLines(lines, some, delimiter)
         for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
