@@ -53,8 +53,6 @@ LOGS = {
         {"mag": ("", A)},
         1080,
     ),
-    "German numbers alone": (rows(lambda i: german(B[i]) + "\n"), {"value 1": ("", B)}, None),
-    "English numbers alone": (rows(lambda i: f"{B[i]:,.2f}\n"), {"value 1": ("", B)}, None),
     "HoboWare text": (
         "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n"
         + rows(lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}\n"),
@@ -302,13 +300,6 @@ def test_a_remark_between_rows_begins_no_new_table(tmp_path):
     row = [f"{i / 2},{A[i]}\n" for i in range(N)]
     recording = read(tmp_path, "t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
     assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
-
-
-@pytest.mark.parametrize("head", ["time;temp;hum\nSD card ok\n", "time temp hum\nready\n"])
-def test_a_remark_below_the_names_is_skipped(tmp_path, head):
-    mark = ";" if ";" in head else " "
-    recording = read(tmp_path, head + rows(lambda i: mark.join(map(str, (500 * i, A[i], A[i]))) + "\n"))
-    assert (recording.names, recording.sample_period) == (("temp", "hum"), 0.5)
 
 
 def test_units_that_repeat_are_no_names(tmp_path):

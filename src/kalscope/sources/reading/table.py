@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, islice
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
-    NumberForm,
     is_blank,
     is_comment,
     is_number,
     parse_number,
     split_fields,
-    words,
 )
 from kalscope.sources.grammar.line_format import (
     LineFormat,
@@ -53,13 +52,6 @@ _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
 _RULED = frozenset("-=_+|:;, \t")
 """Characters of a ruled line below the names."""
-_SETTINGS = words(
-    """
-    sample sampling record serial operator user site station gain offset firmware software version model device
-    instrument manufacturer start created comment comments title project province
-    """
-)
-"""First words, in lower case, of the properties of a recording that may be above its table."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -124,9 +116,8 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
         return Body(tuple(rows), rows[0][0], (), types, beside)
     grid = _Grid(lines, table, types, beside, kinds)
     first = grid.first_row(least)
-    found, rows = rows, grid.rows_from(first) or list(table.rows[:1])
-    types = types if rows == found else _types(rows, table.width, kinds)
-    return Body(tuple(rows), first, grid.above(first), types, beside)
+    rows = grid.rows_from(first) or list(table.rows[:1])
+    return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
 
 
 def _types(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
@@ -147,6 +138,15 @@ def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> 
     return frozenset(beside | {i for i in range(end) if last[i] < 0})
 
 
+class _Line(NamedTuple):
+    """One line of a file, split and compared with the columns of the table."""
+
+    number: int
+    text: str
+    cells: Cells
+    fit: Fit | None
+
+
 class _Grid:
     """The lines of a file, each split and compared with the columns of the table."""
 
@@ -160,19 +160,14 @@ class _Grid:
     ) -> None:
         self._kinds, self._types, self._beside = kinds, types, beside
         self._table, self._least = table, table.least
-        self._texts = {line.number: line.text for line in lines}
-        known = {} if table.narrow else dict(table.rows)
-        self._lines = [
-            (line.number, known.get(line.number) or tuple(split_fields(line.text, table.form.delimiter)))
-            for line in lines
-        ]
-        whole: set[str] = set()  # a line of the shape of a whole row is one as well
-        self._fits: list[Fit | None] = []
-        for (_, cells), line in zip(self._lines, lines, strict=True):
-            fit = "row" if line.shape in whole else self._fit(cells)
-            self._fits.append(fit)
-            if fit == "row":
-                whole.add(line.shape)
+        self._lines: list[_Line] = []
+        known, fits = {} if table.narrow else dict(table.rows), dict[str, Fit | None]()
+        for line in lines:
+            cells = known.get(line.number) or tuple(split_fields(line.text, table.form.delimiter))
+            fit = fits.get(line.shape) or self._fit(cells)
+            if fit == "row":  # a line of the shape of a whole row is one as well
+                fits[line.shape] = fit
+            self._lines.append(_Line(line.number, line.text, cells, fit))
 
     def _fit(self, cells: Cells) -> Fit | None:
         """How a line suits the columns; None where it has too few or too many cells."""
@@ -194,92 +189,70 @@ class _Grid:
 
         A line of names below others that are not whole rows begins the table: above it is metadata.
         """
-        places = [i for i, (number, _) in enumerate(self._lines) if number >= least]
+        lines = [line for line in self._lines if line.number >= least]
         best, gained, whole, other = 0, 0, 0, 0
-        few = MAX_ABOVE * sum(self._fits[i] == "row" for i in places)
-        for i in places:
-            if self._fits[i] == "text" and self._is_header(i):
+        few = MAX_ABOVE * sum(line.fit == "row" for line in lines)
+        for i, line in enumerate(lines):
+            below = [row.fit for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES]]
+            if line.fit == "text" and "row" in below and len(line.cells) >= self._least:
                 if other - 2 * whole > gained:
                     best, gained = i + 1, other - 2 * whole
-                elif 0 < whole <= few and self._begins_anew(i):
+                elif 0 < whole <= few and self._begins_anew(line, lines[:i], lines[i:]):
                     best = i + 1
-            whole += self._fits[i] == "row"
-            other += self._fits[i] == "partial"
-        data = [i for i in places if i >= best and self._fits[i] in ("row", "partial")]
+            whole += line.fit == "row"
+            other += line.fit == "partial"
+        data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        start = data[0] if best else next((i for i in data if not self._is_label(i)), data[0])
-        while start - 1 in places and (self._fits[start - 1] == "void" or self._repeats(start - 1)):
+        start = (
+            data[0]
+            if best
+            else next((i for i in data if not self._is_label(lines[max(0, i - 1) : i + 1])), data[0])
+        )
+        while start and lines[start - 1].fit == "void":
             start -= 1
-        return self._lines[start][0]
+        return lines[start].number
 
-    def _is_header(self, place: int) -> bool:
-        """True for a line of text with a row right below it."""
-        below = self._fits[place + 1 : place + 1 + MAX_HEADER_LINES]
-        return "row" in below and len(self._lines[place][1]) >= self._least
+    def _is_label(self, lines: Sequence[_Line]) -> bool:
+        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers."""
+        strange = self._types[0].judge(lines[-1].cells[0], self._kinds) == "strange"
+        nameless = len(lines) < 2 or lines[0].fit != "text"
+        return lines[-1].fit == "partial" and strange and nameless
 
-    def _is_label(self, place: int) -> bool:
-        """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
-        first = self._lines[place][1][0]
-        strange = self._fits[place] == "partial" and self._types[0].judge(first, self._kinds) == "strange"
-        nameless = not place or self._fits[place - 1] != "text" or self._is_setting(self._lines[place][1])
-        return strange and any(map(str.isalpha, first)) and nameless
-
-    def _is_setting(self, cells: Cells) -> bool:
-        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
-        first = cells[0].lower().strip(" :=").split()[:1]
-        others = sum(cell != "" for cell in cells[1:])
-        return others == 1 and self._types[0].kind in ("number", "stamp") and not _SETTINGS.isdisjoint(first)
-
-    def _repeats(self, place: int) -> bool:
-        """True for the first ERR of several below other names: one word that repeats is not a name."""
-        cells = self._lines[place][1]
-        near = [line for _, line in self._lines[max(0, place - 1) : place + 2]]
-        return place > 0 and self._fits[place] == "text" and len(set(cells)) == 1 and near.count(cells) > 1
-
-    def _begins_anew(self, place: int) -> bool:
+    def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
 
         The first column of one table goes on below as it rose above: its lines of text are not names.
         """
-        number, cells = self._lines[place]
-        parted = place > 0 and (self._fits[place - 1] in (None, "text") or self._lines[place - 1][0] < number - 1)
-        distinct = len(set(cells)) == len(cells) and not any(self._kinds[cell] == "word" for cell in cells)
-        if not parted or not distinct or any(cells == above for _, above in self._lines[:place]):
+        parted = above and (above[-1].fit in (None, "text") or above[-1].number < line.number - 1)
+        distinct = len(set(line.cells)) == len(line.cells) and all(self._kinds[c] != "word" for c in line.cells)
+        if not parted or not distinct or any(line.cells == other.cells for other in above):
             return False
-        rows = [cells for (_, cells), fit in zip(self._lines, self._fits, strict=True) if fit == "row"]
-        above = sum(fit == "row" for fit in self._fits[:place])
-        near = [parse_number(row[0], self._table.form.decimal) for row in rows[max(0, above - 2) : above + 1]]
-        if len(near) < 3 or None in near:
-            return True
-        before, last, after = (float(number or 0.0) for number in near)
+        rows = [*[row for row in above if row.fit == "row"][-2:], next(row for row in below if row.fit == "row")]
+        near = [parse_number(row.cells[0], self._table.form.decimal) for row in rows]
+        before, last, after = (math.nan if number is None else number for number in (math.nan, *near)[-3:])
         return not before < last < after <= last + 3 * (last - before)
 
     def rows_from(self, first: int) -> list[tuple[int, Cells]]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
-        width = self._table.width
         return [
-            (line[0], line[1] + ("",) * (width - len(line[1]))) if len(line[1]) < width else line
-            for line, fit in zip(self._lines, self._fits, strict=True)
-            if line[0] >= first and fit in ("row", "partial", "void")
+            (line.number, line.cells + ("",) * (self._table.width - len(line.cells)))
+            for line in self._lines
+            if line.number >= first and line.fit in ("row", "partial", "void")
         ]
 
     def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
-        lines = [line for line in self._lines if line[0] < first][-MAX_HEADER_LINES:]
-        found, remark, width = list[tuple[int, Cells]](), False, self._table.width
-        for number, _ in reversed(lines):
-            if not set(self._texts[number]) - _RULED:
-                continue
-            cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
-            if len(cells) == 1 < width and not found and not remark and self._kinds[cells[0]] == "text":
-                remark = True  # `SD card ok` below the names
-                continue
-            if not self._may_name(cells) or (remark and not found and not (len(cells) == width and all(cells))):
-                break
-            found.append((number, cells))
-        narrow = found and len(found[0][1]) < self._least
-        if narrow and sum(len(cells) == len(found[0][1]) for _, cells in lines) > 1:
+        found: list[tuple[int, Cells]] = []
+        lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
+        for line in reversed(lines):
+            if set(line.text) - _RULED:
+                cells = header_cells(line.text, self._table.form.delimiter, self._least)
+                if not self._may_name(cells):
+                    break
+                found.append((line.number, cells))
+        widths = [len(line.cells) for line in lines]
+        if found and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
             return ()  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
 
@@ -294,13 +267,7 @@ class _Grid:
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
-        return (
-            fits
-            and any(cells)
-            and not numeric
-            and not cells[0].endswith(("=", ":"))
-            and not self._is_setting(cells)
-        )
+        return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
@@ -455,16 +422,9 @@ def _as_table(split: _SplitLines, form: LineFormat, kinds: CellKinds) -> HeadTab
     if len(split.lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
     fitting = [line for line in split.lines if split.widths[line.shape] in (width, *narrow)]
-    best = max(likely[line.shape] for line in fitting)
-    rows = [(line.number, split.cells(line)) for line in fitting if likely[line.shape] >= best / 2]
+    rows = [(line.number, split.cells(line)) for line in fitting if likely[line.shape]]
     rows = [(number, cells + ("",) * (width - len(cells))) for number, cells in rows]
     return HeadTable(total / len(split.lines), form, width, tuple(rows), narrow)
-
-
-def _is_void(cells: Cells, kinds: CellKinds) -> bool:
-    """True for a row of a stamp and missing samples."""
-    found = {kinds[cell] for cell in cells}
-    return "stamp" in found and found <= {"stamp", "missing", "word"}
 
 
 def _grown_width(
@@ -475,7 +435,7 @@ def _grown_width(
     `width` is the commonest. Several rows of the other width follow each other, hold the same in each column, and
     have no names of their own.
     """
-    rows = [line for line in split.lines if likely[line.shape] or _is_void(split.some[line.shape][0], kinds)]
+    rows = [line for line in split.lines if likely[line.shape]]
     runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: split.widths[line.shape])]
     # `Gain,24` above the names may look like the first row of the first run.
     begin = next((run[1].number for _, run in runs if len(run) >= MIN_NAMED_RUN), 0)
@@ -556,8 +516,7 @@ CLOSE = 0.9
 BLANKS, BARE_COMMA, LISTED = 0.76, 0.5, 1.01
 """What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text;
 of a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma
-before a blank separates, and of `1.013,05` alone, because no cell is written like its 05."""
-_PADDED = re.compile(r",0[0-9]")
+before a blank separates."""
 _COMMA_INSIDE = re.compile(r"[0-9],[0-9]")
 
 
@@ -569,9 +528,8 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     found = [table for table in tables if table.score >= MIN_SHARE]
     scores = {id(table): _score(lines, table) for table in found}
 
-    def rank(table: HeadTable) -> tuple[float, bool, bool, bool]:
-        by_kind = table.form.kind == "teleplot", _names_fit(lines, table), table.form.decimal == "."
-        return (round(scores[id(table)], 6), *by_kind)
+    def rank(table: HeadTable) -> tuple[float, bool, bool]:
+        return round(scores[id(table)], 6), table.form.kind == "teleplot", table.form.decimal == "."
 
     ranked = sorted(found, key=rank, reverse=True)
     if not ranked:
@@ -592,9 +550,6 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
     if table.width > 1:
         return table.score
-    cells = [cells[0] for _, cells in table.rows[::step]]
-    if all(map(NumberForm(form.decimal, thousands=True).fits, cells)) and any("." in c and "," in c for c in cells):
-        return table.score * (LISTED if any(map(_PADDED.search, cells)) else 1.0)
     return table.score * (BARE_COMMA if form.decimal == "," and not _names_fit(lines, table) else 1.0)
 
 
