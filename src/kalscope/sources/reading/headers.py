@@ -18,9 +18,7 @@ from kalscope.sources.grammar.cells import (
     split_fields,
     words,
 )
-from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DELIMITERS
-from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import COUNTING_NAMES, CellKinds, Cells, Column, Plan, named_column
 from kalscope.sources.reading.table import Body, HeadTable, header_cells
 
@@ -30,10 +28,10 @@ _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
 _SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
-_LIST = re.compile(
-    r"(?:(?:channel|column|field|signal|sensor)s? )?(labels|columns|channels|fields|names|header|units)"
-)
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
+_NAMES = re.compile(r"((?:channel|column|field|signal|sensor)s? )?(?:labels|columns|channels|fields|names|header)")
+_LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
+"""Settings of oscilloscopes that give the names and units of the last columns: `Source,CH2`, `Vertical Units,V`."""
 
 Row = tuple[int, Cells]
 
@@ -83,41 +81,21 @@ def settings_of(head: Sequence[str], first: int) -> dict[str, str]:
     return found
 
 
-def _listed_above(settings: dict[str, str], width: int) -> tuple[Cells, Cells]:
-    """Names and units that lines above a table list, or give one by one."""
-    lists: dict[bool, Cells] = {}
-    for key, value in settings.items() if width > 1 else ():
+def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table or beside it list, or give one by one."""
+    width, filled = table.width, [i for i, kind in enumerate(body.types) if kind.kind != "empty"]
+    names = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
+    found: dict[bool, Cells] = {False: names} if width > 1 and all(names) else {}
+    for key, value in settings.items():
         cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
-        if (match := _LIST.fullmatch(key)) and len(cells) == width and all(cells):
-            lists.setdefault(match[1] == "units", cells)
-    numbered = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
-    return numbered if width > 1 and all(numbered) else lists.get(False, ()), lists.get(True, ())
-
-
-def named_by_settings(
-    settings: dict[str, str], columns: list[Column], time: TimeColumn | None, form: LineFormat
-) -> list[Column]:
-    """The columns with the names and units that settings above or beside the table give to its channels.
-
-    Oscilloscopes write `Source,CH2` and `Vertical Units,V`. Names of columns that differ are kept.
-    """
-    taken = time.indices if time else ()
-    channels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
-    if not channels or form.kind != "table" or form.delimiter == " ":
-        return columns
-
-    def texts(key: str) -> list[str]:
-        cells = split_fields(settings.get(key, ""), form.delimiter)
-        return [cell for cell in cells if cell and not is_number(cell, form.decimal)]
-
-    named, names = list(columns), texts("source") or texts("channel data")
-    alike = len({columns[i].name for i in channels}) == 1
-    if alike and len(names) == len(channels) and (len(channels) > 1 or not columns[channels[0]].name):
-        for i, name in zip(channels, names, strict=True):
-            named[i] = replace(named[i], name=name)
-    for i, unit in zip(channels, texts("vertical units"), strict=False):
-        named[i] = replace(named[i], unit=named[i].unit or bare_unit(unit))
-    return named
+        said = tuple(cell for cell in cells if cell and not is_number(cell, table.form.decimal))
+        is_list = width > 1 and len(said) == len(cells) == width
+        if is_list and (_NAMES.fullmatch(key) or key.endswith("units")):
+            found.setdefault(key.endswith("units"), cells)
+        if key in (*_LAST_NAMES, *_LAST_UNITS) and 0 < len(said) < max(2, len(filled)):
+            at = dict(zip(filled[-len(said) :], said, strict=True))
+            found.setdefault(key in _LAST_UNITS, tuple(at.get(i, "") for i in range(width)))
+    return found.get(False, ()), found.get(True, ())
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:
@@ -145,25 +123,25 @@ def read_header(
     head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds
 ) -> Header:
     """Find the names and units of a table's columns."""
-    found = _chosen(head, table, body, plan) or _find(head, table, body, plan, kinds)
-    notes, columns = [found.note], tuple(Column("") for _ in range(table.width))
-    if found.names is not None:
+    found, preface = _chosen(head, table, body, plan) or _find(head, table, body, plan, kinds), plan.preface
+    listed, listed_units = _listed(settings, table, body)
+    names, notes, columns = preface.names or listed, [found.note], [Column("")] * table.width
+    if preface.names:
+        notes = []
+    elif found.names is not None:
         columns, more = _named(found.names, table, body)
         notes += more
-    names, units = _listed_above(settings, table.width)
-    if found.names is None and names:
+    elif names:
         notes = ["names from the lines above the table"]
-    if plan.preface.names:
-        names, notes = plan.preface.names, []
-    if plan.preface.names or (found.names is None and names):
-        columns = tuple(named_column(name) for name in (*names, *[""] * table.width)[: table.width])
-    units = plan.preface.units or (found.units[1] if found.units is not None else units)
-    columns = tuple(
-        replace(column, unit=bare_unit(units[i])) if i < len(units) and units[i] else column
-        for i, column in enumerate(columns)
-    )
+    units = preface.units or (found.units[1] if found.units is not None else listed_units)
+    named = {i: named_column(name) for i, name in enumerate(names) if name}
+    known = {columns[i].name for i in named}
+    for i, column in named.items() if known == {""} or len(known) < min(2, len(named)) else ():
+        columns[i] = replace(column, unit=column.unit or columns[i].unit)
+    for i, unit in enumerate(units[: table.width]):
+        columns[i] = replace(columns[i], unit=bare_unit(unit)) if unit else columns[i]
     rows = tuple(row for row in (found.units, *found.others, found.names) if row is not None)
-    return Header(columns, tuple(sorted(rows, reverse=True)), found.first or body.first, tuple(notes))
+    return Header(tuple(columns), tuple(sorted(rows, reverse=True)), found.first or body.first, tuple(notes))
 
 
 def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | None:
@@ -205,29 +183,21 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
         numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
         if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
             above.append(numbered)
-    spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
-    level = (abs(len(row[1]) - len(upper[1])) <= spare for row, upper in pairwise(above))
-    place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), None)
-    start = 0 if place is None else place + 1
-    # `Unix,CAL,CAL` above the units only says what was done to each column; `s V V V V V` are no names either.
-    done = [sum(cell.lower() in _PROCESSING for cell in cells) for _, cells in above]
-    telling = (2 * done[i] <= len(cells) <= 2 * len(set(cells)) for i, (_, cells) in enumerate(above))
-    names = next((i for i, tells in enumerate(telling) if tells and i >= start), start)
-    units = None if place is None else above[place]
+    place = next((i for i, (_, cells) in enumerate(above[:-1]) if are_units(cells)), -1)
+    # `Unix,CAL,CAL` above the units only says what was done to each column.
+    said = [{cell.lower() for cell in cells} for _, cells in above]
+    names = next(
+        (i for i in range(place + 1, len(above)) if 2 * len(said[i] & _PROCESSING) < len(said[i])), place + 1
+    )
+    units = above[place] if place >= 0 else None
     if plan.preface.unit_row is not None:
         units = _row(head, plan.preface.unit_row, table)
-    elif units is None and above[names][0] < len(head) and is_comment(text := head[above[names][0]]):
-        # A row of units that begins with an empty cell and %, and so looks like a comment.
-        cells = tuple(split_fields(text, table.form.delimiter))
-        units = (above[names][0] + 1, cells) if len(cells) == len(above[names][1]) and are_units(cells) else None
     return _Rows(above[names], units, tuple(row for i, row in enumerate(above[:names]) if i != place))
 
 
-def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], list[str]]:
+def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[str]]:
     """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
     (number, cells), width = row, table.width
-    if not any(cells):
-        return tuple(Column("") for _ in range(width)), [f"line {number} is empty"]
     trailing = 0
     while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
         trailing += 1
@@ -235,21 +205,19 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], 
     notes = [f"line {number} holds {len(cells)} names for {width - trailing} columns"]
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
-        return tuple(map(named_column, names)), notes if any(cells[width:]) else []
+        return list(map(named_column, names)), notes if any(cells[width:]) else []
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
-        return (Column("", role="row name"), *map(named_column, cells)), notes
+        return [Column("", role="row name"), *map(named_column, cells)], notes
     names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
-    return tuple(map(named_column, names)), notes
+    return list(map(named_column, names)), notes
 
 
 def _are_row_names(first: str, body: Body) -> bool:
     """True where the first column holds texts or counts the rows, as R writes them without a name of their own."""
-    if first.lower() in COUNTING_NAMES or body.types[0].kind == "text":
-        return first.lower() not in COUNTING_NAMES
     cells = [cells[0] for _, cells in body.rows]
-    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
-        return False
-    return sum(int(b) - int(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
+    if first.lower() in COUNTING_NAMES or not all(cell.isascii() and cell.isdecimal() for cell in cells):
+        return first.lower() not in COUNTING_NAMES and body.types[0].kind == "text"
+    return sum(float(b) - float(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
 
 
 def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:

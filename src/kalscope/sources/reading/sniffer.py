@@ -28,7 +28,7 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
+from kalscope.sources.reading.headers import Header, join_quoted, read_header, settings_of
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
@@ -224,7 +224,6 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
-    columns = named_by_settings(settings, columns, time, table.form)
     above = sum(number < header.first for number, _ in table.rows) if is_table else 0
     lead = None
     if table.form.kind == "labels" and not table.form.complete:
@@ -297,7 +296,7 @@ def _find_time(
         labels = header.rows[-1][1] if header.rows else ()
         time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
     else:
-        named = any(column.name for column in columns) or table.form.kind != "table"
+        named = bool(header.rows) or all(column.name for column in columns)
         # A field that was added later cannot be the time of the rows before.
         least = min(table.narrow, default=len(columns))
         rows = [row[:least] for row in rows]
