@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby, islice
+from functools import cache
+from itertools import groupby
 from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
@@ -110,11 +111,12 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
     """
     least = plan.preface.first_row or 1
     rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
-    beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
-    types = _types(rows, table.width, kinds)
+    left_out = {i for i in plan.preface.left_out if i < table.width}
+    beside, types = _beside(rows, table.width, kinds) | left_out, _types(rows, table.width, kinds)
+    body = Body(tuple(rows), rows[0][0], (), types, beside)
     if table.form.kind != "table":
-        return Body(tuple(rows), rows[0][0], (), types, beside)
-    grid = _Grid(lines, table, types, beside, kinds)
+        return body
+    grid = _Grid(lines, table, body, kinds)
     first = grid.first_row(least)
     rows = grid.rows_from(first) or list(table.rows[:1])
     return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
@@ -150,15 +152,8 @@ class _Line(NamedTuple):
 class _Grid:
     """The lines of a file, each split and compared with the columns of the table."""
 
-    def __init__(
-        self,
-        lines: list[HeadLine],
-        table: HeadTable,
-        types: tuple[ColumnType, ...],
-        beside: frozenset[int],
-        kinds: CellKinds,
-    ) -> None:
-        self._kinds, self._types, self._beside = kinds, types, beside
+    def __init__(self, lines: list[HeadLine], table: HeadTable, body: Body, kinds: CellKinds) -> None:
+        self._kinds, self._types, self._beside = kinds, body.types, body.beside
         self._table, self._least = table, table.least
         self._lines: list[_Line] = []
         known, fits = {} if table.narrow else dict(table.rows), dict[str, Fit | None]()
@@ -289,10 +284,10 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 _MAX_CELLS = 4096
 """A line of more cells is not a row of any table."""
-MIN_RUN, MIN_NAMED_RUN = 8, 3
-"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
+MIN_RUN = 8
+"""Successive lines of another width that mean a new field, not damage."""
 MAX_JUDGED = 500
-"""Rows by which those of two widths are compared."""
+"""Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
     r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end)[\W_]*",
     re.IGNORECASE,
@@ -361,102 +356,92 @@ def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     some = first_of_each_shape(lines)
     candidates = [] if plan.options.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.options.delimiter,) if plan.options.delimiter else _delimiters(some, kinds):
-        split = _SplitLines(lines, some, delimiter)
+    for delimiter in (plan.options.delimiter,) if plan.options.delimiter else _delimiters(some):
+        split = _splitter(delimiter)
         for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
-                candidates.append(_as_table(split, form, kinds[decimal]))
+                candidates.append(_as_table(lines, some, split, form, kinds[decimal]))
             elif any('"' in shape for shape in some):  # decimal commas inside the quotes of a comma file
-                candidates.append(_as_table(split, form, CellKinds(decimal, plan.options.missing_texts, delimiter)))
+                quoted = CellKinds(decimal, plan.options.missing_texts, delimiter)
+                candidates.append(_as_table(lines, some, split, form, quoted))
     return [table for table in candidates if table is not None]
 
 
-def _delimiters(some: Mapping[str, Sequence[str]], kinds: Mapping[str, CellKinds]) -> list[str]:
-    """The delimiters between two cells of a line, and one that is in none where some lines are a single number."""
+def _delimiters(some: Mapping[str, Sequence[str]]) -> list[str]:
+    """The delimiters between two cells of a line, and one that is in none: a line may be a single number."""
     found = {mark for shape in some for mark in DELIMITERS if mark in shape.strip(" ")}
     found |= {" "} if "\t" in found else set()
-    single = any(known[texts[0].strip(" \t")] in NUMERIC for known in kinds.values() for texts in some.values())
-    absent = [mark for mark in DELIMITERS if mark not in found][: single or not found]
-    return [mark for mark in DELIMITERS if mark in found or mark in absent]
+    found.update([mark for mark in DELIMITERS if mark not in found][:1])
+    return [mark for mark in DELIMITERS if mark in found]
 
 
-class _SplitLines:
-    """The lines of a log split at one delimiter, each when its cells are needed."""
+def _splitter(delimiter: str) -> Callable[[str], Cells]:
+    """Splits lines at a delimiter, each once; one of thousands of cells is not a row and is not split."""
 
-    def __init__(self, lines: list[HeadLine], some: Mapping[str, Sequence[str]], delimiter: str) -> None:
-        """Args: lines that may hold data, some of each shape, their delimiter."""
-        self.lines, self._delimiter = lines, delimiter
-        self.some = {shape: list(map(self._split, texts)) for shape, texts in some.items()}
-        # Quotes and delimiters are the same in all lines of a shape.
-        self.widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
-        self._known: dict[int, Cells] = {}
+    @cache
+    def split(text: str) -> Cells:
+        is_endless = len(text) > _MAX_CELLS and text.count(delimiter) > _MAX_CELLS
+        return (text,) if is_endless else tuple(split_fields(text, delimiter))
 
-    def cells(self, line: HeadLine) -> Cells:
-        """The cells of a line."""
-        found = self._known.get(line.number)
-        if found is None:
-            found = self._known[line.number] = self._split(line.text)
-        return found
-
-    def _split(self, text: str) -> Cells:
-        """The cells of a line; one that would have thousands is not a row and is not split."""
-        if len(text) > _MAX_CELLS and text.count(self._delimiter) > _MAX_CELLS:
-            return (text,)
-        return tuple(split_fields(text, self._delimiter))
+    return split
 
 
-def _as_table(split: _SplitLines, form: LineFormat, kinds: CellKinds) -> HeadTable | None:
+def _as_table(
+    lines: list[HeadLine],
+    some: Mapping[str, Sequence[str]],
+    split: Callable[[str], Cells],
+    form: LineFormat,
+    kinds: CellKinds,
+) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
     likely = {
-        shape: sum(likeness(cells, kinds) for cells in rows) / len(rows) for shape, rows in split.some.items()
+        shape: sum(likeness(split(text), kinds) for text in texts) / len(texts) for shape, texts in some.items()
     }
+    # Quotes and delimiters are the same in all lines of a shape.
+    widths = {shape: len(split(texts[0])) for shape, texts in some.items()}
     weight: Counter[int] = Counter()
-    for line in split.lines:
-        weight[split.widths[line.shape]] += likely[line.shape]  # type: ignore[assignment]
+    for line in lines:
+        weight[widths[line.shape]] += likely[line.shape]  # type: ignore[assignment]
     width = max(weight, key=lambda width: weight[width], default=0)
-    if not width or weight[width] < MIN_TEXT_SHARE * len(split.lines):
+    if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
-    width, narrow = _grown_width(split, likely, width, kinds)
+    rows = [line for line in lines if likely[line.shape]]
+    runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: widths[line.shape])]
+    narrow: frozenset[int] = frozenset()
+    long = {w for w, run in runs if len(run) >= MIN_RUN and w > 1}
+    if len(long) > 1 and width in long:
+        width, narrow = _grown_width(lines, runs, split, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
-    if len(split.lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
+    if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
-    fitting = [line for line in split.lines if split.widths[line.shape] in (width, *narrow)]
-    rows = [(line.number, split.cells(line)) for line in fitting if likely[line.shape]]
-    rows = [(number, cells + ("",) * (width - len(cells))) for number, cells in rows]
-    return HeadTable(total / len(split.lines), form, width, tuple(rows), narrow)
+    found = [(line.number, split(line.text)) for line in rows if widths[line.shape] in (width, *narrow)]
+    found = [(number, cells + ("",) * (width - len(cells))) for number, cells in found]
+    return HeadTable(total / len(lines), form, width, tuple(found), narrow)
 
 
 def _grown_width(
-    split: _SplitLines, likely: Mapping[str, float], width: int, kinds: CellKinds
+    lines: list[HeadLine],
+    runs: list[tuple[int, list[HeadLine]]],
+    split: Callable[[str], Cells],
+    width: int,
+    kinds: CellKinds,
 ) -> tuple[int, frozenset[int]]:
     """The width of the rows, and the smaller widths of those that lack a field which the logger added later.
 
     `width` is the commonest. Several rows of the other width follow each other, hold the same in each column, and
     have no names of their own.
     """
-    rows = [line for line in split.lines if likely[line.shape]]
-    runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: split.widths[line.shape])]
+    long = {w: list[tuple[int, Cells]]() for w, run in runs if len(run) >= MIN_RUN and w > 1}
+    for w, run in runs:
+        if w in long:
+            long[w] += [(line.number, split(line.text)) for line in run[:MAX_JUDGED]]
     # `Gain,24` above the names may look like the first row of the first run.
-    begin = next((run[1].number for _, run in runs if len(run) >= MIN_NAMED_RUN), 0)
-    above = (split.cells(line) for line in reversed(split.lines) if line.number < begin)
-    named = next((len(cells) for cells in above if only_text(cells, kinds.decimal)), 0)
-    widest = max((w for w, run in runs if len(run) >= MIN_NAMED_RUN), default=0)
-    least = MIN_NAMED_RUN if named == widest else MIN_RUN
-    long = {w for w, run in runs if len(run) >= least and w > 1}
-    if len(long) < 2 or width not in long:
-        return width, frozenset()
-
-    def types(w: int, count: int) -> tuple[ColumnType, ...]:
-        judged = islice((line for line in rows if split.widths[line.shape] == w), MAX_JUDGED)
-        return _types([(line.number, split.cells(line)) for line in judged], count, kinds)
-
-    widest = max(long)
-    narrow = {
-        w
-        for w in long - {widest, named}
-        if all(wide.suits(less) for wide, less in zip(types(widest, w), types(w, w), strict=True))
-    }
+    begin = next(run[1].number for _, run in runs if len(run) >= MIN_RUN)
+    above = (split(line.text) for line in reversed(lines) if line.number < begin)
+    named, widest = next((len(cells) for cells in above if only_text(cells, kinds.decimal)), 0), max(long)
+    types = {w: _types(rows, w, kinds) for w, rows in long.items()}
+    narrow = {w for w in {*long} - {widest, named} if all(map(ColumnType.suits, types[widest], types[w]))}
     return (widest, frozenset(narrow)) if width in {widest, *narrow} else (width, frozenset())
 
 
@@ -526,17 +511,15 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     The second is a way that gives other rows than the best, with nearly its score.
     """
     found = [table for table in tables if table.score >= MIN_SHARE]
-    scores = {id(table): _score(lines, table) for table in found}
-
-    def rank(table: HeadTable) -> tuple[float, bool, bool]:
-        return round(scores[id(table)], 6), table.form.kind == "teleplot", table.form.decimal == "."
-
-    ranked = sorted(found, key=rank, reverse=True)
-    if not ranked:
+    scores = [round(_score(lines, table), 6) for table in found]
+    ranks = [(s, t.form.kind == "teleplot", t.form.decimal == ".") for s, t in zip(scores, found, strict=True)]
+    order = sorted(range(len(found)), key=lambda i: ranks[i], reverse=True)
+    if not order:
         return None, None
-    best = ranked[0]
-    close = (table for table in ranked[1:] if scores[id(table)] >= CLOSE * scores[id(best)])
-    return best, next((table for table in close if _differs(best, table)), None)
+    best = found[order[0]]
+    close = (found[i] for i in order if scores[i] >= CLOSE * scores[order[0]] and found[i].rows != best.rows)
+    tables_only = (table for table in close if best.form.kind == table.form.kind == "table")
+    return best, next(tables_only, None)
 
 
 def _score(lines: list[HeadLine], table: HeadTable) -> float:
@@ -561,10 +544,3 @@ def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
     cells = split_fields(above[-1].text, table.form.delimiter)
     whole = table.form.decimal != "," or not any("," in cell for cell in cells)
     return whole and only_text(cells, table.form.decimal) and table.least <= len(cells) <= table.width
-
-
-def _differs(best: HeadTable, other: HeadTable) -> bool:
-    """True where another way gives other rows, not the same ones by another mark."""
-    if best.form.kind != "table" or other.form.kind != "table":
-        return False
-    return best.width != other.width or [cells for _, cells in best.rows] != [cells for _, cells in other.rows]
