@@ -219,16 +219,14 @@ _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
 _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
-_LINE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
-)
+_LINE_STAMP = re.compile(rf"[ \t]{{0,8}}\[?{_STAMP}(?:{_AFTER_STAMP}|\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL)
 _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
     rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
+    r"(?:\[[ ]{0,12}|[EWIDV] \()([0-9]{1,14}(?:\.[0-9]{1,9})?)(?:\]|\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
@@ -241,8 +239,6 @@ _LINE_FORMAT_TOPIC = re.compile(r"[^\s/]{1,99}/[^\s/]{3,99}(?:/\S{1,99})? \S{1,4
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
-_NO_SAMPLES = frozenset({"t", "xy"})
-"""Flags of Teleplot: a text; points of a plane."""
 
 
 @dataclass(frozen=True)
@@ -291,11 +287,14 @@ def without_escapes(line: str) -> str:
 def split_teleplot(line: str) -> Teleplot | None:
     """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
 
-    Texts (`|t`), points of a plane (`|xy`) and shapes (`>3D|…`) are not samples.
+    Points of a plane (`|xy`) and shapes (`>3D|…`) are not samples; a text (`|t`) has none.
     """
     match = _TELEPLOT.fullmatch(line)
-    if match is None or not _NO_SAMPLES.isdisjoint(_flags(match)) or match[2].count(";") > _MAX_SAMPLES:
+    flags = {flag.strip() for flag in (match[4] or "").split(",")} if match else set[str]()
+    if match is None or "xy" in flags or match[2].count(";") > _MAX_SAMPLES:
         return None
+    if "t" in flags:
+        return Teleplot(match[1].strip(), ())
     samples: list[tuple[str, str]] = []
     for part in match[2].split(";"):
         stamp, colon, value = part.rpartition(":")
@@ -305,23 +304,12 @@ def split_teleplot(line: str) -> Teleplot | None:
     return Teleplot(match[1].strip(), tuple(samples), (match[3] or "").strip())
 
 
-def teleplot_flags(line: str) -> list[str]:
-    """The flags of a line of Teleplot, `g` and `np` of `>name:value|g,np`; [] where there are none."""
-    match = _TELEPLOT.fullmatch(line)
-    return [] if match is None else _flags(match)
-
-
-def _flags(match: re.Match[str]) -> list[str]:
-    return [flag.strip() for flag in (match[4] or "").split(",")]
-
-
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    if line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
-        return match[1] or match[2], match[3]
-    if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
-        return match[1] or match[2], match[3]
-    if line[3:4] == " " and (match := _SYSLOG.fullmatch(line)):
+    match = line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
+    match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
+    match = match or (line[3:4] == " " and _SYSLOG.fullmatch(line))
+    if match:
         return match[1], match[2]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
     if match is None:

@@ -46,8 +46,8 @@ class Preface:
     """Unit of each column, "" where it has none; as many as `names`."""
     left_out: frozenset[int] = frozenset()
     """Columns, from 0, that hold no samples: a counter, digital lines."""
-    time_column: int | None = None
-    """Column, from 0, of the time; -1 where the table has none."""
+    time_column: int | str | None = None
+    """Column, from 0, of the time; "none" where the table has none."""
     time_unit: str | None = None
     """Unit of the time column, a key of SECONDS_PER_UNIT."""
     period: float | None = None
@@ -94,7 +94,7 @@ def _rigol(rows: Sequence[Cells], above: int) -> Preface | None:
         names=names[:-2],
         units=says[:-2],
         left_out=frozenset({0}),
-        time_column=-1,
+        time_column="none",
         period=step if step > 0 else None,
         offset=offset if step > 0 and math.isfinite(offset) else 0.0,
     )
@@ -117,7 +117,7 @@ def _empatica(rows: Sequence[Cells], above: int) -> Preface | None:
         return None
     if len(first) == 3:  # the file's name says what one column holds; three are the accelerometer
         found = replace(found, names=("x", "y", "z"), units=("1/64 g",) * 3)
-    return replace(found, first_row=above + 3, time_column=-1, period=1 / float(second[0]))
+    return replace(found, first_row=above + 3, time_column="none", period=1 / float(second[0]))
 
 
 def _is_start(cell: str) -> bool:

@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import numpy as np
-
-from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import NumberForm
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
@@ -38,7 +35,7 @@ from kalscope.sources.reading.table import (
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time, stamps_of
+from kalscope.sources.reading.time_columns import chosen_time, find_time
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -51,31 +48,20 @@ MAX_INSIDE = 0.25
 """Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
-def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | None) -> int | None:
+def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
     """The label that begins each turn, an index into the cells; None where each line is a row of its own.
 
     Args:
         rows: Cells of the lines, "" where a line lacks the label.
         labels: Which of the cells hold values.
-        stamps: Of the lines, shape (n,), NaN where unreadable; None where they have none.
     """
-    held = [{i for i in labels if row[i]} for row in rows]
-    first = next((i for i in labels if held and i in held[0]), None)
+    held = [[i for i in labels if row[i]] for row in rows]
+    first = next(iter(held[0]), None) if held else None
     begins = [k for k, here in enumerate(held) if first in here]
-    if first is None or len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
+    if len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
         return None
-    turns = [held[a:b] for a, b in pairwise(begins)]
-    complete = sum(sorted(i for here in turn for i in here) == sorted(labels) for turn in turns)
-    if complete < _MIN_COMPLETE * len(turns):
-        return None
-    if stamps is None:
-        return first
-    # Little time passes between the first line of a turn and the last.
-    inside = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(begins)])
-    between = np.diff(stamps[begins])
-    known = np.isfinite(inside) & np.isfinite(between)
-    is_turn = known.any() and float(np.median(inside[known])) <= MAX_INSIDE * float(np.median(between[known]))
-    return first if is_turn else None
+    turns = [sorted(i for here in held[a:b] for i in here) for a, b in pairwise(begins)]
+    return first if turns.count(sorted(labels)) >= _MIN_COMPLETE * len(turns) else None
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
@@ -229,7 +215,7 @@ def _layout(
     if table.form.kind == "labels" and not table.form.complete:
         taken = time.indices if time else ()
         labels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
-        lead = leading_label(cells, labels, time and stamps_of(time, cells, table.form.decimal))
+        lead = leading_label(cells, labels)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
@@ -289,20 +275,17 @@ def _described(
 def _find_time(
     columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan
 ) -> TimeColumn | None:
-    choice = plan.options.time_column
-    if choice is None and plan.preface.time_column is not None:
-        choice = plan.preface.time_column if plan.preface.time_column >= 0 else "none"
+    choice = plan.preface.time_column if plan.options.time_column is None else plan.options.time_column
+    decimal, labels = table.form.decimal, header.rows[-1][1] if header.rows else ()
+    named = bool(header.rows) or all(column.name for column in columns)
+    # A field that was added later cannot be the time of the rows before.
+    least = min(table.narrow, default=len(columns))
     if choice is not None:
-        labels = header.rows[-1][1] if header.rows else ()
-        time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
+        time = chosen_time(columns, rows, decimal, choice, labels, plan.options)
+    elif columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+        time = TimeColumn(0, "number", "ms")
     else:
-        named = bool(header.rows) or all(column.name for column in columns)
-        # A field that was added later cannot be the time of the rows before.
-        least = min(table.narrow, default=len(columns))
-        rows = [row[:least] for row in rows]
-        time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
-    if time is None and choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
-        time = TimeColumn(0, "number", "ms")  # so few lines may not show it: they may all be of one moment
+        time = find_time(columns[:least], [r[:least] for r in rows], decimal, named=named, options=plan.options)
     if time is not None and time.kind == "number" and plan.preface.time_unit:
         time = replace(time, unit=plan.preface.time_unit)
     return time
