@@ -18,7 +18,6 @@ def lines(form, **columns):
 
 TRACE = lines("{:.3e},{:.3f},{:.3f},", t=T * 1e-5 - 1e-4, a=A, b=B)
 FILES = {
-    "rigol two rows": ([",CH1,CH2", "Second,Volt,Volt", *[f"{line} " for line in TRACE]], "CH1 CH2", "V V", 1e-5),
     "rigol numbered": (
         ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-1.0e-04,1.0e-05,", *lines("{},{},{},", t=T, a=A, b=B)],
         "CH1 CH2", "V V", 1e-5,
@@ -54,7 +53,6 @@ FILES = {
         ["Time,Channel A,Channel B", "(ms),(V),(mV)", ",", *lines("{:.5f},{},{}", t=T * 0.01, a=A, b=B)],
         "Channel A|Channel B", "V mV", 1e-5,
     ),
-    "rohde": (["in s,C1 in V,C2 in V", *[line[:-1] for line in TRACE]], "C1 C2", "V V", 1e-5),
     "campbell": (
         ['"TOA5","Meadow","CR1000","1","CR1000.Std","CPU:a.CR1","5","T"', '"TIMESTAMP","RECORD","BattV","AirT_Avg"',
          '"TS","RN","Volts","Deg C"', '"","","Smp","Avg"',
@@ -66,7 +64,6 @@ FILES = {
          *lines("{},{},{}", a=A, b=B, c=T)],
         "x y z", "1/64 g|1/64 g|1/64 g", 1 / 32,
     ),
-    "empatica one": (["1551453301.00", "4.000000", *lines("{}", a=A)], "value", "-", 0.25),
     "rate above": (["# Sampling Rate: 250 Hz", "ax,ay", *lines("{},{}", a=A, b=B)], "ax ay", "- -", 0.004),
 }  # fmt: skip
 

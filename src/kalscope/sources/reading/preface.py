@@ -129,19 +129,16 @@ def _is_start(cell: str) -> bool:
 # Source: the lines above the tables of PicoQuake, GENEActiv ("Measurement Frequency"), MetaWear, and many scripts.
 
 
-_RATES = """
-    rate|sample rate|sampling rate|samplerate|samplingrate|sample frequency|sampling frequency|samplingfrequency
-    |sampling freq|sample freq|data rate|output data rate|measurement frequency|logging rate|acquisition rate
-    |fs|odr|store rate|sfreq|abtastrate|abtastfrequenz|samplefrequenz|messrate
-    |fréquence d'échantillonnage|frecuencia de muestreo|taxa de amostragem|frequenza di campionamento
-    """
-_INTERVALS = """
-    sample interval|sampling interval|sample period|sampling period|sampleinterval|samplinginterval|samplingperiod
-    |time step|timestep|dt|delta t|delta-t|increment|time increment|x increment|xincrement|logging interval
-    |interval|intervall|xinc|x inc|tinc
-    |log interval|recording interval|measurement interval|epoch length|epoch period|abtastintervall|messintervall
-    |période d'échantillonnage|intervalo de muestreo
-    """
+_RATE = r"""
+    (?:sampl(?:e|ing)[ ]?|(?:data|output[ ]data|measurement|logging|acquisition|store)[ ])(?:rate|freq(?:uency)?)
+    |rate|fs|odr|sfreq|(?:abtast|mess)(?:rate|frequenz)|samplefrequenz
+    |fréquence[ ]d'échantillonnage|frecuencia[ ]de[ ]muestreo|taxa[ ]de[ ]amostragem|frequenza[ ]di[ ]campionamento
+"""
+_INTERVAL = r"""
+    (?:sampl(?:e|ing)[ ]?|log(?:ging)?[ ]|recording[ ]|measurement[ ]|epoch[ ])(?:interval|period|length)
+    |time[ ]?step|dt|delta[ -]t|(?:time[ ]|x[ ]?)?increment|interval|x[ ]?inc|tinc|(?:abtast|mess)?intervall
+    |période[ ]d'échantillonnage|intervalo[ ]de[ ]muestreo
+"""
 _HERTZ = {
     **{
         prefix + word: factor
@@ -153,15 +150,12 @@ _HERTZ = {
 _SECONDS = {"": 1.0} | {word: SECONDS_PER_UNIT[unit] for word, unit in UNIT_OF_WORD.items()}
 
 
-def _alternatives(keys: str) -> str:
-    return "|".join(re.escape(key.strip()) for key in keys.split("|"))
-
-
 _STATED = re.compile(
-    rf"(?:^|[,;|\t:=#%/])[ \"']{{0,4}}(?:(?P<rate>{_alternatives(_RATES)})|(?P<step>{_alternatives(_INTERVALS)}))"
-    r" {0,4}(?:[(\[](?P<unit>[^()\[\]]{0,24})[)\]])?[ \"':=,;|\t]{1,8}"
-    r"(?P<number>[-+]?[0-9]{1,20}(?:[.,][0-9]{1,20}){0,3}(?:e[-+]?[0-9]{1,3})?)"
-    r"(?P<mark>[ \"',;|\t]{0,4})(?P<written>[^0-9,;|\t\"'()]{0,24})"
+    rf"""(?:^|[,;|\t:=\#%/])[ "']{{0,4}}(?:(?P<rate>{_RATE})|(?P<step>{_INTERVAL}))
+    [ ]{{0,4}}(?:[(\[](?P<unit>[^()\[\]]{{0,24}})[)\]])?[ "':=,;|\t]{{1,8}}
+    (?P<number>[-+]?[0-9]{{1,20}}(?:[.,][0-9]{{1,20}}){{0,3}}(?:e[-+]?[0-9]{{1,3}})?)
+    (?P<mark>[ "',;|\t]{{0,4}})(?P<written>[^0-9,;|\t"'()]{{0,24}})""",
+    re.VERBOSE,
 )
 """A key at the begin of a cell, its unit in brackets, the value, and the unit after it or in the next cell."""
 

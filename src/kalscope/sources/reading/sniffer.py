@@ -210,14 +210,12 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
-    above = sum(number < header.first for number, _ in table.rows) if is_table else 0
-    lead = None
-    if table.form.kind == "labels" and not table.form.complete:
-        taken = time.indices if time else ()
-        labels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
-        lead = leading_label(cells, labels)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
+    in_turns = table.form.kind == "labels" and not table.form.complete
+    labels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    lead = leading_label(cells, labels) if in_turns else None
+    above = sum(number < header.first for number, _ in table.rows)
     notes = (
         *explain(table, plan, body, second),
         *about_numbers,
@@ -252,23 +250,17 @@ def _described(
     notes: list[str] = []
     inside = sum(number <= size for number, _ in body.rows)
     for i, column in enumerate(header.columns):
-        cells, kind = [row[i] for _, row in body.rows], body.types[i]
+        cells, kind, form = [row[i] for _, row in body.rows], body.types[i], None
         role = "metadata" if i in body.beside else role_of(column, cells[:inside], i, kind, len(body.types))
-        form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
-        name, form = column.name or f"column {i + 1}", None if form == NumberForm(kinds.decimal) else form
-        if form is not None:
-            notes.append(f'the numbers of "{name}" are written like {next(filter(form.fits, cells), "")!r}')
-        if rival is not None:
-            notes.append(explain_doubt(name, form or NumberForm(kinds.decimal), rival, cells))
-        columns.append(
-            replace(
-                column,
-                role=role,
-                unit=settings.get(f"unit {column.name.lower()}", column.unit) or (form.suffix if form else ""),
-                form=form,
-                words=kind.words,
-            )
-        )
+        unit = settings.get(f"unit {column.name.lower()}", column.unit)
+        if role == "channel":
+            name, (best, rival) = column.name or f"column {i + 1}", number_form(cells, kinds, plan.options.decimal)
+            if best != NumberForm(kinds.decimal):
+                form, unit = best, unit or best.suffix
+                notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
+            if rival is not None:
+                notes.append(explain_doubt(name, best, rival, cells))
+        columns.append(replace(column, role=role, unit=unit, form=form, words=kind.words))
     return columns, notes
 
 

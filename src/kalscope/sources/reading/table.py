@@ -448,14 +448,11 @@ def _grown_width(
 def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Plan) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
     shapes = {shape for shape, texts in some.items() if any(map(find_labels, texts))}
-    labelled = [line for line in lines if line.shape in shapes]
-    pairs = [(line.number, dict(found)) for line in labelled if (found := find_labels(line.text))]
+    labelled = ((line.number, find_labels(line.text)) for line in lines if line.shape in shapes)
+    pairs = [(number, dict(found)) for number, found in labelled if found]
     kinds = CellKinds(".", plan.options.missing_texts)
-    count: Counter[str] = Counter()
-    for _, found in pairs:
-        for label, value in found.items():
-            count[label] += kinds[value] in NUMERIC or kinds[value] == "stamp"
-    numeric = {label for label, n in count.items() if n and n >= 0.1 * len(pairs)}
+    values = Counter(label for _, found in pairs for label in found if kinds[found[label]] in (*NUMERIC, "stamp"))
+    numeric = {label for label, n in values.items() if n >= 0.1 * len(pairs)}
     # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
     beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
     labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
