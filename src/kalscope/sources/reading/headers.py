@@ -20,7 +20,7 @@ from kalscope.sources.grammar.cells import (
 )
 from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.reading.columns import COUNTING_NAMES, CellKinds, Cells, Column, Plan, named_column
-from kalscope.sources.reading.table import Body, HeadTable, header_cells
+from kalscope.sources.reading.table import Body, HeadTable, Row, header_cells
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
@@ -32,8 +32,6 @@ _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med
 _NAMES = re.compile(r"((?:channel|column|field|signal|sensor)s? )?(?:labels|columns|channels|fields|names|header)")
 _LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
 """Settings of oscilloscopes that give the names and units of the last columns: `Source,CH2`, `Vertical Units,V`."""
-
-Row = tuple[int, Cells]
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,9 @@ _RULED = frozenset("-=_+|:;, \t")
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
+Row = tuple[int, Cells]
+"""Line number, from 1, and the cells of a line."""
+
 Fit = Literal["row", "partial", "void", "text"]
 """All cells of a line suit their columns; some do; all are missing; none does, which is how names look."""
 
@@ -70,7 +73,7 @@ class HeadTable:
     """How they were split."""
     width: int
     """Cells of a row."""
-    rows: tuple[tuple[int, Cells], ...]
+    rows: tuple[Row, ...]
     """(line number, cells) of the lines that look like data, of `width` cells each."""
     narrow: frozenset[int] = frozenset()
     """Widths of rows that lack their last cells: a later version of the logger added these."""
@@ -88,11 +91,11 @@ class HeadTable:
 class Body:
     """The rows of a table, and the lines above it."""
 
-    rows: tuple[tuple[int, Cells], ...]
+    rows: tuple[Row, ...]
     """(line number, cells) of the rows that look like data; those of the samples have numbers beyond the head."""
     first: int
     """Line number of the first row."""
-    above: tuple[tuple[int, Cells], ...]
+    above: tuple[Row, ...]
     """(line number, cells) of lines of text right above the first row, nearest first."""
     types: tuple[ColumnType, ...]
     """What each column holds."""
@@ -122,11 +125,11 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
     return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
 
 
-def _types(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
+def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
     return tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(width))
 
 
-def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:
+def _beside(rows: Sequence[Row], width: int, kinds: CellKinds) -> frozenset[int]:
     """Columns of labels and values that are in some of the first rows only, and empty ones up to the data."""
     last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
     brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
@@ -228,7 +231,7 @@ class _Grid:
         before, last, after = (math.nan if number is None else number for number in (math.nan, *near)[-3:])
         return not before < last < after <= last + 3 * (last - before)
 
-    def rows_from(self, first: int) -> list[tuple[int, Cells]]:
+    def rows_from(self, first: int) -> list[Row]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
         return [
             (line.number, line.cells + ("",) * (self._table.width - len(line.cells)))
@@ -236,9 +239,9 @@ class _Grid:
             if line.number >= first and line.fit in ("row", "partial", "void")
         ]
 
-    def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
+    def above(self, first: int) -> tuple[Row, ...]:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
-        found: list[tuple[int, Cells]] = []
+        found: list[Row] = []
         lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
         for line in reversed(lines):
             if set(line.text) - _RULED:
@@ -406,41 +409,38 @@ def _as_table(
     width = max(weight, key=lambda width: weight[width], default=0)
     if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
-    rows = [line for line in lines if likely[line.shape]]
-    runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: widths[line.shape])]
-    narrow: frozenset[int] = frozenset()
-    long = {w for w, run in runs if len(run) >= MIN_RUN and w > 1}
-    if len(long) > 1 and width in long:
-        width, narrow = _grown_width(lines, runs, split, width, kinds)
+    rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
+    above = ((line.number, split(line.text)) for line in reversed(lines))
+    width, narrow = _grown_width(rows, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
     if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
-    found = [(line.number, split(line.text)) for line in rows if widths[line.shape] in (width, *narrow)]
-    found = [(number, cells + ("",) * (width - len(cells))) for number, cells in found]
-    return HeadTable(total / len(lines), form, width, tuple(found), narrow)
+    rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
+    return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
 
 
-def _grown_width(
-    lines: list[HeadLine],
-    runs: list[tuple[int, list[HeadLine]]],
-    split: Callable[[str], Cells],
-    width: int,
-    kinds: CellKinds,
-) -> tuple[int, frozenset[int]]:
+def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
     """The width of the rows, and the smaller widths of those that lack a field which the logger added later.
 
     `width` is the commonest. Several rows of the other width follow each other, hold the same in each column, and
     have no names of their own.
+
+    Args:
+        rows: The lines that look like data.
+        above: All lines, the last first.
+        width: The commonest width.
+        kinds: The kinds of cells.
     """
-    long = {w: list[tuple[int, Cells]]() for w, run in runs if len(run) >= MIN_RUN and w > 1}
-    for w, run in runs:
-        if w in long:
-            long[w] += [(line.number, split(line.text)) for line in run[:MAX_JUDGED]]
+    runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
+    runs = [run for run in runs if len(run) >= MIN_RUN and len(run[0][1]) > 1]
+    long: dict[int, list[Row]] = {}
+    for run in runs:
+        long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+    if len(long) < 2 or width not in long:
+        return width, frozenset()
     # `Gain,24` above the names may look like the first row of the first run.
-    begin = next(run[1].number for _, run in runs if len(run) >= MIN_RUN)
-    above = (split(line.text) for line in reversed(lines) if line.number < begin)
-    named, widest = next((len(cells) for cells in above if only_text(cells, kinds.decimal)), 0), max(long)
-    types = {w: _types(rows, w, kinds) for w, rows in long.items()}
+    texts = (cells for number, cells in above if number < runs[0][1][0] and only_text(cells, kinds.decimal))
+    types, widest, named = {w: _types(some, w, kinds) for w, some in long.items()}, max(long), len(next(texts, ()))
     narrow = {w for w in {*long} - {widest, named} if all(map(ColumnType.suits, types[widest], types[w]))}
     return (widest, frozenset(narrow)) if width in {widest, *narrow} else (width, frozenset())
 

@@ -9,7 +9,7 @@ import re
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -127,43 +127,36 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         BadFile: there is no such file, it cannot be read, now or later, it is a folder or a damaged archive.
     """
     path, left = Path(path), Event()
-    with (
-        temporary_folder() as folder,
-        ThreadPoolExecutor(1) as beside,
-        ExitStack() as stack,
-    ):
-        stack.callback(left.set)  # else a cancelled reading would wait until all of the file is hashed
+    with temporary_folder() as folder, ThreadPoolExecutor(1) as beside:
         try:
-            raw = _open_raw(path, folder / "content", beside, left, progress)
-        except FileNotFoundError:
-            raise BadFile(f"file not found: {str(path)!r}") from None
-        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            if isinstance(error, BadFile):
-                raise
-            reason = getattr(error, "strerror", None) or error
-            raise BadFile(f"cannot read {str(path)!r}: {reason}") from None
-        try:
-            yield raw
+            yield _open_raw(path, folder / "content", beside, left, progress)
         except OSError as error:  # a drive that was pulled out
-            reason = error.strerror or error
-            raise BadFile(f"reading {str(path)!r} failed midway: {reason}") from None
+            raise BadFile(f"reading {str(path)!r} failed midway: {error.strerror or error}") from None
+        finally:
+            left.set()  # else a cancelled reading would wait until all of the file is hashed
 
 
 def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:
-    if path.is_dir():
-        raise BadFile(f"source must be a file (got the folder {str(path)!r})")
-    if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
-        raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
-    with path.open("rb") as file:
-        magic = file.read(4)
-    digest = beside.submit(_sha256, path, left)
-    content = path
-    if magic.startswith((GZIP, ZSTANDARD)):
-        content = target
-        with target.open("wb") as out:
-            out.writelines(unpacked(path, path.name, progress))
-    with content.open("rb") as file:
-        return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+    try:
+        if path.is_dir():
+            raise BadFile(f"source must be a file (got the folder {str(path)!r})")
+        if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
+            raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
+        with path.open("rb") as file:
+            is_packed = file.read(4).startswith((GZIP, ZSTANDARD))
+        digest = beside.submit(_sha256, path, left)
+        content = target if is_packed else path
+        if is_packed:
+            with target.open("wb") as out:
+                out.writelines(unpacked(path, path.name, progress))
+        with content.open("rb") as file:
+            return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+    except FileNotFoundError:
+        raise BadFile(f"file not found: {str(path)!r}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"cannot read {str(path)!r}: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _sha256(path: Path, left: Event) -> str:
