@@ -74,33 +74,36 @@ def words(text):
     return tuple("" if word == "-" else word for word in (text.split("|") if "|" in text else text.split()))
 
 
-def comma(line):
-    return line.replace(",", ";").replace(".", ",")
+def quoted(line):
+    return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
+
+
+COPIED = {
+    "as it is": lambda text: text,
+    "line ends of Windows": lambda text: [line + "\r" for line in text],
+    "decimal commas": lambda text: [line.replace(",", ";").replace(".", ",") for line in text],
+    "blank lines above": lambda text: ["", "", *text],
+    "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
+    "all cells quoted": lambda text: [quoted(line) for line in text],
+    "one more separator": lambda text: [line + "," for line in text],
+    "a line for a spreadsheet": lambda text: ["sep=,", *text],
+}
+CASES = [
+    *((name, "as it is") for name in FILES),
+    *((name, copied) for name in ("rigol settings", "tektronix above", "picoscope") for copied in COPIED),
+    *((name, copied) for name in ("rigol numbered", "empatica") for copied in COPIED if copied != "decimal commas"),
+]
 
 
 @pytest.mark.slow
-@each("name", FILES)
-@each("ending", ["\n", "\r\n"])
-def test_a_whole_file(name, ending, tmp_path):
+@each(("name", "copied"), CASES)
+def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"
-    path.write_bytes((ending.join(text) + ending).encode())
+    path.write_bytes(("\n".join(COPIED[copied](text)) + "\n").encode())
     recording = read_recording(path)
-    assert recording.names == words(names)
-    assert recording.units == words(units)
-    assert recording.report.rejected == 0
+    assert (recording.names, recording.units, recording.report.rejected) == (words(names), words(units), 0)
     assert recording.values[:, int(name == "campbell")] == pytest.approx(A)
-    assert recording.sample_period == pytest.approx(period, rel=1e-6)
-
-
-@each("name", ["tektronix beside", "keysight", "picoscope"])
-def test_a_file_that_a_spreadsheet_saved_with_decimal_commas(name, tmp_path):
-    text, names, units, period = FILES[name]
-    path = tmp_path / "file.csv"
-    path.write_text("\n".join(map(comma, text)) + "\n", encoding="utf-8")
-    recording = read_recording(path)
-    assert (recording.names, recording.units) == (words(names), words(units))
-    assert recording.values[:, 0] == pytest.approx(A)
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
 
 
@@ -117,36 +120,3 @@ def test_the_start_is_said_where_there_are_stamps(tmp_path):
     recording = read_recording(path)
     assert recording.time[0] == pytest.approx(145.631666)
     assert "stamps are read as s; time counts from 2019-03-01T15:15:01+00:00" in recording.report.notes
-
-
-def quoted(line):
-    return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
-
-
-MANGLED = {
-    "blank lines above": lambda text: ["", "", *text],
-    "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
-    "all cells quoted": lambda text: [quoted(line) for line in text],
-    "one more separator": lambda text: [line + "," for line in text],
-    "a line for a spreadsheet": lambda text: ["sep=,", *text],
-}
-NAMES = [
-    "rigol numbered",
-    "rigol settings",
-    "tektronix above",
-    "picoscope",
-    "empatica",
-]
-
-
-@pytest.mark.slow
-@each("mangling", MANGLED)
-@each("name", NAMES)
-def test_a_file_that_a_script_copied(name, mangling, tmp_path):
-    text, names, units, period = FILES[name]
-    path = tmp_path / "file.csv"
-    path.write_text("\n".join(MANGLED[mangling](text)) + "\n", encoding="utf-8")
-    recording = read_recording(path)
-    assert (recording.names, recording.units) == (words(names), words(units))
-    assert recording.values[:, 0] == pytest.approx(A)
-    assert recording.sample_period == pytest.approx(period, rel=1e-6)
