@@ -530,14 +530,6 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
     if table.width > 1:
         return table.score
-    return table.score * (BARE_COMMA if form.decimal == "," and not _names_fit(lines, table) else 1.0)
-
-
-def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
-    """True where the line above the first row holds one name per column."""
-    above = [line for line in lines if line.number < table.rows[0][0]]
-    if not above or table.form.kind != "table":
-        return False
-    cells = split_fields(above[-1].text, table.form.delimiter)
-    whole = table.form.decimal != "," or not any("," in cell for cell in cells)
-    return whole and only_text(cells, table.form.decimal) and table.least <= len(cells) <= table.width
+    above = [line.text for line in lines if line.number < table.rows[0][0]][-1:]
+    is_named = above and "," not in above[0] and only_text(above, form.decimal)
+    return table.score * (BARE_COMMA if form.decimal == "," and not is_named else 1.0)

@@ -72,10 +72,7 @@ HEAD_BYTES = 1 << 20
 
 _FOREIGN = {
     **dict.fromkeys((GZIP, ZSTANDARD), "an archive in an archive, which must be unpacked first"),
-    b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
-    b"Rar!": "a RAR archive, which must be unpacked first",
-    b"BZh": "a bzip2 archive, which must be unpacked first",
-    b"\xfd7zXZ": "an xz archive, which must be unpacked first",
+    **dict.fromkeys((b"7z\xbc\xaf", b"Rar!", b"BZh", b"\xfd7zXZ"), "an archive, which must be unpacked first"),
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"%PDF": "a PDF document",
