@@ -159,15 +159,13 @@ class Layout:
         return max(1, *(i for i, role in enumerate(roles, 1) if role != "empty"), 1)
 
 
-def sniff(
-    head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[Sequence[str]] = ()
-) -> Layout | None:
+def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[str] = ()) -> Layout | None:
     """Find how a log is written.
 
     Args:
         head: The first lines of the file (64 KiB are plenty), without their newlines.
         options: What is decided already.
-        samples: Runs of whole lines from the middle and the end of the file, where there are any.
+        samples: Whole lines from the middle and the end of the file, where there are any; "" parts them.
 
     Returns:
         None where fewer than MIN_SHARE of the lines look like data, or the head ends above the data.
@@ -179,7 +177,7 @@ def sniff(
     if head and head[0].strip('" \r').lower().startswith("sep="):
         head[0] = ""  # what tells a spreadsheet the delimiter is no row of names
     plan = make_plan(head, options)
-    lines, marks = candidate_lines(head, samples, marked_begin(head))
+    lines, marks = candidate_lines([*head, "", *samples], marked_begin(head))
     table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None

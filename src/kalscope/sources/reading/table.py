@@ -318,23 +318,15 @@ def marked_begin(head: Sequence[str]) -> int:
     return next((i for i in reversed(marks) if sum(digits[i:]) >= max(3, sum(digits[:i]))), 0)
 
 
-def candidate_lines(
-    head: Sequence[str], samples: Iterable[Sequence[str]] = (), after: int = 0
-) -> tuple[list[HeadLine], LineFormat]:
+def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine], LineFormat]:
     """Lines that may hold data; stamp and checksum split off where most lines have one, which the form says.
 
     Args:
-        head: The first lines.
-        samples: Runs of lines from further down.
+        head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if i > after and _may_be_data(text)]
-    last = len(head)
-    for sample in samples:
-        # A line number is skipped, so that the last line above is not next to the first below.
-        lines += [HeadLine(i, text) for i, text in enumerate(sample, last + 2) if _may_be_data(text)]
-        last += 1 + len(sample)
-    lines = shaped(lines)
+    texts = enumerate(head[after:], after + 1)
+    lines = shaped([HeadLine(i, text) for i, text in texts if not is_blank(text) and not is_comment(text)])
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
@@ -348,10 +340,6 @@ def candidate_lines(
         kept = [pair for pair in sums if pair[0].number in right or not any(map(str.isdigit, pair[0].text))]
         lines = shaped([line._replace(text=parts[0] if parts else line.text) for line, parts in kept])
     return lines, LineFormat(stamped=is_stamped, checksum=checked)
-
-
-def _may_be_data(text: str) -> bool:
-    return not is_blank(text) and not is_comment(text)
 
 
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:

@@ -256,16 +256,14 @@ def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
             yield rewritten(without_escapes(line))
 
 
-def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
-    """Whole lines from the middle and from the end of a file; none of one that is encoded in pairs of bytes."""
-    if encoding.startswith("utf-16"):
-        return []
-    samples: list[list[str]] = []
+def sample_lines(raw: RawFile, encoding: str) -> list[str]:
+    """Whole lines from the middle and from the end of a file, "" between; none of text in pairs of bytes."""
+    samples: list[str] = []
     with raw.path.open("rb") as file:
-        for start in (raw.size // 2, raw.size - SAMPLE_BYTES):
+        for start in () if encoding.startswith("utf-16") else (raw.size // 2, raw.size - SAMPLE_BYTES):
             file.seek(max(start, 0))
             lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
-            samples.append([line.rstrip("\n") for line in lines[1:-1]])  # the others may be cut
+            samples += ["", *(line.rstrip("\n") for line in lines[1:-1])]  # the others may be cut
     return samples
 
 
