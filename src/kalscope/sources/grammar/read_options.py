@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
 from kalscope.errors import BadSetting
@@ -144,22 +144,20 @@ def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
 
     `day_first` is "day" or "month".
     """
-    column = options.time_column
-    single = {
-        "delimiter": WORD_OF_DELIMITER.get(options.delimiter or ""),
-        "decimal": WORD_OF_DECIMAL.get(options.decimal or ""),
-        "header_row": "0" if options.header is False and options.header_row is None else options.header_row,
-        "unit_row": options.unit_row,
-        "time_column": column + 1 if isinstance(column, int) else column,
-        "time_unit": options.time_unit,
-        "time_format": options.time_format,
-        "day_first": {True: "day", False: "month", None: None}[options.day_first],
-        "rate": options.rate,
-        "gaps": None if options.gaps == "rows" else options.gaps,
-        "part": options.part,
-        "unpack_gb": options.unpack_gb,
+    if options.header is False and options.header_row is None:
+        options = replace(options, header_row=0)
+    words: dict[str, Callable[[Any], object]] = {
+        "delimiter": WORD_OF_DELIMITER.get,
+        "decimal": WORD_OF_DECIMAL.get,
+        "time_column": lambda column: column + 1 if isinstance(column, int) else column,
+        "day_first": lambda is_first: "day" if is_first else "month",
     }
-    texts: dict[str, tuple[str, ...]] = {name: (str(value),) for name, value in single.items() if value is not None}
+    given = {field: getattr(options, field.name) for field in fields(options)}
+    texts: dict[str, tuple[str, ...]] = {
+        field.name: (str(words.get(field.name, str)(value)),)
+        for field, value in given.items()
+        if value != field.default and field.name not in ("header", "missing")
+    }
     if options.missing:  # -200 rather than -200.0
         texts["missing"] = tuple(
             value if isinstance(value, str) else repr(value).removesuffix(".0") for value in options.missing

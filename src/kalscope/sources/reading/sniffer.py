@@ -69,20 +69,18 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
 
 def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
-    form = table.form
-    notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
-    if form.kind == "table":
-        mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
-        notes.append(f'columns are separated by {mark}, the decimal mark is "{form.decimal}"')
-    if form.checksum:
-        notes.append("each line ends with a checksum, which is checked")
-    if form.stamped:
-        notes.append("the stamp before each line is the time")
-    if body.beside:
-        notes.append(f"columns of metadata beside the data: {', '.join(str(i + 1) for i in sorted(body.beside))}")
-    if table.narrow:
-        fields = " or ".join(map(str, sorted(table.narrow)))
-        notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
+    form, instrument = table.form, plan.preface.instrument
+    mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
+    beside, fields = ", ".join(str(i + 1) for i in sorted(body.beside)), " or ".join(map(str, sorted(table.narrow)))
+    facts = (
+        (instrument, f"written by {instrument}"),
+        (form.kind == "table", f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'),
+        (form.checksum, "each line ends with a checksum, which is checked"),
+        (form.stamped, "the stamp before each line is the time"),
+        (beside, f"columns of metadata beside the data: {beside}"),
+        (fields, f"successive rows of {fields} fields lack the last columns, which the logger added later"),
+    )
+    notes = [said for holds, said in facts if holds]
     if second is not None:
         other = second.form
         count = "1 column" if second.width == 1 else f"{second.width} columns"

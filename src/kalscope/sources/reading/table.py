@@ -264,7 +264,8 @@ class _Grid:
             prose = self._table.form.delimiter == " "
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
-        numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+        kinds = [self._kinds[cell] for cell in cells if cell and (" " in cell or self._kinds[cell] != "measure")]
+        numeric = {"number", "stamp", "measure"} & {*kinds}  # `100 Hz` is a value, `5V` may be a name
         return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
 
 
