@@ -48,8 +48,6 @@ class Preface:
     """Columns, from 0, that hold no samples: a counter, digital lines."""
     time_column: int | str | None = None
     """Column, from 0, of the time; "none" where the table has none."""
-    time_unit: str | None = None
-    """Unit of the time column, a key of SECONDS_PER_UNIT."""
     period: float | None = None
     """Sample period in s."""
     start: float | None = None
@@ -111,7 +109,7 @@ def _empatica(rows: Sequence[Cells], above: int) -> Preface | None:
         return None
     found = Preface("Empatica E4", header_row=0, first_row=above + 2, start=float(first[0]))
     if len(first) == 2 and first[1].upper() == "IBI":
-        return replace(found, names=("time", "IBI"), units=("s", "s"), time_column=0, time_unit="s")
+        return replace(found, names=("time", "IBI"), units=("s", "s"), time_column=0)
     once = len(first) == len(second) == len(third) and len({*first}) == len({*second}) == 1
     if not once or _is_start(third[0]) or not is_number(second[0]) or float(second[0]) not in _E4_RATES:
         return None

@@ -81,10 +81,8 @@ class HeadTable:
     @property
     def least(self) -> int:
         """Fewest cells of a whole row: those after the last column that is ever filled may be left out."""
-        width = self.width
-        while width > 1 and not any(cells[width - 1] for _, cells in self.rows):
-            width -= 1
-        return width
+        filled = (width for width in range(self.width, 1, -1) if any(cells[width - 1] for _, cells in self.rows))
+        return next(filled, 1)
 
 
 @dataclass(frozen=True)
