@@ -113,9 +113,11 @@ def _empatica(rows: Sequence[Cells], above: int) -> Preface | None:
     once = len(first) == len(second) == len(third) and len({*first}) == len({*second}) == 1
     if not once or _is_start(third[0]) or not is_number(second[0]) or float(second[0]) not in _E4_RATES:
         return None
-    if len(first) == 3:  # the file's name says what one column holds; three are the accelerometer
-        found = replace(found, names=("x", "y", "z"), units=("1/64 g",) * 3)
-    return replace(found, first_row=above + 3, time_column="none", period=1 / float(second[0]))
+    # The file's name says what one column holds; three are the accelerometer.
+    names = {1: ("value",), 3: ("x", "y", "z")}.get(len(first), ())
+    units = ("1/64 g",) * 3 if len(first) == 3 else ()
+    rate = float(second[0])
+    return replace(found, first_row=above + 3, names=names, units=units, time_column="none", period=1 / rate)
 
 
 def _is_start(cell: str) -> bool:
