@@ -199,7 +199,9 @@ def read_header(
 ) -> Header:
     """Find the names and units of a table's columns."""
     above, first = _find(head, table, body, plan, kinds)
-    place = next((i for i, (_, cells) in enumerate(above[:-1]) if are_units(cells)), -1)
+    spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
+    level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
+    place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
     # `Unix,CAL,CAL` above the units only says what was done to each column.
     said = [{cell.lower() for cell in cells} for _, cells in above]
     told = (i for i in range(place + 1, len(above)) if 2 * len(said[i] & _PROCESSING) < len(said[i]))
@@ -257,6 +259,10 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
         numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
         if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
             above.append(numbered)
+    text = head[above[0][0]] if above else ""
+    below = tuple(split_fields(text, table.form.delimiter)) if is_comment(text) else ()
+    if above and len(below) == len(above[0][1]) and are_units(below):
+        above.insert(0, (above[0][0] + 1, below))  # a row of units that begins with % is no comment
     return above, body.first
 
 

@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     is_number,
     parse_number,
     split_fields,
+    words,
 )
 from kalscope.sources.grammar.line_format import (
     LineFormat,
@@ -53,6 +54,13 @@ _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
 _RULED = frozenset("-=_+|:;, \t")
 """Characters of a ruled line below the names."""
+_SETTINGS = words(
+    """
+    sample sampling record serial operator user site station gain offset firmware software version model device
+    instrument manufacturer start created comment comments title project province
+    """
+)
+"""First words, in lower case, of the properties of a recording that may be above its table."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -205,14 +213,20 @@ class _Grid:
             if best
             else next((i for i in data if not self._is_label(lines[max(0, i - 1) : i + 1])), data[0])
         )
-        while start and lines[start - 1].fit == "void":
+        while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
             start -= 1
         return lines[start].number
+
+    def _repeats(self, lines: Sequence[_Line]) -> bool:
+        """True for the second ERR of three lines, the first of which may be the names: one word is no names."""
+        cells = lines[-2].cells
+        near = [line.cells for line in lines]
+        return len(lines) > 2 and lines[1].fit == "text" and len({*cells}) == 1 and near.count(cells) > 1
 
     def _is_label(self, lines: Sequence[_Line]) -> bool:
         """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers."""
         strange = self._types[0].judge(lines[-1].cells[0], self._kinds) == "strange"
-        nameless = len(lines) < 2 or lines[0].fit != "text"
+        nameless = len(lines) < 2 or lines[0].fit != "text" or self._is_setting(lines[0].cells)
         return lines[-1].fit == "partial" and strange and nameless
 
     def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
@@ -262,9 +276,14 @@ class _Grid:
             prose = self._table.form.delimiter == " "
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
-        kinds = [self._kinds[cell] for cell in cells if cell and (" " in cell or self._kinds[cell] != "measure")]
-        numeric = {"number", "stamp", "measure"} & {*kinds}  # `100 Hz` is a value, `5V` may be a name
-        return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
+        numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
+        told = cells[0].endswith(("=", ":")) or self._is_setting(cells)
+        return fits and any(cells) and not numeric and not told
+
+    def _is_setting(self, cells: Cells) -> bool:
+        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
+        others = sum(cell != "" for cell in cells[1:])
+        return others == 1 and not _SETTINGS.isdisjoint(cells[0].lower().strip(" :=").split()[:1])
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
@@ -286,8 +305,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 _MAX_CELLS = 4096
 """A line of more cells is not a row of any table."""
-MIN_RUN = 8
-"""Successive lines of another width that mean a new field, not damage."""
+MIN_RUN, MIN_NAMED_RUN = 8, 3
+"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
 MAX_JUDGED = 500
 """Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
@@ -397,13 +416,21 @@ def _as_table(
     if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
     rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
+    void = {shape for shape, texts in some.items() if _is_void(split(texts[0]), kinds)}
+    judged = [(line.number, split(line.text)) for line in lines if likely[line.shape] or line.shape in void]
     above = ((line.number, split(line.text)) for line in reversed(lines))
-    width, narrow = _grown_width(rows, above, width, kinds)
+    width, narrow = _grown_width(judged, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
     if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
     rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
     return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
+
+
+def _is_void(cells: Cells, kinds: CellKinds) -> bool:
+    """True for a row of a stamp and missing samples."""
+    found = {kinds[cell] for cell in cells}
+    return "stamp" in found and found <= {"stamp", "missing", "word"}
 
 
 def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
@@ -413,21 +440,24 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
     have no names of their own.
 
     Args:
-        rows: The lines that look like data.
+        rows: The lines that look like data, or hold a stamp and missing samples.
         above: All lines, the last first.
         width: The commonest width.
         kinds: The kinds of cells.
     """
     runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
-    runs = [run for run in runs if len(run) >= MIN_RUN and len(run[0][1]) > 1]
+    runs = [run for run in runs if len(run) >= MIN_NAMED_RUN and len(run[0][1]) > 1]
+    # `Gain,24` above the names may look like the first row of the first run.
+    begin, widest = runs[0][1][0] if runs else 0, max((len(run[0][1]) for run in runs), default=0)
+    texts = (cells for number, cells in above if number < begin and only_text(cells, kinds.decimal))
+    named = len(next(texts, ()))
     long: dict[int, list[Row]] = {}
     for run in runs:
-        long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+        if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
+            long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
     if len(long) < 2 or width not in long:
         return width, frozenset()
-    # `Gain,24` above the names may look like the first row of the first run.
-    texts = (cells for number, cells in above if number < runs[0][1][0] and only_text(cells, kinds.decimal))
-    types, widest, named = {w: _types(some, w, kinds) for w, some in long.items()}, max(long), len(next(texts, ()))
+    types, widest = {w: _types(some, w, kinds) for w, some in long.items()}, max(long)
     narrow = {w for w in {*long} - {widest, named} if all(map(ColumnType.suits, types[widest], types[w]))}
     return (widest, frozenset(narrow)) if width in {widest, *narrow} else (width, frozenset())
 
