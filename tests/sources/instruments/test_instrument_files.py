@@ -22,11 +22,6 @@ FILES = {
         ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-1.0e-04,1.0e-05,", *lines("{},{},{},", t=T, a=A, b=B)],
         "CH1 CH2", "V V", 1e-5,
     ),
-    "rigol pods": (
-        ["X,CH1,D7-D0,Start,Increment,", "Sequence,Volt,,-1.0e-04,1.0e-05",
-         *lines("{},{},0x{:02x},", t=T, a=A, d=T)],
-        "CH1", "V", 1e-5,
-    ),
     "rigol settings": (
         ['"Number of Data points =",60,', '"Sampling Frequency (Hz)=",100000,', '"Channel Data","CH 1","CH 2"',
          '"Time (s)","Voltage (V)","Voltage (V)"', *[line[:-1] for line in TRACE], ",,"],
