@@ -15,7 +15,7 @@ WRONG = [
     ("--delimiter", "x", "delimiter must be one of"),
     ("--decimal", "x", 'decimal must be "." or ","'),
     ("--header-row", "x", "header_row must be a line number from 1, or 0 for none (got 'x')"),
-    ("--unit-row", "-1", "unit_row must be a line number from 1, or 0 for none (got '-1')"),
+    ("--unit-row", "-1", "unit_row must be a line number from 1, or 0 for none (got -1)"),
     ("--time-unit", "weeks", "time_unit must be one of"),
     ("--rate", "0", "rate must be a number of Hz above 0"),
     ("--rate", "250 kHz", "rate must be a number of Hz above 0 (got '250 kHz')"),

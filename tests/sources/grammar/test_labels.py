@@ -87,12 +87,3 @@ def test_a_damaged_object_among_others_is_rejected():
     parser = LineParser()
     parser.feed(b'{"t": 1, "a": 2}\n{"t": 2, "a": 3}\n{"t": 3, "a": \n{"t": 4, "a": 5}\n')
     assert [event.kind for event in parser] == ["row", "row", "rejected", "row"]
-
-
-def test_values_with_their_units_behind_them():
-    parser = LineParser()
-    parser.feed("".join(f"temp={20 + i % 4 / 10}C hum={40 + i % 3}%\n" for i in range(20)).encode())
-    rows = [event.rows[0] for event in parser if event.kind == "row"]
-    assert rows == [(20 + i % 4 / 10, 40.0 + i % 3) for i in range(20)]
-    assert parser.layout is not None
-    assert [column.unit for column in parser.layout.columns] == ["C", "%"]

@@ -18,15 +18,9 @@ def lines(form, **columns):
 
 TRACE = lines("{:.3e},{:.3f},{:.3f},", t=T * 1e-5 - 1e-4, a=A, b=B)
 FILES = {
-    "rigol two rows": ([",CH1,CH2", "Second,Volt,Volt", *[f"{line} " for line in TRACE]], "CH1 CH2", "V V", 1e-5),
     "rigol numbered": (
         ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-1.0e-04,1.0e-05,", *lines("{},{},{},", t=T, a=A, b=B)],
         "CH1 CH2", "V V", 1e-5,
-    ),
-    "rigol pods": (
-        ["X,CH1,D7-D0,Start,Increment,", "Sequence,Volt,,-1.0e-04,1.0e-05",
-         *lines("{},{},0x{:02x},", t=T, a=A, d=T)],
-        "CH1", "V", 1e-5,
     ),
     "rigol settings": (
         ['"Number of Data points =",60,', '"Sampling Frequency (Hz)=",100000,', '"Channel Data","CH 1","CH 2"',
@@ -54,7 +48,6 @@ FILES = {
         ["Time,Channel A,Channel B", "(ms),(V),(mV)", ",", *lines("{:.5f},{},{}", t=T * 0.01, a=A, b=B)],
         "Channel A|Channel B", "V mV", 1e-5,
     ),
-    "rohde": (["in s,C1 in V,C2 in V", *[line[:-1] for line in TRACE]], "C1 C2", "V V", 1e-5),
     "campbell": (
         ['"TOA5","Meadow","CR1000","1","CR1000.Std","CPU:a.CR1","5","T"', '"TIMESTAMP","RECORD","BattV","AirT_Avg"',
          '"TS","RN","Volts","Deg C"', '"","","Smp","Avg"',
@@ -66,7 +59,6 @@ FILES = {
          *lines("{},{},{}", a=A, b=B, c=T)],
         "x y z", "1/64 g|1/64 g|1/64 g", 1 / 32,
     ),
-    "empatica one": (["1551453301.00", "4.000000", *lines("{}", a=A)], "value", "-", 0.25),
     "rate above": (["# Sampling Rate: 250 Hz", "ax,ay", *lines("{},{}", a=A, b=B)], "ax ay", "- -", 0.004),
 }  # fmt: skip
 
@@ -77,33 +69,36 @@ def words(text):
     return tuple("" if word == "-" else word for word in (text.split("|") if "|" in text else text.split()))
 
 
-def comma(line):
-    return line.replace(",", ";").replace(".", ",")
+def quoted(line):
+    return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
+
+
+COPIED = {
+    "as it is": lambda text: text,
+    "line ends of Windows": lambda text: [line + "\r" for line in text],
+    "decimal commas": lambda text: [line.replace(",", ";").replace(".", ",") for line in text],
+    "blank lines above": lambda text: ["", "", *text],
+    "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
+    "all cells quoted": lambda text: [quoted(line) for line in text],
+    "one more separator": lambda text: [line + "," for line in text],
+    "a line for a spreadsheet": lambda text: ["sep=,", *text],
+}
+CASES = [
+    *((name, "as it is") for name in FILES),
+    *((name, copied) for name in ("rigol settings", "tektronix above", "picoscope") for copied in COPIED),
+    *((name, copied) for name in ("rigol numbered", "empatica") for copied in COPIED if copied != "decimal commas"),
+]
 
 
 @pytest.mark.slow
-@each("name", FILES)
-@each("ending", ["\n", "\r\n"])
-def test_a_whole_file(name, ending, tmp_path):
+@each(("name", "copied"), CASES)
+def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"
-    path.write_bytes((ending.join(text) + ending).encode())
+    path.write_bytes(("\n".join(COPIED[copied](text)) + "\n").encode())
     recording = read_recording(path)
-    assert recording.names == words(names)
-    assert recording.units == words(units)
-    assert recording.report.rejected == 0
+    assert (recording.names, recording.units, recording.report.rejected) == (words(names), words(units), 0)
     assert recording.values[:, int(name == "campbell")] == pytest.approx(A)
-    assert recording.sample_period == pytest.approx(period, rel=1e-6)
-
-
-@each("name", ["tektronix beside", "keysight", "picoscope"])
-def test_a_file_that_a_spreadsheet_saved_with_decimal_commas(name, tmp_path):
-    text, names, units, period = FILES[name]
-    path = tmp_path / "file.csv"
-    path.write_text("\n".join(map(comma, text)) + "\n", encoding="utf-8")
-    recording = read_recording(path)
-    assert (recording.names, recording.units) == (words(names), words(units))
-    assert recording.values[:, 0] == pytest.approx(A)
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
 
 
@@ -120,36 +115,3 @@ def test_the_start_is_said_where_there_are_stamps(tmp_path):
     recording = read_recording(path)
     assert recording.time[0] == pytest.approx(145.631666)
     assert "stamps are read as s; time counts from 2019-03-01T15:15:01+00:00" in recording.report.notes
-
-
-def quoted(line):
-    return line if '"' in line else ",".join(f'"{cell}"' if cell else cell for cell in line.split(","))
-
-
-MANGLED = {
-    "blank lines above": lambda text: ["", "", *text],
-    "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
-    "all cells quoted": lambda text: [quoted(line) for line in text],
-    "one more separator": lambda text: [line + "," for line in text],
-    "a line for a spreadsheet": lambda text: ["sep=,", *text],
-}
-NAMES = [
-    "rigol numbered",
-    "rigol settings",
-    "tektronix above",
-    "picoscope",
-    "empatica",
-]
-
-
-@pytest.mark.slow
-@each("mangling", MANGLED)
-@each("name", NAMES)
-def test_a_file_that_a_script_copied(name, mangling, tmp_path):
-    text, names, units, period = FILES[name]
-    path = tmp_path / "file.csv"
-    path.write_text("\n".join(MANGLED[mangling](text)) + "\n", encoding="utf-8")
-    recording = read_recording(path)
-    assert (recording.names, recording.units) == (words(names), words(units))
-    assert recording.values[:, 0] == pytest.approx(A)
-    assert recording.sample_period == pytest.approx(period, rel=1e-6)

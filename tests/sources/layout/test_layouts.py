@@ -147,13 +147,6 @@ def test_names_that_break_inside_their_quotes(read, mark):
     assert report.rows + report.blank + report.comments + report.headers == report.lines == 35
 
 
-def test_the_line_that_names_the_delimiter_holds_no_names(read):
-    recording = read("sep=;\nTime;A\n" + "".join(f"{i};{20 + i % 7}\n" for i in range(30)))
-    assert (recording.names, recording.sample_period) == (("A",), 1.0)
-    report = recording.report
-    assert (report.rows, report.headers, report.comments, report.lines) == (30, 1, 1, 32)
-
-
 @pytest.mark.parametrize("form", ["%y%m%d,%H%M%S", "%d%m%y,%H%M%S"])
 def test_a_date_and_a_clock_of_six_digits_each_are_one_time(read, form):
     start = datetime(2024, 3, 30, 22)

@@ -37,29 +37,16 @@ def nmea(sentence):
 
 
 LOGS = {
-    "Python lists": (rows(lambda i: f"[{A[i]}, {B[i]}]\n"), {"value 1": ("", A), "value 2": ("", B)}, None),
     "Python tuples, and blanks": (
         rows(lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )\n"),
         {"value 1": ("", A), "value 2": ("", B)},
         0.1,
-    ),
-    "a list between blanks": (
-        rows(lambda i: f"[ {A[i]}  {B[i]}]\n"),
-        {"value 1": ("", A), "value 2": ("", B)},
-        None,
-    ),
-    "Fortran": (
-        rows(lambda i: f"  {i / 4:.2f}D+00  {A[i] / 1000:.5f}D+03\n"),
-        {"value 1": ("", A)},
-        0.25,
     ),
     "Julian dates": (
         "HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"),
         {"mag": ("", A)},
         1080,
     ),
-    "German numbers alone": (rows(lambda i: german(B[i]) + "\n"), {"value 1": ("", B)}, None),
-    "English numbers alone": (rows(lambda i: f"{B[i]:,.2f}\n"), {"value 1": ("", B)}, None),
     "HoboWare text": (
         "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n"
         + rows(lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}\n"),
@@ -99,20 +86,10 @@ LOGS = {
         {"tele/x/SENSOR.BME280.Temp": ("", A), "tele/x/SENSOR.BME280.P": ("", B)},
         10,
     ),
-    "topics": (
-        rows(lambda i: f"barn/temperature {A[i]}\nbarn/pressure {B[i]}\n"),
-        {"barn/temperature": ("", A), "barn/pressure": ("", B)},
-        None,
-    ),
     "topics with stamps": (
         rows(lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}\n"),
         {"barn/temp": ("", A), "barn/pressure": ("", B)},
         1,
-    ),
-    "objects behind a topic": (
-        rows(lambda i: f'zigbee2mqtt/s1 {{"battery":97,"temperature":{A[i]}}}\n'),
-        {"zigbee2mqtt/s1.temperature": ("", A)},
-        None,
     ),
     "a value a line": (
         rows(lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n\n"),
@@ -124,12 +101,6 @@ LOGS = {
         {"Pression": ("", B)},
         10,
     ),
-    "Swiss thousands": (
-        "Zeit;Druck\n" + rows(lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', chr(39))}\n"),
-        {"Druck": ("", B)},
-        10,
-    ),
-    "labels with decimal commas": (rows(lambda i: f"T={german(A[i])};P={german(A[i])}\n"), {"T": ("", A)}, None),
     "table in Markdown": (
         "| t | temp |\n|------|------|\n" + rows(lambda i: f"| {clock(i)} | {A[i]} |\n"),
         {"temp": ("", A)},
@@ -148,12 +119,6 @@ LOGS = {
         {"temp": ("", A), "p": ("", B)},
         1,
     ),
-    "millis of a slow loop": (
-        "t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
-        {"a": ("", A)},
-        2,
-    ),
-    "seconds from 0": ("time,a\n" + rows(lambda i: f"{5 * i},{A[i]}\n"), {"a": ("", A)}, 5),
     "several values of one name at a stamp": (
         "time,name,value\n" + rows(lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}\n"),
         {"temp": ("", A), "hum": ("", B)},
@@ -164,16 +129,6 @@ LOGS = {
         + rows(lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}\n"),
         {"bath temp": ("", A), "bath hum": ("", B), "cellar temp": ("", B)},
         60,
-    ),
-    "sensors by number, in JSON": (
-        rows(
-            lambda i: (
-                f'{{"ts":{17e8 + 5 * i:.0f},"node":1,"v":{A[i]}}}\n'
-                f'{{"ts":{17e8 + 5 * i:.0f},"node":2,"v":{B[i]}}}\n'
-            )
-        ),
-        {"1": ("", A), "2": ("", B)},
-        5,
     ),
     "decimal commas, a comma and a blank between cells": (
         "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ",")),
@@ -239,7 +194,6 @@ LOGS = {
         {"a": ("", A)},
         86400,
     ),
-    "a counter is no sensor": ("id,a\n" + rows(lambda i: f"{i},{A[i]}\n"), {"a": ("", A)}, None),
     "256 columns and a separator": (
         rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"),
         {"value 256": ("", A)},
@@ -307,13 +261,6 @@ def test_a_remark_between_rows_begins_no_new_table(tmp_path):
     row = [f"{i / 2},{A[i]}\n" for i in range(N)]
     recording = read(tmp_path, "t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
     assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
-
-
-@pytest.mark.parametrize("head", ["time;temp;hum\nSD card ok\n", "time temp hum\nready\n"])
-def test_a_remark_below_the_names_is_skipped(tmp_path, head):
-    mark = ";" if ";" in head else " "
-    recording = read(tmp_path, head + rows(lambda i: mark.join(map(str, (500 * i, A[i], A[i]))) + "\n"))
-    assert (recording.names, recording.sample_period) == (("temp", "hum"), 0.5)
 
 
 def test_units_that_repeat_are_no_names(tmp_path):

@@ -43,7 +43,7 @@ def test_scattered_nuls_are_refused_by_their_line(read):
     [
         (b"PK\x03\x04" + bytes(50), "zip archive"),
         (b"RIFF\x24\x00\x00\x00WAVE", "WAV"),
-        (b"BZh91AY", "bzip2"),
+        (b"BZh91AY", "an archive"),
         (bytes(range(256)) * 20, "binary data"),
         (bytes(1000), "0x00, on line 1"),
     ],

@@ -84,7 +84,7 @@ _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
 _ESPHOME = re.compile(
-    r"(?:\[[^\]\s]{0,40}\]){0,3}:?[ ]?'([^']{1,60})'(?:: Sending state| >>) (\S{1,24})(?: ([^\s0-9]{1,8}))?"
+    r"(?:\[[^\]\s]{0,40}\]){0,3}:?[ ]?'([^']{1,60})'(?:: Sending state| >>) (\S{1,24}(?: [^\s0-9]{1,8})?)"
     r"(?: with [0-9]{1,2} decimals of accuracy)?"
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
@@ -92,7 +92,7 @@ _LINE_PROTOCOL = re.compile(
     r"[^\s=\",]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
 )
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
-_TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")
+_TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
 _MAX_PREFIX = 240
 """Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
@@ -178,7 +178,7 @@ def _is_value(word: str) -> bool:
 def _logged(text: str) -> Pairs | None:
     """The pairs of a line of ESPHome or MQTT: a quoted name and its state, a topic and its value or object."""
     if "'" in text and (match := _ESPHOME.fullmatch(text)):
-        return [(match[1], f"{match[2]} {match[3]}" if match[3] else match[2])]
+        return [(match[1], match[2])]
     if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
         fields = (part.partition("=") for part in match[1].split(","))
         return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
@@ -189,11 +189,14 @@ def _logged(text: str) -> Pairs | None:
         words = before.rstrip(" =:\t").split()
         topic = words[-1] + "." if words and "/" in words[-1] else ""
         return found and [(topic + name, value) for name, value in found]
+    return _topic(text)
+
+
+def _topic(text: str) -> Pairs | None:
+    """The topic and the value of `home/barn/temperature 21.5`; None for `m/s 3`."""
     match = _TOPIC.fullmatch(text) if "/" in text else None
-    is_topic = (
-        match is not None and "/" in match[1] and match[1].lower() not in MISSING and not is_measure(match[1])
-    )
-    return [(match[1], match[2])] if match is not None and is_topic and _is_value(match[2]) else None
+    is_topic = match and not is_measure(match[1]) and match[1].lower() not in MISSING and _is_value(match[2])
+    return [(match[1], match[2])] if match and is_topic else None
 
 
 def _with_axes(pairs: Pairs) -> Pairs:
@@ -219,16 +222,14 @@ _STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
 _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
-_LINE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
-)
+_LINE_STAMP = re.compile(rf"[ \t]{{0,8}}\[?{_STAMP}(?:{_AFTER_STAMP}|\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL)
 _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
     rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
+    r"(?:\[[ ]{0,12}|[EWIDV] \()([0-9]{1,14}(?:\.[0-9]{1,9})?)(?:\]|\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
@@ -236,13 +237,9 @@ _SYSLOG = re.compile(
     re.DOTALL,
 )
 """What syslog and journalctl write before a line: `May 17 09:30:00 host sensor[612]: `; the date has no year."""
-_LINE_FORMAT_TOPIC = re.compile(r"[^\s/]{1,99}/[^\s/]{3,99}(?:/\S{1,99})? \S{1,40}")
-"""`barn/temperature 21.5`: a topic of MQTT and its value; `m/s 3` is a unit."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
-_NO_SAMPLES = frozenset({"t", "xy"})
-"""Flags of Teleplot: a text; points of a plane."""
 
 
 @dataclass(frozen=True)
@@ -291,11 +288,14 @@ def without_escapes(line: str) -> str:
 def split_teleplot(line: str) -> Teleplot | None:
     """The parts of `>name:value`, `>name:ms:value§unit`, `>name:1000:1;2000:2`; None for any other line.
 
-    Texts (`|t`), points of a plane (`|xy`) and shapes (`>3D|…`) are not samples.
+    Points of a plane (`|xy`) and shapes (`>3D|…`) are not samples; a text (`|t`) has none.
     """
     match = _TELEPLOT.fullmatch(line)
-    if match is None or not _NO_SAMPLES.isdisjoint(_flags(match)) or match[2].count(";") > _MAX_SAMPLES:
+    flags = {flag.strip() for flag in (match[4] or "").split(",")} if match else set[str]()
+    if match is None or "xy" in flags or match[2].count(";") > _MAX_SAMPLES:
         return None
+    if "t" in flags:
+        return Teleplot(match[1].strip(), ())
     samples: list[tuple[str, str]] = []
     for part in match[2].split(";"):
         stamp, colon, value = part.rpartition(":")
@@ -305,29 +305,18 @@ def split_teleplot(line: str) -> Teleplot | None:
     return Teleplot(match[1].strip(), tuple(samples), (match[3] or "").strip())
 
 
-def teleplot_flags(line: str) -> list[str]:
-    """The flags of a line of Teleplot, `g` and `np` of `>name:value|g,np`; [] where there are none."""
-    match = _TELEPLOT.fullmatch(line)
-    return [] if match is None else _flags(match)
-
-
-def _flags(match: re.Match[str]) -> list[str]:
-    return [flag.strip() for flag in (match[4] or "").split(",")]
-
-
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    if line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
-        return match[1] or match[2], match[3]
-    if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
-        return match[1] or match[2], match[3]
-    if line[3:4] == " " and (match := _SYSLOG.fullmatch(line)):
+    match = line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
+    match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
+    match = match or (line[3:4] == " " and _SYSLOG.fullmatch(line))
+    if match:
         return match[1], match[2]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
     if match is None:
         return None
     if not (":" in match[2] or "=" in match[2]):
-        return (match[1], match[2]) if _LINE_FORMAT_TOPIC.fullmatch(match[2]) else None
+        return (match[1], match[2]) if _topic(match[2]) else None
     # The 24 of `24 Apr 2016 17:03:07` is not a stamp before the label 17.
     label = match[2].replace("=", ":").partition(":")[0].split()
     return None if not label or is_number(label[-1]) else (match[1], match[2])

@@ -5,32 +5,33 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
 from kalscope.errors import BadSetting
 from kalscope.recording import Gaps
 from kalscope.sources.grammar.cells import MISSING, SECONDS_PER_UNIT, UNIT_OF_WORD, is_number
 
-DELIMITERS = (",", ";", "\t", "|", " ")
-"""What may separate cells; a space is any run of blanks."""
-
-_DELIMITER_WORDS = {
-    word: mark
-    for mark, words in (
-        (",", "comma"),
-        (";", "semicolon"),
-        ("\t", "tab \\t"),
-        ("|", "bar pipe"),
-        (" ", "space blank blanks"),
-    )
-    for word in words.split()
-}
 WORD_OF_DELIMITER = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 WORD_OF_DECIMAL = {".": "point", ",": "comma"}
 """How the options of the command line name the marks."""
-_DECIMAL_WORDS = {"point": ".", "dot": ".", "comma": ","}
+DELIMITERS = tuple(WORD_OF_DELIMITER)
+"""What may separate cells; a space is any run of blanks."""
+_MARK_OF_WORD = {
+    **{word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()},
+    **dict.fromkeys(("blank", "blanks"), " "),
+    "\\t": "\t",
+    "pipe": "|",
+    "dot": ".",
+}
+
+
+def _is_line_number(value: object) -> bool:
+    return value is None or (isinstance(value, int) and value >= 0)
+
+
+def _is_positive(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and 0 < value < math.inf)
 
 
 @dataclass(frozen=True)
@@ -67,25 +68,22 @@ class ReadOptions:
     """What the file may unpack to, GB; by default 0.134, or 32 times its size where that is more."""
 
     def __post_init__(self) -> None:
-        if self.delimiter is not None and self.delimiter not in DELIMITERS:
-            raise BadSetting(f"delimiter must be one of , ; TAB | or a space (got {self.delimiter!r})")
-        if self.decimal not in (None, ".", ","):
-            raise BadSetting(f'decimal must be "." or "," (got {self.decimal!r})')
-        if self.decimal is not None and self.decimal == self.delimiter:
-            raise BadSetting(f"decimal and delimiter must differ (got {self.decimal!r} twice)")
-        if self.time_unit is not None and self.time_unit not in SECONDS_PER_UNIT:
-            raise BadSetting(f"time_unit must be one of {', '.join(SECONDS_PER_UNIT)} (got {self.time_unit!r})")
-        if self.gaps not in ("rows", "missing", "dt"):
-            raise BadSetting(f"gaps must be rows, missing or dt (got {self.gaps!r})")
-        for name, row in (("header_row", self.header_row), ("unit_row", self.unit_row)):
-            if row is not None and row < 0:
-                raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {row!r})")
-        for name, unit, value in (("rate", "Hz", self.rate), ("unpack_gb", "GB", self.unpack_gb)):
-            if value is not None and not 0.0 < value < math.inf:
-                raise BadSetting(f"{name} must be a number of {unit} above 0 (got {value!r})")
-        for value in self.missing:
-            if not isinstance(value, str) and not math.isfinite(value):
-                raise BadSetting(f"missing must be finite numbers or texts (got {value!r})")
+        finite = all(isinstance(value, str) or math.isfinite(value) for value in self.missing)
+        rules = (
+            ("delimiter", self.delimiter in (None, *DELIMITERS), "one of , ; TAB | or a space"),
+            ("decimal", self.decimal in (None, *WORD_OF_DECIMAL), '"." or ","'),
+            ("decimal", self.decimal is None or self.decimal != self.delimiter, "another mark than the delimiter"),
+            ("time_unit", self.time_unit in (None, *SECONDS_PER_UNIT), f"one of {', '.join(SECONDS_PER_UNIT)}"),
+            ("gaps", self.gaps in ("rows", "missing", "dt"), "rows, missing or dt"),
+            ("header_row", _is_line_number(self.header_row), "a line number from 1, or 0 for none"),
+            ("unit_row", _is_line_number(self.unit_row), "a line number from 1, or 0 for none"),
+            ("rate", _is_positive(self.rate), "a number of Hz above 0"),
+            ("unpack_gb", _is_positive(self.unpack_gb), "a number of GB above 0"),
+            ("missing", finite, "finite numbers or texts"),
+        )
+        for name, holds, what in rules:
+            if not holds:
+                raise BadSetting(f"{name} must be {what} (got {getattr(self, name)!r})")
 
     @property
     def missing_texts(self) -> frozenset[str]:
@@ -131,14 +129,10 @@ def options_from_text(
         BadSetting: a choice that is none of these.
     """
     read: dict[str, Callable[[str], object]] = {
-        "delimiter": lambda text: _DELIMITER_WORDS.get(text.strip().lower(), text),
-        "decimal": lambda text: _DECIMAL_WORDS.get(text.strip().lower(), text),
+        **dict.fromkeys(("delimiter", "decimal"), lambda text: _MARK_OF_WORD.get(text.strip().lower(), text)),
         "time_unit": lambda text: UNIT_OF_WORD.get(text.strip().lower(), text),
         "time_column": _column,
-        "header_row": partial(_line_number, "header_row"),
-        "unit_row": partial(_line_number, "unit_row"),
-        "rate": partial(_number, "rate", "Hz"),
-        "unpack_gb": partial(_number, "unpack_gb", "GB"),
+        **dict.fromkeys(("header_row", "unit_row", "rate", "unpack_gb"), _number),
     }
     chosen: dict[str, Any] = {name: read.get(name, str)(text) for name, text in texts.items() if text is not None}
     values = tuple(float(text) if is_number(text.strip()) else text for text in missing)
@@ -150,24 +144,24 @@ def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
 
     `day_first` is "day" or "month".
     """
-    column = options.time_column
-    single = {
-        "delimiter": WORD_OF_DELIMITER.get(options.delimiter or ""),
-        "decimal": WORD_OF_DECIMAL.get(options.decimal or ""),
-        "header_row": "0" if options.header is False and options.header_row is None else options.header_row,
-        "unit_row": options.unit_row,
-        "time_column": column + 1 if isinstance(column, int) else column,
-        "time_unit": options.time_unit,
-        "time_format": options.time_format,
-        "day_first": {True: "day", False: "month", None: None}[options.day_first],
-        "rate": None if options.rate is None else repr(options.rate),
-        "gaps": None if options.gaps == "rows" else options.gaps,
-        "part": options.part,
-        "unpack_gb": None if options.unpack_gb is None else repr(options.unpack_gb),
+    if options.header is False and options.header_row is None:
+        options = replace(options, header_row=0)
+    words: dict[str, Callable[[Any], object]] = {
+        "delimiter": WORD_OF_DELIMITER.get,
+        "decimal": WORD_OF_DECIMAL.get,
+        "time_column": lambda column: column + 1 if isinstance(column, int) else column,
+        "day_first": lambda is_first: "day" if is_first else "month",
     }
-    texts: dict[str, tuple[str, ...]] = {name: (str(value),) for name, value in single.items() if value is not None}
-    if options.missing:
-        texts["missing"] = tuple(_written(value) for value in options.missing)
+    given = {field: getattr(options, field.name) for field in fields(options)}
+    texts: dict[str, tuple[str, ...]] = {
+        field.name: (str(words.get(field.name, str)(value)),)
+        for field, value in given.items()
+        if value != field.default and field.name not in ("header", "missing")
+    }
+    if options.missing:  # -200 rather than -200.0
+        texts["missing"] = tuple(
+            value if isinstance(value, str) else repr(value).removesuffix(".0") for value in options.missing
+        )
     return texts
 
 
@@ -195,16 +189,7 @@ def split_values(text: str) -> list[str]:
 
 def join_values(values: Sequence[str]) -> str:
     """One line that `split_values` splits into the same values."""
-    plain = [value.split() == [value] and not {"'", '"'} & set(value) for value in values]
-    return " ".join(
-        value if is_plain else shlex.quote(value) for value, is_plain in zip(values, plain, strict=True)
-    )
-
-
-def _written(value: float | str) -> str:
-    """A value of `missing` that reads back the same: -200 rather than -200.0."""
-    short = value if isinstance(value, str) else f"{value:.15g}"
-    return short if isinstance(value, str) or float(short) == value else repr(value)
+    return shlex.join(values)
 
 
 def option(name: str, value: str) -> tuple[str, ...]:
@@ -217,15 +202,9 @@ def _column(text: str) -> str | int:
     return int(number) - 1 if number.isascii() and number.isdecimal() and number != "0" else text
 
 
-def _line_number(name: str, text: str) -> int:
-    digits = text.strip()
-    if not (digits.isascii() and digits.isdecimal() and len(digits) <= 9):
-        raise BadSetting(f"{name} must be a line number from 1, or 0 for none (got {text!r})")
-    return int(digits)
-
-
-def _number(name: str, unit: str, text: str) -> float:
-    digits = text.strip().lower().removesuffix(unit.lower()).strip()
+def _number(text: str) -> float | str:
+    """A number, with or without Hz or GB; what is none is returned as it is, and refused by ReadOptions."""
+    digits = text.strip().lower().removesuffix("hz").removesuffix("gb").strip()
     if not is_number(digits):
-        raise BadSetting(f"{name} must be a number of {unit} above 0 (got {text!r})")
-    return float(digits)
+        return text
+    return int(digits) if digits.lstrip("+-").isdecimal() and len(digits) < 10 else float(digits)

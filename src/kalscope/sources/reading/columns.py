@@ -241,10 +241,6 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
         preface = replace(preface, names=(), header_row=row)
     if units is not None:
         preface = replace(preface, units=(), unit_row=units)
-    if options.delimiter is not None and options.delimiter != preface.delimiter:
-        preface = replace(
-            preface, left_out=frozenset(), names=(), units=(), time_column=None, delimiter=options.delimiter
-        )
     first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
     return Plan(options, replace(preface, first_row=first))
 

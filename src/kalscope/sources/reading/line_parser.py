@@ -210,7 +210,7 @@ class LineParser:
         Once the head of the stream is over, a name counts from its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
-        if plot is None or not plot.name or not plot.name.isprintable():
+        if plot is None or not plot.samples or not plot.name or not plot.name.isprintable():
             return
         if layout is None and plot.only_names:  # `>name:` is enough
             layout = Layout(

@@ -26,7 +26,6 @@ from kalscope.sources.grammar.line_format import (
     split_checksum,
     split_stamp,
     split_teleplot,
-    teleplot_flags,
 )
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import row_stamp_parser
@@ -175,9 +174,9 @@ class LineReader:
             return None  # on a serial line Teleplot leaves all else to the program's log
         plot = split_teleplot(text)
         if plot is None:
-            if "t" in teleplot_flags(text):
-                return None
             raise _Fault("must be >name:value or >name:ms:value")
+        if not plot.samples:
+            return None
         if plot.name not in self._labels:
             raise _Fault(
                 f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"

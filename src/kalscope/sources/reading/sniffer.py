@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import numpy as np
-
-from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import NumberForm
+from kalscope.sources.grammar.cells import (
+    COMMENT_MARKS,
+    NumberForm,
+    are_units,
+    bare_unit,
+    is_comment,
+    is_number,
+    is_unit,
+    parse_number,
+    split_fields,
+    words,
+)
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
-from kalscope.sources.grammar.read_options import DEFAULTS, WORD_OF_DECIMAL, WORD_OF_DELIMITER, ReadOptions
+from kalscope.sources.grammar.read_options import (
+    DEFAULTS,
+    DELIMITERS,
+    WORD_OF_DECIMAL,
+    WORD_OF_DELIMITER,
+    ReadOptions,
+)
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import (
+    COUNTING_NAMES,
     CellKinds,
     Cells,
     Column,
@@ -28,18 +44,18 @@ from kalscope.sources.reading.columns import (
     role_of,
     settle_roles,
 )
-from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
-from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
     Body,
     HeadTable,
+    Row,
     candidate_lines,
     candidate_tables,
     find_body,
+    header_cells,
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time, stamps_of
+from kalscope.sources.reading.time_columns import chosen_time, find_time
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -52,31 +68,20 @@ MAX_INSIDE = 0.25
 """Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
-def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | None) -> int | None:
+def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
     """The label that begins each turn, an index into the cells; None where each line is a row of its own.
 
     Args:
         rows: Cells of the lines, "" where a line lacks the label.
         labels: Which of the cells hold values.
-        stamps: Of the lines, shape (n,), NaN where unreadable; None where they have none.
     """
-    held = [{i for i in labels if row[i]} for row in rows]
-    first = next((i for i in labels if held and i in held[0]), None)
+    held = [[i for i in labels if row[i]] for row in rows]
+    first = next(iter(held[0]), None) if held else None
     begins = [k for k, here in enumerate(held) if first in here]
-    if first is None or len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
+    if len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
         return None
-    turns = [held[a:b] for a, b in pairwise(begins)]
-    complete = sum(sorted(i for here in turn for i in here) == sorted(labels) for turn in turns)
-    if complete < _MIN_COMPLETE * len(turns):
-        return None
-    if stamps is None:
-        return first
-    # Little time passes between the first line of a turn and the last.
-    inside = np.array([stamps[b - 1] - stamps[a] for a, b in pairwise(begins)])
-    between = np.diff(stamps[begins])
-    known = np.isfinite(inside) & np.isfinite(between)
-    is_turn = known.any() and float(np.median(inside[known])) <= MAX_INSIDE * float(np.median(between[known]))
-    return first if is_turn else None
+    turns = [sorted(i for here in held[a:b] for i in here) for a, b in pairwise(begins)]
+    return first if turns.count(sorted(labels)) >= _MIN_COMPLETE * len(turns) else None
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
@@ -84,20 +89,18 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | 
 
 def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
-    form = table.form
-    notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
-    if form.kind == "table":
-        mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
-        notes.append(f'columns are separated by {mark}, the decimal mark is "{form.decimal}"')
-    if form.checksum:
-        notes.append("each line ends with a checksum, which is checked")
-    if form.stamped:
-        notes.append("the stamp before each line is the time")
-    if body.beside:
-        notes.append(f"columns of metadata beside the data: {', '.join(str(i + 1) for i in sorted(body.beside))}")
-    if table.narrow:
-        fields = " or ".join(map(str, sorted(table.narrow)))
-        notes.append(f"successive rows of {fields} fields lack the last columns, which the logger added later")
+    form, instrument = table.form, plan.preface.instrument
+    mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
+    beside, fields = ", ".join(str(i + 1) for i in sorted(body.beside)), " or ".join(map(str, sorted(table.narrow)))
+    facts = (
+        (instrument, f"written by {instrument}"),
+        (form.kind == "table", f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'),
+        (form.checksum, "each line ends with a checksum, which is checked"),
+        (form.stamped, "the stamp before each line is the time"),
+        (beside, f"columns of metadata beside the data: {beside}"),
+        (fields, f"successive rows of {fields} fields lack the last columns, which the logger added later"),
+    )
+    notes = [said for holds, said in facts if holds]
     if second is not None:
         other = second.form
         count = "1 column" if second.width == 1 else f"{second.width} columns"
@@ -114,6 +117,212 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
         f'is "{example}" in "{name}" {form.parse(example):.15g} or {rival.parse(example):.15g}?'
         f" The first was used; --decimal {WORD_OF_DECIMAL[rival.decimal]} selects the second"
     )
+
+
+# Names and units of the columns: from rows above the data, comments, settings, or a row of numeric codes.
+
+
+_COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
+_MIN_CODE_ROWS = 20
+_MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
+"""Lines of the head that are looked at for settings and for names that break, and their length."""
+
+_SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
+_PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
+_NAMES = re.compile(r"((?:channel|column|field|signal|sensor)s? )?(?:labels|columns|channels|fields|names|header)")
+_LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
+"""Settings of oscilloscopes that give the names and units of the last columns: `Source,CH2`, `Vertical Units,V`."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is above the data."""
+
+    columns: tuple[Column, ...]
+    """One per field of a data line, with name and unit where the file says them."""
+    rows: tuple[Row, ...]
+    """(line number, cells) of header and units rows, nearest to the data first."""
+    first: int
+    """Line number of the first data line."""
+    notes: tuple[str, ...]
+    """What was decided, each a sentence."""
+
+
+def settings_of(head: Sequence[str], first: int) -> dict[str, str]:
+    """What lines above line `first`, and those beside the first rows, say: {"source": "CH2", "unit volume": "m3"}.
+
+    The key is in lower case. The lines are `# Labels:= ECG;EDA`, `Vertical Units,V`, `# name 0 = timeS: Time [s]`.
+    """
+    found: dict[str, str] = {}
+    for line in head[: max(_MAX_HEADER_PLACE, first - 1)]:
+        match = _SETTING.fullmatch(line) if len(line) <= _MAX_HEADER_LENGTH else None
+        if match:
+            found.setdefault(match[1].strip().lower(), match[2].strip())
+    return found
+
+
+def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cells, Cells]:
+    """Names and units that lines above a table or beside it list, or give one by one."""
+    width, filled = table.width, [i for i, kind in enumerate(body.types) if kind.kind != "empty"]
+    names = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
+    found: dict[bool, Cells] = {False: names} if width > 1 and all(names) else {}
+    for key, value in settings.items():
+        cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
+        said = tuple(cell for cell in cells if cell and not is_number(cell, table.form.decimal))
+        is_list = width > 1 and len(said) == len(cells) == width
+        if is_list and (_NAMES.fullmatch(key) or key.endswith("units")):
+            found.setdefault(key.endswith("units"), cells)
+        if key in (*_LAST_NAMES, *_LAST_UNITS) and 0 < len(said) < max(2, len(filled)):
+            at = dict(zip(filled[-len(said) :], said, strict=True))
+            found.setdefault(key in _LAST_UNITS, tuple(at.get(i, "") for i in range(width)))
+    return found.get(False, ()), found.get(True, ())
+
+
+def join_quoted(head: Sequence[str]) -> list[str]:
+    """The lines, with quoted names that span lines joined into the last of them, and those above left empty.
+
+    Spreadsheets write such names. A stray quote in a row of data joins nothing: all cells must be names.
+    """
+    lines = list(head)
+    likely = enumerate(lines[:_MAX_HEADER_PLACE])
+    odd = [i for i, line in likely if line.count('"') % 2 and len(line) <= _MAX_HEADER_LENGTH]
+    for first, last in zip(odd[::2], odd[1::2], strict=False):
+        joined = " ".join(part.strip() for part in lines[first : last + 1] if part)
+        ways = (split_fields(joined, mark) for mark in DELIMITERS if mark != " ")
+        if any(len(cells) > 1 and not any(cell[:1] == '"' or is_number(cell) for cell in cells) for cells in ways):
+            lines[first : last + 1] = [""] * (last - first) + [joined]
+    return lines
+
+
+def read_header(
+    head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds
+) -> Header:
+    """Find the names and units of a table's columns."""
+    above, first = _find(head, table, body, plan, kinds)
+    spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
+    level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
+    place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
+    # `Unix,CAL,CAL` above the units only says what was done to each column.
+    said = [{cell.lower() for cell in cells} for _, cells in above]
+    told = (i for i in range(place + 1, len(above)) if 2 * len(said[i] & _PROCESSING) < len(said[i]))
+    rows = above[: next(told, place + 1) + 1]
+    unit_row = above[place] if place >= 0 else None
+    if plan.preface.unit_row is not None:
+        unit_row = _row(head, plan.preface.unit_row, table)
+    listed, listed_units = _listed(settings, table, body)
+    names, notes, columns = plan.preface.names or listed, ["no header line"], [Column("")] * table.width
+    if plan.preface.names:
+        notes = []
+    elif rows:
+        columns, notes = _named(rows[-1], table, body)
+        notes[0] += f", units from line {unit_row[0]}" if unit_row else ""
+    elif names:
+        notes = ["names from the lines above the table"]
+    units = plan.preface.units or (unit_row[1] if unit_row is not None else listed_units)
+    named = {i: named_column(name) for i, name in enumerate(names) if name}
+    known = {columns[i].name for i in named}
+    for i, column in named.items() if known == {""} or len(known) < min(2, len(named)) else ():
+        columns[i] = replace(column, unit=column.unit or columns[i].unit)
+    for i, unit in enumerate(units[: table.width]):
+        columns[i] = replace(columns[i], unit=bare_unit(unit)) if unit else columns[i]
+    distinct = dict([*rows, *([unit_row] if unit_row else [])])
+    return Header(tuple(columns), tuple(sorted(distinct.items(), reverse=True)), first, tuple(notes))
+
+
+def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | None:
+    """The cells of a line above the table, a comment or not; in `#,level,flow` the mark is a name itself."""
+    if not number or number > len(head):
+        return None
+    text, delimiter = head[number - 1].strip(" \t"), table.form.delimiter
+    if is_comment(text) and (delimiter == " " or split_fields(text, delimiter)[0] not in COMMENT_MARKS):
+        text = text.lstrip("#%/").strip()
+    return number, header_cells(text, delimiter, table.width)
+
+
+def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> tuple[list[Row], int]:
+    """The rows of units, of what was done to each column, and of names, nearest to the data first; the first row.
+
+    What the user or the rules of an instrument choose comes first.
+    """
+    above, chosen = list(body.above), plan.preface.header_row
+    if chosen is not None:
+        units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.preface.unit_row is None]
+        names = _row(head, chosen, table)
+        return ([*units[-1:], names] if names else []), body.first
+    commented = None if plan.options.header else _commented_header(head, table, body, kinds)
+    beside = len(above) == 1 and commented is not None and commented[0] == above[0][0] - 1
+    if commented is not None and (not above or (beside and are_units(above[0][1]))):
+        above.append(commented)
+    if not above and (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
+        return [body.rows[0]], body.rows[1][0]
+    if len(above) == 1 and all(is_unit(cell) and len(cell) > 2 for cell in above[0][1]):
+        numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
+        if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
+            above.append(numbered)
+    text = head[above[0][0]] if above else ""
+    below = tuple(split_fields(text, table.form.delimiter)) if is_comment(text) else ()
+    if above and len(below) == len(above[0][1]) and are_units(below):
+        above.insert(0, (above[0][0] + 1, below))  # a row of units that begins with % is no comment
+    return above, body.first
+
+
+def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[str]]:
+    """The columns by their names; rows may be wider by row names, a trailing separator or unnamed columns."""
+    (number, cells), width = row, table.width
+    trailing = 0
+    while len(cells) + trailing < width and body.types[width - 1 - trailing].kind == "empty":
+        trailing += 1
+    more = width - trailing - len(cells)
+    notes = [f"names from line {number}", f"line {number} holds {len(cells)} names for {width - trailing} columns"]
+    if more <= 0:
+        names = (*cells, *[""] * trailing)[:width]
+        return list(map(named_column, names)), notes[: 1 + any(cells[width:])]
+    if len(cells) == width - 1 and _are_row_names(cells[0], body):
+        return [Column("", role="row name"), *map(named_column, cells)], notes
+    names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
+    return list(map(named_column, names)), notes
+
+
+def _are_row_names(first: str, body: Body) -> bool:
+    """True where the first column holds texts or counts the rows, as R writes them without a name of their own."""
+    cells = [cells[0] for _, cells in body.rows]
+    if first.lower() in COUNTING_NAMES or not all(cell.isascii() and cell.isdecimal() for cell in cells):
+        return first.lower() not in COUNTING_NAMES and body.types[0].kind == "text"
+    return sum(float(b) - float(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
+
+
+def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
+    """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
+    number = next((number for number in range(body.first - 1, 0, -1) if is_comment(head[number - 1])), 0)
+    row = _row(head, number, table) if table.width > 1 else None
+    names = row[1] if row else ()
+    while len(names) > 1 and not names[-1]:
+        names = names[:-1]
+    full = 0 < len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
+    numeric = any(kinds[name] in ("number", "stamp", "missing") for name in names)
+    return (number, names) if full and not numeric and all(map(_is_name, names)) else None
+
+
+def _is_name(text: str) -> bool:
+    """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
+    bare = text.partition("[")[0].partition("(")[0].strip()
+    short = 0 < len(bare) <= _COMMENT_NAME_LENGTH and len(bare.split()) <= _COMMENT_NAME_WORDS
+    return short and not bare.endswith(":") and not any(mark in bare for mark in "\t;|")
+
+
+def _is_code_row(table: HeadTable, body: Body) -> bool:
+    """True where the first row can only be codes: `94255 2018 1000 0 2010 …` above fractions of another size.
+
+    The first sample must never be lost. Three columns at least must hold a whole number five times larger
+    than anything below, one of them above nothing but fractions.
+    """
+    decimal = table.form.decimal
+    codes, rows = body.rows[0][1], [cells for _, cells in body.rows[1:]]
+    if len(rows) < _MIN_CODE_ROWS or not all(is_number(cell) and cell.isdecimal() for cell in codes):
+        return False
+    sizes = [[abs(parse_number(row[i], decimal) or 0.0) for row in rows] for i in range(len(codes))]
+    unlike = [i for i, code in enumerate(codes) if float(code) > 5 * max(*sizes[i], 1.0)]
+    return len(unlike) >= 3 and any(all(decimal in row[i] for row in rows) for i in unlike)
 
 
 # How a log is written, found from its first lines: delimiter, decimal mark, header, units, time column.
@@ -174,15 +383,13 @@ class Layout:
         return max(1, *(i for i, role in enumerate(roles, 1) if role != "empty"), 1)
 
 
-def sniff(
-    head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[Sequence[str]] = ()
-) -> Layout | None:
+def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequence[str] = ()) -> Layout | None:
     """Find how a log is written.
 
     Args:
         head: The first lines of the file (64 KiB are plenty), without their newlines.
         options: What is decided already.
-        samples: Runs of whole lines from the middle and the end of the file, where there are any.
+        samples: Whole lines from the middle and the end of the file, where there are any; "" parts them.
 
     Returns:
         None where fewer than MIN_SHARE of the lines look like data, or the head ends above the data.
@@ -191,10 +398,10 @@ def sniff(
         BadSetting: there is no such time column, or no such row.
     """
     head = join_quoted(head)
+    if head and head[0].strip('" \r').lower().startswith("sep="):
+        head[0] = ""  # what tells a spreadsheet the delimiter is no row of names
     plan = make_plan(head, options)
-    if head and told_delimiter(head[0]):
-        head[0] = ""  # no row of names
-    lines, marks = candidate_lines(head, samples, marked_begin(head))
+    lines, marks = candidate_lines([*head, "", *samples], marked_begin(head))
     table, second = weigh(lines, candidate_tables(lines, plan))
     if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
@@ -225,15 +432,12 @@ def _layout(
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time"))
     time = _find_time(columns, cells, table, header, plan)
-    columns = named_by_settings(settings, columns, time, table.form)
-    above = sum(number < header.first for number, _ in table.rows) if is_table else 0
-    lead = None
-    if table.form.kind == "labels" and not table.form.complete:
-        taken = time.indices if time else ()
-        labels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
-        lead = leading_label(cells, labels, time and stamps_of(time, cells, table.form.decimal))
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
+    in_turns = table.form.kind == "labels" and not table.form.complete
+    labels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    lead = leading_label(cells, labels) if in_turns else None
+    above = sum(number < header.first for number, _ in table.rows)
     notes = (
         *explain(table, plan, body, second),
         *about_numbers,
@@ -268,46 +472,33 @@ def _described(
     notes: list[str] = []
     inside = sum(number <= size for number, _ in body.rows)
     for i, column in enumerate(header.columns):
-        cells, kind = [row[i] for _, row in body.rows], body.types[i]
+        cells, kind, form = [row[i] for _, row in body.rows], body.types[i], None
         role = "metadata" if i in body.beside else role_of(column, cells[:inside], i, kind, len(body.types))
-        form, rival = number_form(cells, kinds, plan.options.decimal) if role == "channel" else (None, None)
-        name, form = column.name or f"column {i + 1}", None if form == NumberForm(kinds.decimal) else form
-        if form is not None:
-            notes.append(f'the numbers of "{name}" are written like {next(filter(form.fits, cells), "")!r}')
-        if rival is not None:
-            notes.append(explain_doubt(name, form or NumberForm(kinds.decimal), rival, cells))
-        columns.append(
-            replace(
-                column,
-                role=role,
-                unit=settings.get(f"unit {column.name.lower()}", column.unit) or (form.suffix if form else ""),
-                form=form,
-                words=kind.words,
-            )
-        )
+        unit = settings.get(f"unit {column.name.lower()}", column.unit)
+        if role == "channel":
+            name, (best, rival) = column.name or f"column {i + 1}", number_form(cells, kinds, plan.options.decimal)
+            if best != NumberForm(kinds.decimal):
+                form, unit = best, unit or best.suffix
+                notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
+            if rival is not None:
+                notes.append(explain_doubt(name, best, rival, cells))
+        columns.append(replace(column, role=role, unit=unit, form=form, words=kind.words))
     return columns, notes
 
 
 def _find_time(
     columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan
 ) -> TimeColumn | None:
-    choice = plan.options.time_column
-    if choice is None and plan.preface.time_column is not None:
-        choice = plan.preface.time_column if plan.preface.time_column >= 0 else "none"
+    choice = plan.preface.time_column if plan.options.time_column is None else plan.options.time_column
+    decimal, labels = table.form.decimal, header.rows[-1][1] if header.rows else ()
+    named = bool(header.rows) or all(column.name for column in columns)
+    # A field that was added later cannot be the time of the rows before.
+    least = min(table.narrow, default=len(columns))
     if choice is not None:
-        labels = header.rows[-1][1] if header.rows else ()
-        time = chosen_time(columns, rows, table.form.decimal, choice, labels, plan.options)
-    else:
-        named = any(column.name for column in columns) or table.form.kind != "table"
-        # A field that was added later cannot be the time of the rows before.
-        least = min(table.narrow, default=len(columns))
-        rows = [row[:least] for row in rows]
-        time = find_time(columns[:least], rows, table.form.decimal, named=named, options=plan.options)
-    if time is None and choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
-        time = TimeColumn(0, "number", "ms")  # so few lines may not show it: they may all be of one moment
-    if time is not None and time.kind == "number" and plan.preface.time_unit:
-        time = replace(time, unit=plan.preface.time_unit)
-    return time
+        return chosen_time(columns, rows, decimal, choice, labels, plan.options)
+    if columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+        return TimeColumn(0, "number", "ms")
+    return find_time(columns[:least], [row[:least] for row in rows], decimal, named=named, options=plan.options)
 
 
 def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:

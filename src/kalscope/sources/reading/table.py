@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby, islice
-from typing import Literal
+from functools import cache
+from itertools import groupby
+from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
-    NumberForm,
     is_blank,
     is_comment,
     is_number,
@@ -63,6 +64,9 @@ _SETTINGS = words(
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
+Row = tuple[int, Cells]
+"""Line number, from 1, and the cells of a line."""
+
 Fit = Literal["row", "partial", "void", "text"]
 """All cells of a line suit their columns; some do; all are missing; none does, which is how names look."""
 
@@ -77,7 +81,7 @@ class HeadTable:
     """How they were split."""
     width: int
     """Cells of a row."""
-    rows: tuple[tuple[int, Cells], ...]
+    rows: tuple[Row, ...]
     """(line number, cells) of the lines that look like data, of `width` cells each."""
     narrow: frozenset[int] = frozenset()
     """Widths of rows that lack their last cells: a later version of the logger added these."""
@@ -85,21 +89,19 @@ class HeadTable:
     @property
     def least(self) -> int:
         """Fewest cells of a whole row: those after the last column that is ever filled may be left out."""
-        width = self.width
-        while width > 1 and not any(cells[width - 1] for _, cells in self.rows):
-            width -= 1
-        return width
+        filled = (width for width in range(self.width, 1, -1) if any(cells[width - 1] for _, cells in self.rows))
+        return next(filled, 1)
 
 
 @dataclass(frozen=True)
 class Body:
     """The rows of a table, and the lines above it."""
 
-    rows: tuple[tuple[int, Cells], ...]
+    rows: tuple[Row, ...]
     """(line number, cells) of the rows that look like data; those of the samples have numbers beyond the head."""
     first: int
     """Line number of the first row."""
-    above: tuple[tuple[int, Cells], ...]
+    above: tuple[Row, ...]
     """(line number, cells) of lines of text right above the first row, nearest first."""
     types: tuple[ColumnType, ...]
     """What each column holds."""
@@ -118,22 +120,22 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
     """
     least = plan.preface.first_row or 1
     rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
-    beside = _beside(rows, table.width, kinds) | {i for i in plan.preface.left_out if i < table.width}
-    types = _types(rows, table.width, kinds)
+    left_out = {i for i in plan.preface.left_out if i < table.width}
+    beside, types = _beside(rows, table.width, kinds) | left_out, _types(rows, table.width, kinds)
+    body = Body(tuple(rows), rows[0][0], (), types, beside)
     if table.form.kind != "table":
-        return Body(tuple(rows), rows[0][0], (), types, beside)
-    grid = _Grid(lines, table, types, beside, kinds)
+        return body
+    grid = _Grid(lines, table, body, kinds)
     first = grid.first_row(least)
-    found, rows = rows, grid.rows_from(first) or list(table.rows[:1])
-    types = types if rows == found else _types(rows, table.width, kinds)
-    return Body(tuple(rows), first, grid.above(first), types, beside)
+    rows = grid.rows_from(first) or list(table.rows[:1])
+    return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
 
 
-def _types(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
+def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
     return tuple(column_type([cells[i] for _, cells in rows], kinds) for i in range(width))
 
 
-def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> frozenset[int]:
+def _beside(rows: Sequence[Row], width: int, kinds: CellKinds) -> frozenset[int]:
     """Columns of labels and values that are in some of the first rows only, and empty ones up to the data."""
     last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
     brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
@@ -147,32 +149,29 @@ def _beside(rows: Sequence[tuple[int, Cells]], width: int, kinds: CellKinds) -> 
     return frozenset(beside | {i for i in range(end) if last[i] < 0})
 
 
+class _Line(NamedTuple):
+    """One line of a file, split and compared with the columns of the table."""
+
+    number: int
+    text: str
+    cells: Cells
+    fit: Fit | None
+
+
 class _Grid:
     """The lines of a file, each split and compared with the columns of the table."""
 
-    def __init__(
-        self,
-        lines: list[HeadLine],
-        table: HeadTable,
-        types: tuple[ColumnType, ...],
-        beside: frozenset[int],
-        kinds: CellKinds,
-    ) -> None:
-        self._kinds, self._types, self._beside = kinds, types, beside
+    def __init__(self, lines: list[HeadLine], table: HeadTable, body: Body, kinds: CellKinds) -> None:
+        self._kinds, self._types, self._beside = kinds, body.types, body.beside
         self._table, self._least = table, table.least
-        self._texts = {line.number: line.text for line in lines}
-        known = {} if table.narrow else dict(table.rows)
-        self._lines = [
-            (line.number, known.get(line.number) or tuple(split_fields(line.text, table.form.delimiter)))
-            for line in lines
-        ]
-        whole: set[str] = set()  # a line of the shape of a whole row is one as well
-        self._fits: list[Fit | None] = []
-        for (_, cells), line in zip(self._lines, lines, strict=True):
-            fit = "row" if line.shape in whole else self._fit(cells)
-            self._fits.append(fit)
-            if fit == "row":
-                whole.add(line.shape)
+        self._lines: list[_Line] = []
+        known, fits = {} if table.narrow else dict(table.rows), dict[str, Fit | None]()
+        for line in lines:
+            cells = known.get(line.number) or tuple(split_fields(line.text, table.form.delimiter))
+            fit = fits.get(line.shape) or self._fit(cells)
+            if fit == "row":  # a line of the shape of a whole row is one as well
+                fits[line.shape] = fit
+            self._lines.append(_Line(line.number, line.text, cells, fit))
 
     def _fit(self, cells: Cells) -> Fit | None:
         """How a line suits the columns; None where it has too few or too many cells."""
@@ -194,92 +193,76 @@ class _Grid:
 
         A line of names below others that are not whole rows begins the table: above it is metadata.
         """
-        places = [i for i, (number, _) in enumerate(self._lines) if number >= least]
+        lines = [line for line in self._lines if line.number >= least]
         best, gained, whole, other = 0, 0, 0, 0
-        few = MAX_ABOVE * sum(self._fits[i] == "row" for i in places)
-        for i in places:
-            if self._fits[i] == "text" and self._is_header(i):
+        few = MAX_ABOVE * sum(line.fit == "row" for line in lines)
+        for i, line in enumerate(lines):
+            below = [row.fit for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES]]
+            if line.fit == "text" and "row" in below and len(line.cells) >= self._least:
                 if other - 2 * whole > gained:
                     best, gained = i + 1, other - 2 * whole
-                elif 0 < whole <= few and self._begins_anew(i):
+                elif 0 < whole <= few and self._begins_anew(line, lines[:i], lines[i:]):
                     best = i + 1
-            whole += self._fits[i] == "row"
-            other += self._fits[i] == "partial"
-        data = [i for i in places if i >= best and self._fits[i] in ("row", "partial")]
+            whole += line.fit == "row"
+            other += line.fit == "partial"
+        data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        start = data[0] if best else next((i for i in data if not self._is_label(i)), data[0])
-        while start - 1 in places and (self._fits[start - 1] == "void" or self._repeats(start - 1)):
+        start = (
+            data[0]
+            if best
+            else next((i for i in data if not self._is_label(lines[max(0, i - 1) : i + 1])), data[0])
+        )
+        while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
             start -= 1
-        return self._lines[start][0]
+        return lines[start].number
 
-    def _is_header(self, place: int) -> bool:
-        """True for a line of text with a row right below it."""
-        below = self._fits[place + 1 : place + 1 + MAX_HEADER_LINES]
-        return "row" in below and len(self._lines[place][1]) >= self._least
+    def _repeats(self, lines: Sequence[_Line]) -> bool:
+        """True for the second ERR of three lines, the first of which may be the names: one word is no names."""
+        cells = lines[-2].cells
+        near = [line.cells for line in lines]
+        return len(lines) > 2 and lines[1].fit == "text" and len({*cells}) == 1 and near.count(cells) > 1
 
-    def _is_label(self, place: int) -> bool:
-        """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
-        first = self._lines[place][1][0]
-        strange = self._fits[place] == "partial" and self._types[0].judge(first, self._kinds) == "strange"
-        nameless = not place or self._fits[place - 1] != "text" or self._is_setting(self._lines[place][1])
-        return strange and any(map(str.isalpha, first)) and nameless
+    def _is_label(self, lines: Sequence[_Line]) -> bool:
+        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers."""
+        strange = self._types[0].judge(lines[-1].cells[0], self._kinds) == "strange"
+        nameless = len(lines) < 2 or lines[0].fit != "text" or self._is_setting(lines[0].cells)
+        return lines[-1].fit == "partial" and strange and nameless
 
-    def _is_setting(self, cells: Cells) -> bool:
-        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
-        first = cells[0].lower().strip(" :=").split()[:1]
-        others = sum(cell != "" for cell in cells[1:])
-        return others == 1 and self._types[0].kind in ("number", "stamp") and not _SETTINGS.isdisjoint(first)
-
-    def _repeats(self, place: int) -> bool:
-        """True for the first ERR of several below other names: one word that repeats is not a name."""
-        cells = self._lines[place][1]
-        near = [line for _, line in self._lines[max(0, place - 1) : place + 2]]
-        return place > 0 and self._fits[place] == "text" and len(set(cells)) == 1 and near.count(cells) > 1
-
-    def _begins_anew(self, place: int) -> bool:
+    def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
 
         The first column of one table goes on below as it rose above: its lines of text are not names.
         """
-        number, cells = self._lines[place]
-        parted = place > 0 and (self._fits[place - 1] in (None, "text") or self._lines[place - 1][0] < number - 1)
-        distinct = len(set(cells)) == len(cells) and not any(self._kinds[cell] == "word" for cell in cells)
-        if not parted or not distinct or any(cells == above for _, above in self._lines[:place]):
+        parted = above and (above[-1].fit in (None, "text") or above[-1].number < line.number - 1)
+        distinct = len(set(line.cells)) == len(line.cells) and all(self._kinds[c] != "word" for c in line.cells)
+        if not parted or not distinct or any(line.cells == other.cells for other in above):
             return False
-        rows = [cells for (_, cells), fit in zip(self._lines, self._fits, strict=True) if fit == "row"]
-        above = sum(fit == "row" for fit in self._fits[:place])
-        near = [parse_number(row[0], self._table.form.decimal) for row in rows[max(0, above - 2) : above + 1]]
-        if len(near) < 3 or None in near:
-            return True
-        before, last, after = (float(number or 0.0) for number in near)
+        rows = [*[row for row in above if row.fit == "row"][-2:], next(row for row in below if row.fit == "row")]
+        near = [parse_number(row.cells[0], self._table.form.decimal) for row in rows]
+        before, last, after = (math.nan if number is None else number for number in (math.nan, *near)[-3:])
         return not before < last < after <= last + 3 * (last - before)
 
-    def rows_from(self, first: int) -> list[tuple[int, Cells]]:
+    def rows_from(self, first: int) -> list[Row]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
-        width = self._table.width
         return [
-            (line[0], line[1] + ("",) * (width - len(line[1]))) if len(line[1]) < width else line
-            for line, fit in zip(self._lines, self._fits, strict=True)
-            if line[0] >= first and fit in ("row", "partial", "void")
+            (line.number, line.cells + ("",) * (self._table.width - len(line.cells)))
+            for line in self._lines
+            if line.number >= first and line.fit in ("row", "partial", "void")
         ]
 
-    def above(self, first: int) -> tuple[tuple[int, Cells], ...]:
+    def above(self, first: int) -> tuple[Row, ...]:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
-        lines = [line for line in self._lines if line[0] < first][-MAX_HEADER_LINES:]
-        found, remark, width = list[tuple[int, Cells]](), False, self._table.width
-        for number, _ in reversed(lines):
-            if not set(self._texts[number]) - _RULED:
-                continue
-            cells = header_cells(self._texts[number], self._table.form.delimiter, self._least)
-            if len(cells) == 1 < width and not found and not remark and self._kinds[cells[0]] == "text":
-                remark = True  # `SD card ok` below the names
-                continue
-            if not self._may_name(cells) or (remark and not found and not (len(cells) == width and all(cells))):
-                break
-            found.append((number, cells))
-        narrow = found and len(found[0][1]) < self._least
-        if narrow and sum(len(cells) == len(found[0][1]) for _, cells in lines) > 1:
+        found: list[Row] = []
+        lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
+        for line in reversed(lines):
+            if set(line.text) - _RULED:
+                cells = header_cells(line.text, self._table.form.delimiter, self._least)
+                if not self._may_name(cells):
+                    break
+                found.append((line.number, cells))
+        widths = [len(line.cells) for line in lines]
+        if found and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
             return ()  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
 
@@ -294,13 +277,13 @@ class _Grid:
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
-        return (
-            fits
-            and any(cells)
-            and not numeric
-            and not cells[0].endswith(("=", ":"))
-            and not self._is_setting(cells)
-        )
+        told = cells[0].endswith(("=", ":")) or self._is_setting(cells)
+        return fits and any(cells) and not numeric and not told
+
+    def _is_setting(self, cells: Cells) -> bool:
+        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
+        others = sum(cell != "" for cell in cells[1:])
+        return others == 1 and not _SETTINGS.isdisjoint(cells[0].lower().strip(" :=").split()[:1])
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
@@ -325,7 +308,7 @@ _MAX_CELLS = 4096
 MIN_RUN, MIN_NAMED_RUN = 8, 3
 """Successive lines of another width that mean a new field, not damage; and how many below its name."""
 MAX_JUDGED = 500
-"""Rows by which those of two widths are compared."""
+"""Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
     r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end)[\W_]*",
     re.IGNORECASE,
@@ -353,23 +336,15 @@ def marked_begin(head: Sequence[str]) -> int:
     return next((i for i in reversed(marks) if sum(digits[i:]) >= max(3, sum(digits[:i]))), 0)
 
 
-def candidate_lines(
-    head: Sequence[str], samples: Iterable[Sequence[str]] = (), after: int = 0
-) -> tuple[list[HeadLine], LineFormat]:
+def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine], LineFormat]:
     """Lines that may hold data; stamp and checksum split off where most lines have one, which the form says.
 
     Args:
-        head: The first lines.
-        samples: Runs of lines from further down.
+        head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    lines = [HeadLine(i, text) for i, text in enumerate(head, 1) if i > after and _may_be_data(text)]
-    last = len(head)
-    for sample in samples:
-        # A line number is skipped, so that the last line above is not next to the first below.
-        lines += [HeadLine(i, text) for i, text in enumerate(sample, last + 2) if _may_be_data(text)]
-        last += 1 + len(sample)
-    lines = shaped(lines)
+    texts = enumerate(head[after:], after + 1)
+    lines = shaped([HeadLine(i, text) for i, text in texts if not is_blank(text) and not is_comment(text)])
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
@@ -385,80 +360,71 @@ def candidate_lines(
     return lines, LineFormat(stamped=is_stamped, checksum=checked)
 
 
-def _may_be_data(text: str) -> bool:
-    return not is_blank(text) and not is_comment(text)
-
-
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
     """Every way to split the lines of a head, each with a score of how much they look like data."""
     some = first_of_each_shape(lines)
-    candidates = [] if plan.preface.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
+    candidates = [] if plan.options.delimiter else [_teleplot(lines), _labelled(lines, some, plan)]
     kinds = {mark: CellKinds(mark, plan.options.missing_texts) for mark in ".,"}
-    for delimiter in (plan.preface.delimiter,) if plan.preface.delimiter else _delimiters(some, kinds):
-        split = _SplitLines(lines, some, delimiter)
+    for delimiter in (plan.options.delimiter,) if plan.options.delimiter else _delimiters(some):
+        split = _splitter(delimiter)
         for decimal in plan.options.decimal or ".,":
             form = LineFormat("table", delimiter, decimal)
             if decimal != delimiter:
-                candidates.append(_as_table(split, form, kinds[decimal]))
+                candidates.append(_as_table(lines, some, split, form, kinds[decimal]))
             elif any('"' in shape for shape in some):  # decimal commas inside the quotes of a comma file
-                candidates.append(_as_table(split, form, CellKinds(decimal, plan.options.missing_texts, delimiter)))
+                quoted = CellKinds(decimal, plan.options.missing_texts, delimiter)
+                candidates.append(_as_table(lines, some, split, form, quoted))
     return [table for table in candidates if table is not None]
 
 
-def _delimiters(some: Mapping[str, Sequence[str]], kinds: Mapping[str, CellKinds]) -> list[str]:
-    """The delimiters between two cells of a line, and one that is in none where some lines are a single number."""
+def _delimiters(some: Mapping[str, Sequence[str]]) -> list[str]:
+    """The delimiters between two cells of a line, and one that is in none: a line may be a single number."""
     found = {mark for shape in some for mark in DELIMITERS if mark in shape.strip(" ")}
     found |= {" "} if "\t" in found else set()
-    single = any(known[texts[0].strip(" \t")] in NUMERIC for known in kinds.values() for texts in some.values())
-    absent = [mark for mark in DELIMITERS if mark not in found][: single or not found]
-    return [mark for mark in DELIMITERS if mark in found or mark in absent]
+    found.update([mark for mark in DELIMITERS if mark not in found][:1])
+    return [mark for mark in DELIMITERS if mark in found]
 
 
-class _SplitLines:
-    """The lines of a log split at one delimiter, each when its cells are needed."""
+def _splitter(delimiter: str) -> Callable[[str], Cells]:
+    """Splits lines at a delimiter, each once; one of thousands of cells is not a row and is not split."""
 
-    def __init__(self, lines: list[HeadLine], some: Mapping[str, Sequence[str]], delimiter: str) -> None:
-        """Args: lines that may hold data, some of each shape, their delimiter."""
-        self.lines, self._delimiter = lines, delimiter
-        self.some = {shape: list(map(self._split, texts)) for shape, texts in some.items()}
-        # Quotes and delimiters are the same in all lines of a shape.
-        self.widths = {shape: len(rows[0]) for shape, rows in self.some.items()}
-        self._known: dict[int, Cells] = {}
+    @cache
+    def split(text: str) -> Cells:
+        is_endless = len(text) > _MAX_CELLS and text.count(delimiter) > _MAX_CELLS
+        return (text,) if is_endless else tuple(split_fields(text, delimiter))
 
-    def cells(self, line: HeadLine) -> Cells:
-        """The cells of a line."""
-        found = self._known.get(line.number)
-        if found is None:
-            found = self._known[line.number] = self._split(line.text)
-        return found
-
-    def _split(self, text: str) -> Cells:
-        """The cells of a line; one that would have thousands is not a row and is not split."""
-        if len(text) > _MAX_CELLS and text.count(self._delimiter) > _MAX_CELLS:
-            return (text,)
-        return tuple(split_fields(text, self._delimiter))
+    return split
 
 
-def _as_table(split: _SplitLines, form: LineFormat, kinds: CellKinds) -> HeadTable | None:
+def _as_table(
+    lines: list[HeadLine],
+    some: Mapping[str, Sequence[str]],
+    split: Callable[[str], Cells],
+    form: LineFormat,
+    kinds: CellKinds,
+) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
     likely = {
-        shape: sum(likeness(cells, kinds) for cells in rows) / len(rows) for shape, rows in split.some.items()
+        shape: sum(likeness(split(text), kinds) for text in texts) / len(texts) for shape, texts in some.items()
     }
+    # Quotes and delimiters are the same in all lines of a shape.
+    widths = {shape: len(split(texts[0])) for shape, texts in some.items()}
     weight: Counter[int] = Counter()
-    for line in split.lines:
-        weight[split.widths[line.shape]] += likely[line.shape]  # type: ignore[assignment]
+    for line in lines:
+        weight[widths[line.shape]] += likely[line.shape]  # type: ignore[assignment]
     width = max(weight, key=lambda width: weight[width], default=0)
-    if not width or weight[width] < MIN_TEXT_SHARE * len(split.lines):
+    if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
-    width, narrow = _grown_width(split, likely, width, kinds)
+    rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
+    void = {shape for shape, texts in some.items() if _is_void(split(texts[0]), kinds)}
+    judged = [(line.number, split(line.text)) for line in lines if likely[line.shape] or line.shape in void]
+    above = ((line.number, split(line.text)) for line in reversed(lines))
+    width, narrow = _grown_width(judged, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
-    if len(split.lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
+    if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
-    fitting = [line for line in split.lines if split.widths[line.shape] in (width, *narrow)]
-    best = max(likely[line.shape] for line in fitting)
-    rows = [(line.number, split.cells(line)) for line in fitting if likely[line.shape] >= best / 2]
-    rows = [(number, cells + ("",) * (width - len(cells))) for number, cells in rows]
-    return HeadTable(total / len(split.lines), form, width, tuple(rows), narrow)
+    rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
+    return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
 
 
 def _is_void(cells: Cells, kinds: CellKinds) -> bool:
@@ -467,50 +433,43 @@ def _is_void(cells: Cells, kinds: CellKinds) -> bool:
     return "stamp" in found and found <= {"stamp", "missing", "word"}
 
 
-def _grown_width(
-    split: _SplitLines, likely: Mapping[str, float], width: int, kinds: CellKinds
-) -> tuple[int, frozenset[int]]:
+def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
     """The width of the rows, and the smaller widths of those that lack a field which the logger added later.
 
     `width` is the commonest. Several rows of the other width follow each other, hold the same in each column, and
     have no names of their own.
+
+    Args:
+        rows: The lines that look like data, or hold a stamp and missing samples.
+        above: All lines, the last first.
+        width: The commonest width.
+        kinds: The kinds of cells.
     """
-    rows = [line for line in split.lines if likely[line.shape] or _is_void(split.some[line.shape][0], kinds)]
-    runs = [(w, list(run)) for w, run in groupby(rows, key=lambda line: split.widths[line.shape])]
+    runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
+    runs = [run for run in runs if len(run) >= MIN_NAMED_RUN and len(run[0][1]) > 1]
     # `Gain,24` above the names may look like the first row of the first run.
-    begin = next((run[1].number for _, run in runs if len(run) >= MIN_NAMED_RUN), 0)
-    above = (split.cells(line) for line in reversed(split.lines) if line.number < begin)
-    named = next((len(cells) for cells in above if only_text(cells, kinds.decimal)), 0)
-    widest = max((w for w, run in runs if len(run) >= MIN_NAMED_RUN), default=0)
-    least = MIN_NAMED_RUN if named == widest else MIN_RUN
-    long = {w for w, run in runs if len(run) >= least and w > 1}
+    begin, widest = runs[0][1][0] if runs else 0, max((len(run[0][1]) for run in runs), default=0)
+    texts = (cells for number, cells in above if number < begin and only_text(cells, kinds.decimal))
+    named = len(next(texts, ()))
+    long: dict[int, list[Row]] = {}
+    for run in runs:
+        if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
+            long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
     if len(long) < 2 or width not in long:
         return width, frozenset()
-
-    def types(w: int, count: int) -> tuple[ColumnType, ...]:
-        judged = islice((line for line in rows if split.widths[line.shape] == w), MAX_JUDGED)
-        return _types([(line.number, split.cells(line)) for line in judged], count, kinds)
-
-    widest = max(long)
-    narrow = {
-        w
-        for w in long - {widest, named}
-        if all(wide.suits(less) for wide, less in zip(types(widest, w), types(w, w), strict=True))
-    }
+    types, widest = {w: _types(some, w, kinds) for w, some in long.items()}, max(long)
+    narrow = {w for w in {*long} - {widest, named} if all(map(ColumnType.suits, types[widest], types[w]))}
     return (widest, frozenset(narrow)) if width in {widest, *narrow} else (width, frozenset())
 
 
 def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Plan) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
     shapes = {shape for shape, texts in some.items() if any(map(find_labels, texts))}
-    labelled = [line for line in lines if line.shape in shapes]
-    pairs = [(line.number, dict(found)) for line in labelled if (found := find_labels(line.text))]
+    labelled = ((line.number, find_labels(line.text)) for line in lines if line.shape in shapes)
+    pairs = [(number, dict(found)) for number, found in labelled if found]
     kinds = CellKinds(".", plan.options.missing_texts)
-    count: Counter[str] = Counter()
-    for _, found in pairs:
-        for label, value in found.items():
-            count[label] += kinds[value] in NUMERIC or kinds[value] == "stamp"
-    numeric = {label for label, n in count.items() if n and n >= 0.1 * len(pairs)}
+    values = Counter(label for _, found in pairs for label in found if kinds[found[label]] in (*NUMERIC, "stamp"))
+    numeric = {label for label, n in values.items() if n >= 0.1 * len(pairs)}
     # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
     beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
     labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
@@ -556,8 +515,7 @@ CLOSE = 0.9
 BLANKS, BARE_COMMA, LISTED = 0.76, 0.5, 1.01
 """What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text;
 of a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma
-before a blank separates, and of `1.013,05` alone, because no cell is written like its 05."""
-_PADDED = re.compile(r",0[0-9]")
+before a blank separates."""
 _COMMA_INSIDE = re.compile(r"[0-9],[0-9]")
 
 
@@ -567,18 +525,15 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     The second is a way that gives other rows than the best, with nearly its score.
     """
     found = [table for table in tables if table.score >= MIN_SHARE]
-    scores = {id(table): _score(lines, table) for table in found}
-
-    def rank(table: HeadTable) -> tuple[float, bool, bool, bool]:
-        by_kind = table.form.kind == "teleplot", _names_fit(lines, table), table.form.decimal == "."
-        return (round(scores[id(table)], 6), *by_kind)
-
-    ranked = sorted(found, key=rank, reverse=True)
-    if not ranked:
+    scores = [round(_score(lines, table), 6) for table in found]
+    ranks = [(s, t.form.kind == "teleplot", t.form.decimal == ".") for s, t in zip(scores, found, strict=True)]
+    order = sorted(range(len(found)), key=lambda i: ranks[i], reverse=True)
+    if not order:
         return None, None
-    best = ranked[0]
-    close = (table for table in ranked[1:] if scores[id(table)] >= CLOSE * scores[id(best)])
-    return best, next((table for table in close if _differs(best, table)), None)
+    best = found[order[0]]
+    close = (found[i] for i in order if scores[i] >= CLOSE * scores[order[0]] and found[i].rows != best.rows)
+    tables_only = (table for table in close if best.form.kind == table.form.kind == "table")
+    return best, next(tables_only, None)
 
 
 def _score(lines: list[HeadLine], table: HeadTable) -> float:
@@ -592,24 +547,6 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
     if table.width > 1:
         return table.score
-    cells = [cells[0] for _, cells in table.rows[::step]]
-    if all(map(NumberForm(form.decimal, thousands=True).fits, cells)) and any("." in c and "," in c for c in cells):
-        return table.score * (LISTED if any(map(_PADDED.search, cells)) else 1.0)
-    return table.score * (BARE_COMMA if form.decimal == "," and not _names_fit(lines, table) else 1.0)
-
-
-def _names_fit(lines: list[HeadLine], table: HeadTable) -> bool:
-    """True where the line above the first row holds one name per column."""
-    above = [line for line in lines if line.number < table.rows[0][0]]
-    if not above or table.form.kind != "table":
-        return False
-    cells = split_fields(above[-1].text, table.form.delimiter)
-    whole = table.form.decimal != "," or not any("," in cell for cell in cells)
-    return whole and only_text(cells, table.form.decimal) and table.least <= len(cells) <= table.width
-
-
-def _differs(best: HeadTable, other: HeadTable) -> bool:
-    """True where another way gives other rows, not the same ones by another mark."""
-    if best.form.kind != "table" or other.form.kind != "table":
-        return False
-    return best.width != other.width or [cells for _, cells in best.rows] != [cells for _, cells in other.rows]
+    above = [line.text for line in lines if line.number < table.rows[0][0]][-1:]
+    is_named = above and "," not in above[0] and only_text(above, form.decimal)
+    return table.score * (BARE_COMMA if form.decimal == "," and not is_named else 1.0)

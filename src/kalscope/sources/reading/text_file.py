@@ -9,12 +9,12 @@ import re
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from threading import Event
-from typing import Any, BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
@@ -38,31 +38,30 @@ def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
     with path.open("rb") as file:
         size, kind = max(path.stat().st_size, 1), "gzip" if file.read(2) == GZIP else "Zstandard"
         file.seek(0)
-        # 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB.
-        chunk, library = 1 << 10, None if kind == "gzip" else cast("Any", import_module("zstandard"))
-        error: type[Exception] = library.ZstdError if library else zlib.error
+        zstandard: Any = import_module("zstandard") if kind == "Zstandard" else None
+        error: type[Exception] = zstandard.ZstdError if zstandard else zlib.error
 
         def unpacker() -> Any:
-            return (
-                library.ZstdDecompressor().decompressobj() if library else zlib.decompressobj(16 + zlib.MAX_WBITS)
-            )
+            if zstandard:
+                return zstandard.ZstdDecompressor().decompressobj()
+            return zlib.decompressobj(16 + zlib.MAX_WBITS)
 
         stream = unpacker()
         try:
-            while packed := file.read(chunk):
-                while (
-                    packed := packed.lstrip(b"\0") if stream.eof else packed
-                ):  # a tape fills its blocks with zeros
+            # 1 KiB of Zstandard holds 32 MiB of zeros, 4 KiB of gzip 4 MiB.
+            while packed := file.read(1 << 10):
+                # A tape fills its blocks with zeros.
+                while packed := packed.lstrip(b"\0") if stream.eof else packed:
                     stream = unpacker() if stream.eof else stream
                     piece = stream.decompress(packed)
                     progress(0.5 * file.tell() / size, "unpacking")
                     progress.unpack(len(piece))
                     yield piece
                     packed = stream.unused_data
+            if not stream.eof:
+                raise error("it is cut short")
         except error as damage:
             raise BadFile(f"{name} cannot be read as a {kind} archive: {damage}") from None
-        if not stream.eof:
-            raise BadFile(f"{name} cannot be read as a {kind} archive: it is cut short")
 
 
 # A file as lines of text: where its bytes are, their encoding, and what is not text at all.
@@ -73,10 +72,7 @@ HEAD_BYTES = 1 << 20
 
 _FOREIGN = {
     **dict.fromkeys((GZIP, ZSTANDARD), "an archive in an archive, which must be unpacked first"),
-    b"7z\xbc\xaf": "a 7-Zip archive, which must be unpacked first",
-    b"Rar!": "a RAR archive, which must be unpacked first",
-    b"BZh": "a bzip2 archive, which must be unpacked first",
-    b"\xfd7zXZ": "an xz archive, which must be unpacked first",
+    **dict.fromkeys((b"7z\xbc\xaf", b"Rar!", b"BZh", b"\xfd7zXZ"), "an archive, which must be unpacked first"),
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"%PDF": "a PDF document",
@@ -91,12 +87,10 @@ _HEAD = 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
 _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
-_FORTRAN = re.compile(rb"[0-9]\.[0-9]{0,30}[dD][-+][0-9]{2,3}(?![0-9A-Za-z])")
-_FORTRAN_EXPONENT = re.compile(r"(?<=[0-9.])[dD](?=[-+][0-9]{2,3}(?![0-9A-Za-z]))")
-"""With a point in the head, and everywhere with a sign: 12D3 is a name."""
 _NMEA = re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE)
 _MAX_CONTROL = 0.1
 """Largest share of control bytes in a text file, as from a noisy wire."""
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 
 
 MAX_LINE, CUT = 1 << 20, "\ufffd"
@@ -130,43 +124,36 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         BadFile: there is no such file, it cannot be read, now or later, it is a folder or a damaged archive.
     """
     path, left = Path(path), Event()
-    with (
-        temporary_folder() as folder,
-        ThreadPoolExecutor(1) as beside,
-        ExitStack() as stack,
-    ):
-        stack.callback(left.set)  # else a cancelled reading would wait until all of the file is hashed
+    with temporary_folder() as folder, ThreadPoolExecutor(1) as beside:
         try:
-            raw = _open_raw(path, folder / "content", beside, left, progress)
-        except FileNotFoundError:
-            raise BadFile(f"file not found: {str(path)!r}") from None
-        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            if isinstance(error, BadFile):
-                raise
-            reason = getattr(error, "strerror", None) or error
-            raise BadFile(f"cannot read {str(path)!r}: {reason}") from None
-        try:
-            yield raw
+            yield _open_raw(path, folder / "content", beside, left, progress)
         except OSError as error:  # a drive that was pulled out
-            reason = error.strerror or error
-            raise BadFile(f"reading {str(path)!r} failed midway: {reason}") from None
+            raise BadFile(f"reading {str(path)!r} failed midway: {error.strerror or error}") from None
+        finally:
+            left.set()  # else a cancelled reading would wait until all of the file is hashed
 
 
 def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress: Progress) -> RawFile:
-    if path.is_dir():
-        raise BadFile(f"source must be a file (got the folder {str(path)!r})")
-    if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
-        raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
-    with path.open("rb") as file:
-        magic = file.read(4)
-    digest = beside.submit(_sha256, path, left)
-    content = path
-    if magic.startswith((GZIP, ZSTANDARD)):
-        content = target
-        with target.open("wb") as out:
-            out.writelines(unpacked(path, path.name, progress))
-    with content.open("rb") as file:
-        return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+    try:
+        if path.is_dir():
+            raise BadFile(f"source must be a file (got the folder {str(path)!r})")
+        if path.exists() and not path.is_file():  # /dev/zero never ends, a pipe never begins
+            raise BadFile(f"file must be an ordinary file (got {str(path)!r}, a device or a pipe)")
+        with path.open("rb") as file:
+            is_packed = file.read(4).startswith((GZIP, ZSTANDARD))
+        digest = beside.submit(_sha256, path, left)
+        content = target if is_packed else path
+        if is_packed:
+            with target.open("wb") as out:
+                out.writelines(unpacked(path, path.name, progress))
+        with content.open("rb") as file:
+            return RawFile(path.name, content, content.stat().st_size, file.read(HEAD_BYTES), digest)
+    except FileNotFoundError:
+        raise BadFile(f"file not found: {str(path)!r}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"cannot read {str(path)!r}: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _sha256(path: Path, left: Event) -> str:
@@ -208,39 +195,29 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
     head, name = raw.head, raw.name
     if not head:
         raise BadFile(f"{name} must hold lines of numbers (got an empty file)")
-    for magic, what in _FOREIGN.items():
-        if head.startswith(magic):
-            raise BadFile(f"{name} must be a text file (got {what})")
+    what = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), "")
     wide = wide_encoding(head[:_HEAD])
-    if wide is not None:
+    if not what and wide is not None:
         return wide
-    _require_text(head[:_HEAD], name)
+    # Long runs of NULs between text are left to the reader of lines.
+    text = _NUL_RUN.sub(b"", head[:_HEAD]).replace(ESCAPE.encode(), b"")
+    is_text = len(_CONTROL.findall(text)) <= _MAX_CONTROL * len(text) and text
+    if not what and not is_text and (first := _CONTROL.search(head)):
+        line = head[: first.start()].count(10) + 1
+        what = f"binary data, the first byte is 0x{first[0].hex().upper()}, on line {line}"
+    if what:
+        raise BadFile(f"{name} must be a text file (got {what})")
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     return "utf-8" if _is_utf8(raw.path, progress) else "latin-1"
 
 
-def _require_text(head: bytes, name: str) -> None:
-    """Raise BadFile where the head is not text; long runs of NULs between text are left to the reader of lines."""
-    text = _NUL_RUN.sub(b"", head).replace(ESCAPE.encode(), b"")
-    control = [byte < 32 and byte not in b"\t\n\r\f" for byte in text]
-    if text and sum(control) <= _MAX_CONTROL * len(text):
-        return
-    first = next(at for at, byte in enumerate(head) if byte < 32 and byte not in b"\t\n\r\f")
-    what = f"binary data, the first byte is 0x{head[first]:02X}, on line {head[:first].count(10) + 1}"
-    raise BadFile(f"{name} must be a text file (got {what})")
-
-
 def _is_utf8(path: Path, progress: Progress) -> bool:
     """True where all bytes are UTF-8; in pieces, because a file may be larger than the memory."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
     try:
         with path.open("rb") as file:
-            while piece := file.read(_CHUNK):
+            for _ in codecs.iterdecode(iter(lambda: file.read(_CHUNK), b""), "utf-8"):
                 progress(0.0, "reading")
-                if decoder.getstate()[0] or not piece.isascii():
-                    decoder.decode(piece)
-        decoder.decode(b"", final=True)
     except UnicodeDecodeError:
         return False
     return True
@@ -248,16 +225,9 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
 
 def unusual_marks(raw: RawFile) -> tuple[str, ...]:
     """Sentences about what `plain_lines` has to repair, judged by the head; usually none."""
-    said: list[str] = []
-    if ESCAPE.encode() in raw.head:
-        said.append("control sequences of a terminal were left out")
-    if _FORTRAN.search(raw.head):
-        said.append("exponents are written with D, as Fortran does: 1.5D-03 is 0.0015")
-    if _is_nmea(raw.head):
-        said.append(
-            "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments"
-        )
-    return tuple(said)
+    escapes = "control sequences of a terminal were left out"
+    nmea = "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments"
+    return (escapes,) * (ESCAPE.encode() in raw.head) + (nmea,) * _is_nmea(raw.head)
 
 
 def _is_nmea(head: bytes) -> bool:
@@ -279,23 +249,21 @@ def _position(line: str) -> str:
 
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
-    """The lines without control sequences of a terminal, Fortran's exponents with e, NMEA as labels."""
+    """The lines without control sequences of a terminal, and NMEA as labels."""
     rewritten: Callable[[str], str] = _position if _is_nmea(raw.head) else str
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         for line in iter(lambda: read_line(lines), ""):
-            yield rewritten(_FORTRAN_EXPONENT.sub("e", without_escapes(line)))
+            yield rewritten(without_escapes(line))
 
 
-def sample_lines(raw: RawFile, encoding: str) -> list[list[str]]:
-    """Whole lines from the middle and from the end of a file; none of one that is encoded in pairs of bytes."""
-    if encoding.startswith("utf-16"):
-        return []
-    samples: list[list[str]] = []
+def sample_lines(raw: RawFile, encoding: str) -> list[str]:
+    """Whole lines from the middle and from the end of a file, "" between; none of text in pairs of bytes."""
+    samples: list[str] = []
     with raw.path.open("rb") as file:
-        for start in (raw.size // 2, raw.size - SAMPLE_BYTES):
+        for start in () if encoding.startswith("utf-16") else (raw.size // 2, raw.size - SAMPLE_BYTES):
             file.seek(max(start, 0))
             lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
-            samples.append([line.rstrip("\n") for line in lines[1:-1]])  # the others may be cut
+            samples += ["", *(line.rstrip("\n") for line in lines[1:-1])]  # the others may be cut
     return samples
 
 
