@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.sources.grammar.stamps import CLOCK_PARSERS, parse_clock
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import CLOCK_PARSERS, TimeColumn, parse_clock
 from kalscope.sources.reading.axis import to_seconds, unit_by_magnitude
 
 

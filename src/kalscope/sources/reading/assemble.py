@@ -15,13 +15,13 @@ from kalscope.recording import Assumption, ReadReport, Recording, Timing
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import ReadOptions, option, option_words
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, judge
 from kalscope.sources.reading.account import no_rows
 from kalscope.sources.reading.axis import GivenPeriod, TimeAxis, counted_time, fill_gaps, read_time
 from kalscope.sources.reading.columns import Column, named_column, settle_roles
 from kalscope.sources.reading.rows import Tally
 from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.reading.time_columns import chosen_time, find_time, judge
+from kalscope.sources.reading.time_columns import chosen_time, find_time
 
 # Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
 #

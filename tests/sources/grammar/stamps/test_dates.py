@@ -8,7 +8,7 @@ from effort import EXAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.stamps import parse_calendar
+from kalscope.sources.grammar.timestamps import parse_calendar
 
 INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59, 999999))
 MONTH = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]

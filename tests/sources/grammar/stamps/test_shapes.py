@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.cells import is_number
-from kalscope.sources.grammar.stamps import is_stamp
+from kalscope.sources.grammar.timestamps import is_stamp
 
 
 @given(number=st.floats(allow_nan=False, allow_infinity=False), decimals=st.integers(0, 9))
