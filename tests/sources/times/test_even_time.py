@@ -5,8 +5,7 @@ import pytest
 from each import each
 from simulated_device import DEVICES, Device
 
-from kalscope.sources.reading.axis import place_evenly
-from kalscope.sources.reading.period import find_rate
+from kalscope.sources.reading.axis import find_rate, place_evenly
 
 CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
 

@@ -7,7 +7,7 @@ import pytest
 
 from kalscope import read_recording
 from kalscope.sources.reading.account import summary
-from kalscope.sources.reading.period import jitter_of, rate_words
+from kalscope.sources.reading.axis import jitter_of, rate_words
 
 
 def written(tmp_path, time):

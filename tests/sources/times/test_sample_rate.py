@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import DEVICES, Device
 
-from kalscope.sources.reading.period import find_rate
+from kalscope.sources.reading.axis import find_rate
 
 RNG = np.random.default_rng(3)
 

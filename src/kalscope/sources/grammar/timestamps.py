@@ -491,52 +491,56 @@ def find_stamp_form(
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
     least = max((0.5 if name.strength == 2 else 0.9) * len(present), 1)
 
-    def fits(parse: StampParser) -> bool:
-        # The first cells already show whether a column holds text.
-        return any(parse(cell) is not None for cell in present[:8]) and _count(present, parse) >= least
+    def fitting(*forms: TimeColumn) -> dict[TimeColumn, Array]:
+        """Those that read most cells, where that is enough, with the stamps."""
+        parsers = {form: stamp_parser(form, decimal) for form in forms}
+        if not any(parse(cell) is not None for cell in present[:8] for parse in parsers.values()):
+            return {}  # the first cells already show that a column holds text
+        stamps = {form: _stamps(present, parse) for form, parse in parsers.items()}
+        read = {form: int(np.count_nonzero(np.isfinite(stamps[form]))) for form in forms}
+        return {form: stamps[form] for form in forms if read[form] == max(least, *read.values())}
 
     if options.time_format is not None:
         _check_format(options.time_format)
         kind = "calendar" if _has_date(options.time_format) else "clock"
-        given = TimeColumn(0, kind, odd=options.time_format)
-        return given if fits(stamp_parser(given, decimal)) else None
+        return next(iter(fitting(TimeColumn(0, kind, odd=options.time_format))), None)
     number = TimeColumn(0, "number")
-    numbers = stamp_parser(number, decimal)
-    if name.is_date and fits(lambda cell: _sheet_day(numbers(cell), cell)):
-        return replace(number, unit="day")
-    if _are_dates_in_digits(present, name):
+    numbers = fitting(number).get(number)
+    if name.is_date and numbers is not None and not any(cell[0] == "0" for cell in present):  # 030124 has digits
+        days = np.count_nonzero((numbers >= _SHEET_DAYS[0]) & (numbers <= _SHEET_DAYS[1]))
+        number = replace(number, unit="day" if days >= least else "")
+    if not number.unit and _are_dates_in_digits(present, name):
         return TimeColumn(0, "calendar")
-    are_short = name.is_date and all(len(cell) == 6 for cell in present)  # 240331
-    if not are_short and fits(numbers):
+    is_short = name.is_date and all(len(cell) == 6 for cell in present)  # 240331
+    if numbers is not None and (number.unit or not is_short):
         return number
+    clocks = fitting(*(TimeColumn(0, "clock", clock=form) for form in _CLOCK_FORMS))
+    orders: tuple[DateOrder, ...] = _ORDERS
+    if options.day_first is not None:
+        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
     # In a column that is named as a date, 17.05.24 is not a clock.
-    clock = None if name.is_date else _clock(present, least, name.unit)
-    found = clock or _calendar(present, least, options) or _clock(present, least, name.unit)
-    return found or (number if are_short and fits(numbers) else None)
+    dates = (
+        fitting(*(TimeColumn(0, "calendar", order=order) for order in orders)) if name.is_date or not clocks else {}
+    )
+    if dates:
+        return _calendar(dates, present[0], decided=options.day_first is not None)
+    if clocks:
+        return _clock(clocks, present[0], name.unit)
+    return None if numbers is None else number
 
 
-def _sheet_day(value: float | None, cell: str) -> float | None:
-    """The number of a day in a spreadsheet, `45123.5`; 030124 is a date in digits."""
-    return value if value is not None and _SHEET_DAYS[0] <= value <= _SHEET_DAYS[1] and cell[0] != "0" else None
-
-
-def _clock(present: list[str], least: float, unit: str) -> TimeColumn | None:
-    """The form of a clock that fits most cells; 05:10 has hours and minutes unless unit or start say otherwise."""
-    counts = {form: _count(present, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
-    best = max(_CLOCK_FORMS, key=lambda form: counts[form])
-    if counts[best] < least:
-        return None
-    if best != "h:m:s" or counts["min:s"] < counts[best]:
-        return TimeColumn(0, "clock", clock=best)
-    stamps = _stamps(present, parse_clock)
-    stamps = stamps[np.isfinite(stamps)]
+def _clock(read: dict[TimeColumn, Array], example: str, unit: str) -> TimeColumn:
+    """The form of a clock; `05:10` has hours and minutes unless the unit of the name or the start say otherwise."""
+    best, *others = read
+    if best.clock != "h:m:s" or not any(form.clock == "min:s" for form in others):
+        return best
+    stamps = read[best][np.isfinite(read[best])]
     from_zero = stamps[0] == 0 and stamps.max() < _LATE_US and bool(np.any(stamps % _ROUND_US))
+    words, option = ["hours and minutes", "minutes and seconds"], "%M:%S"
     if unit in ("s", "min") or (not unit and from_zero):
-        best, names, option = "min:s", ("minutes and seconds", "hours and minutes"), "%H:%M"
-    else:
-        names, option = ("hours and minutes", "minutes and seconds"), "%M:%S"
-    said = f'stamps such as {present[0]} are read as {names[0]}; {names[1]}: --time-format "{option}"'
-    return TimeColumn(0, "clock", clock=best, notes=(Assumption(said),))
+        best, words, option = replace(best, clock="min:s"), words[::-1], "%H:%M"
+    said = f'stamps such as {example} are read as {words[0]}; {words[1]}: --time-format "{option}"'
+    return replace(best, notes=(Assumption(said),))
 
 
 def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
@@ -558,48 +562,33 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
     return judge(stamps).steadiness > judge(np.array(cells, dtype=np.float64)).steadiness
 
 
-def _calendar(present: list[str], least: float, options: ReadOptions) -> TimeColumn | None:
-    """The order that fits most cells; of equals, the one whose stamps rise steadily.
+def _calendar(read: dict[TimeColumn, Array], example: str, *, decided: bool) -> TimeColumn:
+    """Of orders that fit, the one whose stamps rise steadily.
 
     Where nothing decides, the day comes first, unless the log would then last many times longer.
     """
-    orders = _ORDERS
-    if options.day_first is not None:
-        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
-    if not any(parse_calendar(cell, order) is not None for cell in present[:8] for order in orders):
-        return None
-    stamps = {order: _stamps(present, partial(parse_calendar, order=order)) for order in orders}
-    read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
-    most = max(read.values())
-    if most < least:
-        return None
-    rest: list[DateOrder] = [order for order in orders if read[order] == most]
-    quality = {order: judge(stamps[order]).steadiness for order in rest}
-    spans = {order: float(np.nanmax(stamps[order]) - np.nanmin(stamps[order])) for order in rest}
+    quality = {form: judge(stamps).steadiness for form, stamps in read.items()}
+    spans = {form: float(np.nanmax(stamps) - np.nanmin(stamps)) for form, stamps in read.items()}
     longest = _MANY_TIMES * min(spans.values())
-    best = max(rest, key=lambda order: (*quality[order], spans[order] <= longest, order == "dmy", order == "ymd"))
+    best = max(
+        read, key=lambda form: (quality[form], spans[form] <= longest, ("mdy", "ymd", "dmy").index(form.order))
+    )
     # Where both orders mean the same day (05/05) there is nothing to decide.
-    for other in rest if options.day_first is None else ():
-        if quality[other] == quality[best] and not np.array_equal(stamps[other], stamps[best], equal_nan=True):
-            return TimeColumn(0, "calendar", order=best, notes=(_order_note(present[0], best, other),))
-    return TimeColumn(0, "calendar", order=best)
-
-
-def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
+    others = [form for form in read if quality[form] == quality[best]]
+    others = [form for form in others if not np.array_equal(read[form], read[best], equal_nan=True)]
+    if decided or not others:
+        return best
     names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
     option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
-    return Assumption(
-        f"stamps such as {example} are read {names[best]} (assumed: the file does not show it);"
-        f" they could also be {names[other]}: {option[other]}"
+    note = Assumption(
+        f"stamps such as {example} are read {names[best.order]} (assumed: the file does not show it);"
+        f" they could also be {names[others[0].order]}: {option[others[0].order]}"
     )
+    return replace(best, notes=(note,))
 
 
 def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
     return np.array([np.nan if (stamp := parse(cell)) is None else stamp for cell in cells])
-
-
-def _count(cells: Sequence[str], parse: StampParser) -> int:
-    return sum(parse(cell) is not None for cell in cells)
 
 
 # Which columns of a log hold its time, and the function that reads the stamp of a row.

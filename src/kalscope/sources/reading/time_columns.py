@@ -54,12 +54,7 @@ _FILLERS = words(
     """
 )
 # Other words for a unit are also quantities or counts: h, d, min, hour.
-_LONE_UNITS = words(
-    """
-    s sec secs second seconds ms msec millis millisecond milliseconds us µs μs usec micros microsecond microseconds
-    ns nsec nanos nanosecond nanoseconds
-    """
-)
+_LONE_UNITS = {word for word, unit in UNIT_OF_WORD.items() if unit in ("s", "ms", "us", "ns")}
 _RISING_UNITS = words("day days year years yr hours minutes mins")
 _WORD = re.compile(r"[^\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -217,7 +212,7 @@ def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, opti
         if name.strength or column.role == "text" or options.time_format is not None:
             form = find_stamp_form([row[i] for row in rows], decimal, name, options)
             if form is not None and (name.strength or form.kind != "number"):
-                unit = name.unit if form.kind == "number" else ""
+                unit = (form.unit or name.unit) if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
     proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))

@@ -42,7 +42,11 @@ def test_minutes_and_seconds_read_what_was_written(us):
 @given(us=OF_DAY)
 def test_digits_read_what_was_written(us):
     h, m, s, _ = parts(us)
-    assert CLOCK_PARSERS["hhmm"](f"{h:02}{m:02}") == CLOCK_PARSERS["hhmm"](str(100 * h + m)) == (h * 60 + m) * 60 * 10**6
+    assert (
+        CLOCK_PARSERS["hhmm"](f"{h:02}{m:02}")
+        == CLOCK_PARSERS["hhmm"](str(100 * h + m))
+        == (h * 60 + m) * 60 * 10**6
+    )
     assert CLOCK_PARSERS["hhmmss"](f"{h:02}{m:02}{s:02}.25") == (h * 3600 + m * 60 + s) * 10**6 + 250_000
 
 
