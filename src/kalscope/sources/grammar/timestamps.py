@@ -20,21 +20,11 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
 
 
-_MONTHS = (
-    "jan jän ene",
-    "feb fév",
-    "mar mär mae mrz",
-    "apr avr abr",
-    "may mai",
-    "jun juin",
-    "jul juil",
-    "aug aoû ago",
-    "sep",
-    "oct okt",
-    "nov",
-    "dec dez déc dic",
-)
-_MONTH_OF = {name: number for number, names in enumerate(_MONTHS, 1) for name in names.split()}
+_MONTHS = """
+jan jän ene | feb fév | mar mär mae mrz | apr avr abr | may mai | jun juin | jul juil | aug aoû ago | sep | oct okt
+| nov | dec dez déc dic
+"""
+_MONTH_OF = {name: number for number, names in enumerate(_MONTHS.split("|"), 1) for name in names.split()}
 """Number of the month by the beginning of its name, lower case."""
 
 _WEEKDAYS = frozenset("mo tu we th fr sa su di mi do so lu ma me je ve".split())  # noqa: SIM905
@@ -346,28 +336,19 @@ def _check_format(form: str) -> None:
 # Whether a cell is a stamp at all, whatever its form.
 
 
-_MIN_STAMP_LENGTH = 4
 _MIN_DATE_LENGTH = 6
 
 
 def is_stamp(cell: str) -> bool:
     """True where the cell is a date, a clock, an elapsed time or a date with a clock; never for a plain number."""
-    if not _MIN_STAMP_LENGTH <= len(cell) <= MAX_STAMP_LENGTH or not _may_be_stamp(cell):
+    digits = sum(map(cell.count, "0123456789"))
+    # The mark of a clock, two others, or the T or _ of 20240313T093000: no plain number and few texts have them.
+    is_marked = len(cell) - digits >= 2 or any(mark in cell for mark in ":T_")
+    if digits < 3 or not is_marked or not cell[0].isalnum() or len(cell) > MAX_STAMP_LENGTH:
         return False
     orders: tuple[DateOrder, ...] = ("ymd",) if cell[:4].isdecimal() else _ORDERS
     is_date = len(cell) >= _MIN_DATE_LENGTH and any(parse_calendar(cell, order) is not None for order in orders)
     return is_date or any(CLOCK_PARSERS[form](cell) is not None for form in _CLOCK_FORMS)
-
-
-def _may_be_stamp(cell: str) -> bool:
-    """True where the cell has the marks of a stamp; no plain number and few texts have them."""
-    digits = sum(map(cell.count, "0123456789"))
-    if digits < 3 or not (cell[0].isdigit() or cell[0].isalpha()):
-        return False
-    if ":" in cell or cell.count("-") + cell.count("/") + cell.count(".") >= 2:
-        return True
-    # A name of a month, or the T or _ of 20240313T093000.
-    return digits < len(cell) - 1 or "_" in cell or "T" in cell
 
 
 # How well stamps show that they are the time: fill, order, resolution, evenness.

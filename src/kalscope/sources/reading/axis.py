@@ -49,15 +49,8 @@ class Steps:
     """Each step from the latest stamp so far: going forward again after a step back is not a gap."""
     median: float
     """Median positive step, to 9 digits."""
-    low: float
-    """The 5th percentile."""
-    high: float
-    """The 95th percentile."""
-
-    @property
-    def even(self) -> bool:
-        """True where nine of ten steps are alike."""
-        return self.high - self.low <= _EVEN * self.median
+    even: bool
+    """True where nine of ten steps are alike."""
 
 
 def steps_of(time: Array) -> Steps | None:
@@ -73,7 +66,7 @@ def steps_of(time: Array) -> Steps | None:
         forward = time[1:] - np.maximum.accumulate(time)[:-1]
     some = np.sort(_some(steps))
     low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
-    return Steps(steps, forward, median, low, high)
+    return Steps(steps, forward, median, high - low <= _EVEN * median)
 
 
 def is_coarse(steps: Steps) -> bool:

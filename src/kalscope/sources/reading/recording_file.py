@@ -52,16 +52,12 @@ Extremes = tuple[Array, Array]
 
 _MIN_SURE, _MIN_UNSURE = 2, 3
 """Least count of a number that is always a code, and of any other; of these, one sample in 2000 too."""
-_MAX_SHARE = 0.3
-"""Largest share of the samples that may be a code that is not sure; more is a state."""
-_MAX_RUN = 3
-"""Longest run in samples, in the median, of a code that may be a reading."""
+_MAX_SHARE, _MAX_RUN = 0.3, 3
+"""Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
 _MIN_RETURNS = 0.75
 """Least share of its runs after which the signal continues where it was."""
-_MAX_CODES = 4
-"""Most codes of one channel."""
-_MIN_DISTINCT = 3
-"""With fewer values beside it there is nothing to be far from: a switch, an event marker."""
+_MAX_CODES, _MIN_DISTINCT = 4, 3
+"""Most codes of one channel, and fewest values beside one: a switch and an event marker have fewer."""
 _SAMPLE = 20_000
 
 _SURE = {
@@ -106,18 +102,16 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
 
 
 def _codes(samples: Array, low: float, high: float) -> list[float]:
-    """The codes of one channel, from the ends of its samples inwards: each hides how far the next one is."""
+    """The codes of one channel, from the ends of its samples inwards."""
     found: list[float] = []
     while len(found) < _MAX_CODES:
         ends = {value: sure for value in (low, high) if (sure := _surety(value))}
-        rest = samples[
-            np.isfinite(samples) & ~np.isin(samples, [*found, *(v for v, sure in ends.items() if sure == 2)])
-        ]
-        codes = [value for value, sure in ends.items() if _stands_out(samples, rest, value, sure)]
-        if not codes:
+        rest = samples[np.isfinite(samples) & ~np.isin(samples, found)] if ends else samples
+        code = next((value for value, sure in ends.items() if _stands_out(samples, rest, value, sure)), None)
+        if code is None:
             break
-        found += codes
-        rest = rest[~np.isin(rest, codes)]
+        found.append(code)
+        rest = rest[rest != code]
         low, high = float(rest.min()), float(rest.max())
     return found
 
@@ -135,27 +129,23 @@ def _surety(value: float) -> int:
 
 def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
-    here = samples == value
-    times, rest = int(np.count_nonzero(here)), rest[rest != value]
+    here, rest = samples == value, rest[rest != value]
     some = rest[:: max(1, rest.size // _SAMPLE)]
-    if (
-        times < (_MIN_SURE if sure == 2 else max(_MIN_UNSURE, samples.size // 2000))
-        or np.unique(some).size < _MIN_DISTINCT
-    ):
+    least = _MIN_SURE if sure == 2 else max(_MIN_UNSURE, samples.size // 2000)
+    if np.count_nonzero(here) < least or np.unique(some).size < _MIN_DISTINCT:
         return False
     nearest = float(np.min(np.abs(rest - value)))
     lower, upper = np.quantile(some, (0.25, 0.75))
     if nearest <= max(float(upper - lower), 0.5 * float(np.ptp(some))):
         return False
-    if sure == 2:
-        return True
-    # The signal jumps to the value and soon back to where it was.
     edges = np.diff(np.concatenate(([0], here.astype(np.int8), [0])))
     first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     inner = (first > 0) & (stop < samples.size)
-    returns = np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest
-    is_short = times <= _MAX_SHARE * samples.size and float(np.median(stop - first)) <= _MAX_RUN
-    return is_short and returns.sum() >= max(2, _MIN_RETURNS * returns.size)
+    returns = (
+        np.mean(np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest) if inner.any() else 0.0
+    )
+    brief = np.median(stop - first) <= _MAX_RUN and here.mean() <= _MAX_SHARE and returns >= _MIN_RETURNS
+    return sure == 2 or bool(brief)
 
 
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
@@ -474,40 +464,37 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
     turns = _counted(codes * len(distinct) + ranks)
     most = int(turns.max(initial=0)) + 1
     keys = ranks * most + turns
-    known = [
-        code
-        for code in range(len(tally.series))
-        if any(np.isfinite(values[codes == code]).any() for _, values in measures)
-    ]
-    groups = _groups({code: keys[codes == code] for code in known})
+    read = np.isfinite(np.column_stack([values for _, values in measures])).any(axis=1)
+    known = {code: keys[codes == code] for code in np.unique(codes[read]).tolist()}
+    groups = _groups(known)
     described = _described(tally.series, layout)
-    names = [_listed([described[code].name for code in group], _MAX_LISTED) for group in groups]
-    for one, group in zip(names, groups, strict=True):
-        part = one if part in {described[code].name for code in group} else part
-    sizes = zip(names, groups.items(), strict=True)
-    parts = [Part(one, len(times), len(group) * len(measures)) for one, (group, times) in sizes]
-    if not parts:
-        raise BadFile(f"{name} must hold a named value that is a number (got {len(tally.series)} names without)")
+    parts: list[Part] = []
+    for group, times in groups:
+        names = [described[code].name for code in group]
+        parts.append(Part(_listed(names, _MAX_LISTED), len(times), len(group) * len(measures)))
+        part = parts[-1].name if part in names else part
     chosen, notes = choose_part(parts, part, name, "set of names")
-    group, places = list(groups.items())[chosen]
-    times, notes = distinct[places // most], tuple(map(Assumption, notes))
+    notes = tuple(map(Assumption, notes))
     silent = [described[code].name for code in range(len(tally.series)) if code not in known]
     if silent:
         notes = (*notes, f"names without numbers: {_listed(silent, _MAX_LISTED)}")
-    time = None if layout.time is None else replace(layout.time, index=0, parts=())
-    data: dict[int, Array] = {} if time is None else {0: times.astype(np.float64)}
-    columns = [] if time is None else [Column("time", role="time")]
+    group, places = groups[chosen]
+    columns, data = list[Column](), list[Array]()
     for code in group:
         here = codes == code
         for measure, values in measures:
-            column = np.full(len(times), np.nan)
-            column[np.searchsorted(places, keys[here])] = values[here]
-            data[len(columns)] = column
+            data.append(np.full(len(places), np.nan))
+            data[-1][np.searchsorted(places, keys[here])] = values[here]
             columns.append(_of_series(described[code], measure, single=len(measures) == 1))
-    first = len(columns) - len(group) * len(measures)
-    for i, one in enumerate(distinct_names([column.name for column in columns[first:]]), first):
-        columns[i] = replace(columns[i], name=one)
-    return Reading(data, tally, replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes)))
+    names = distinct_names([column.name for column in columns])
+    columns = [replace(column, name=one) for column, one in zip(columns, names, strict=True)]
+    time = None
+    if layout.time is not None:
+        time = replace(layout.time, index=0, parts=())
+        columns.insert(0, Column("time", role="time"))
+        data.insert(0, distinct[places // most].astype(np.float64))
+    layout = replace(layout, columns=tuple(columns), time=time, notes=(*layout.notes, *notes))
+    return Reading(dict(enumerate(data)), tally, layout)
 
 
 def _of_series(series: Column, measure: Column, *, single: bool) -> Column:
@@ -539,7 +526,7 @@ def _counted(codes: Indices) -> Indices:
     return turns
 
 
-def _groups(stamps: dict[int, Indices]) -> dict[tuple[int, ...], Indices]:
+def _groups(stamps: dict[int, Indices]) -> list[tuple[list[int], Indices]]:
     """The names that share most of their stamps, with all their stamps; those with most stamps first."""
     groups: list[tuple[list[int], Indices]] = []
     for code in sorted(stamps, key=lambda code: (-len(stamps[code]), code)):
@@ -551,7 +538,7 @@ def _groups(stamps: dict[int, Indices]) -> dict[tuple[int, ...], Indices]:
                 break
         else:
             groups.append(([code], own))
-    return {tuple(sorted(members)): times for members, times in groups}
+    return [(sorted(members), times) for members, times in groups]
 
 
 def _described(series: tuple[tuple[str, ...], ...], layout: Layout) -> list[Column]:
