@@ -207,18 +207,19 @@ def find_rate(time: Array) -> SampleRate | None:
 def _is_modal(time: Array, steps: Steps) -> bool:
     """True where most steps are alike and a few short ones make up for longer ones, or lie between the others.
 
-    Most steps are the usual one, hardly any is near it, which would be jitter, and so many steps explain the span.
-    More rows than that may only lie between those of an even grid that is full.
+    So many usual steps explain the span, and hardly any is near the usual one, which would be jitter. Only where
+    rows lie between those of an even grid that is full are there more of them.
     """
     usual, off = steps.median, np.abs(steps.all - steps.median)
     exact, near = (float(np.mean(off <= share * usual)) for share in (_ON_GRID, 0.5))
-    if steps.even or exact < 0.5 or near - exact > 0.1 or np.mean(steps.all < 0.5 * usual) <= 0.02:
-        return False
     slots = (time - time[0]) / usual
+    mean = float(slots[-1]) / steps.all.size
+    if steps.even or exact < 0.5 or mean > 1.05:
+        return False
+    if mean >= 0.98:
+        return near - exact <= 0.1 and bool(np.mean(steps.all < 0.5 * usual) > 0.02)
     on_grid = np.count_nonzero(np.abs(slots - np.rint(slots)) <= _ON_GRID)
-    full = steps.forward is steps.all and on_grid >= 0.95 * slots[-1]
-    mean = slots[-1] / steps.all.size
-    return bool(mean <= 1.05 and (full or mean >= 0.98))
+    return steps.forward is steps.all and bool(on_grid >= 0.95 * slots[-1])
 
 
 def _guess(time: Array, steps: Steps) -> _Guess | None:

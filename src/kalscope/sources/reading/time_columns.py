@@ -51,6 +51,7 @@ _FILLERS = words(
     """
     in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
     sampling record recorded recording measurement logger log formatted total boot iso iso8601
+    hh mm ss
     """
 )
 # Other words for a unit are also quantities or counts: h, d, min, hour.
