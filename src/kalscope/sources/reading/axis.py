@@ -455,12 +455,14 @@ def to_seconds(
     if column.kind == "calendar":
         return (stamps - first) / 1e6, f"time counts from the first stamp, {date_text(first * 1e-6)}"
     if column.kind == "clock":
-        turns = clock_turns(stamps, column.turn_s)
-        what = "midnight" if column.turn_s == 86400.0 else "the hour"
+        # A clock that jumps back by more than half a turn has wrapped.
+        turn_s = column.turn_s
+        turns = np.cumsum(np.diff(stamps, prepend=first) < -0.5e6 * turn_s) if turn_s else np.zeros(len(stamps))
+        what = "midnight" if turn_s == 86400.0 else "the hour"
         passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
         clock = timedelta(microseconds=first)
         said = f"time counts from the first stamp, {clock} on the clock{passed}"
-        return (stamps - first) / 1e6 + column.turn_s * turns, said
+        return (stamps - first) / 1e6 + turn_s * turns, said
     unit = column.unit or unit_by_magnitude(stamps)
     scale, others = SECONDS_PER_UNIT[unit], ""
     # 2001 to 2100
@@ -483,13 +485,6 @@ def to_seconds(
     if day_of_1970 is not None and unit == "day":
         seconds = seconds.round(3)  # the last of their digits is 10 µs and more
     return seconds, Assumption(said) if others else said
-
-
-def clock_turns(stamps: Array, turn_s: float) -> Array:
-    """How often a clock, in µs, has wrapped before each stamp: there it jumps back by more than half a turn."""
-    if not turn_s:
-        return np.zeros(len(stamps))
-    return np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn_s)
 
 
 def _otherwise(stamps: Array, unit: str) -> str:

@@ -24,7 +24,7 @@ from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option, option_words
 from kalscope.sources.grammar.timestamps import TimeColumn, judge
 from kalscope.sources.reading.account import no_channel, no_rows, no_table, refuse_markup
-from kalscope.sources.reading.axis import GivenPeriod, clock_turns, counted_time, fill_gaps, read_time
+from kalscope.sources.reading.axis import GivenPeriod, counted_time, fill_gaps, read_time
 from kalscope.sources.reading.columns import UNIT_NAMES, Column, distinct_names, named_column, settle_roles
 from kalscope.sources.reading.rows import Tally, read_rows
 from kalscope.sources.reading.sniffer import MAX_INSIDE, MIN_CYCLES, Layout, sniff
@@ -311,7 +311,7 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
         return []
     falls = 2 * back > len(stamps)
     order = np.arange(len(stamps))[:: -1 if falls else 1]
-    stamps = stamps[order] + 1e6 * turn_s * clock_turns(stamps[order], turn_s)
+    stamps = np.unwrap(stamps[order], period=1e6 * turn_s) if turn_s else stamps[order]
     rising = np.argsort(stamps, kind="stable")
     if not falls and judge(stamps[rising]).even <= judge(stamps).even:
         return []
