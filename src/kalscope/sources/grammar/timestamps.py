@@ -184,17 +184,11 @@ _REST = re.compile(
     r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
     r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
 )
-_REWRITTEN = (
-    (
-        re.compile(
-            rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
-        ),
-        r"\1 \3 \2",
-    ),
-    (re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})"), r"\2 \1"),
-    (re.compile(r"^([12][0-9]{3}[-/][0-9]{1,2})\Z"), r"\1-1"),
+_YEAR_LAST = re.compile(
+    rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
 )
-"""The year at the end, the clock before the day, a month without a day."""
+_CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
 
 def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
@@ -246,8 +240,12 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     """A stamp in any other shape."""
     if len(cell) == 6 and cell.isascii() and cell.isdecimal():
         return _day(cell[:2], cell[2:4], cell[4:], order)
-    for pattern, text in _REWRITTEN:
-        cell = pattern.sub(text, cell)
+    if cell[:1].isalpha():
+        cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
+    elif ":" in cell[1:3]:
+        cell = _CLOCK_FIRST.sub(r"\2 \1", cell)
+    elif len(cell) <= 7 and _MONTH.fullmatch(cell):
+        cell += "-1"
     match = _DAY.match(cell)
     if match is None or not is_weekday(match[4]) or (match[5] and order == "mdy") or (match[8] and order != "mdy"):
         return None
@@ -273,6 +271,7 @@ def _with_rest(day: float, rest: str) -> float | None:
     return day + since - ahead * 3600e6 - (h * 3600 + m * 60) * (-1e6 if sign == "-" else 1e6)
 
 
+@lru_cache(maxsize=4096)
 def day_us(year: int, month: int, day: int) -> float | None:
     """Microseconds from 1970 to a day, of a year of two or four digits; None for 31 February."""
     year += 0 if year > 99 else 1900 if year >= _PIVOT_YEAR else 2000

@@ -210,16 +210,17 @@ def _is_modal(time: Array, steps: Steps) -> bool:
     So many usual steps explain the span, and hardly any is near the usual one, which would be jitter. Only where
     rows lie between those of an even grid that is full are there more of them.
     """
-    usual, off = steps.median, np.abs(steps.all - steps.median)
-    exact, near = (float(np.mean(off <= share * usual)) for share in (_ON_GRID, 0.5))
-    slots = (time - time[0]) / usual
-    mean = float(slots[-1]) / steps.all.size
-    if steps.even or exact < 0.5 or mean > 1.05:
+    usual, slots = steps.median, float(time[-1] - time[0]) / steps.median
+    mean = slots / steps.all.size
+    if steps.even or mean > 1.05:
         return False
-    if mean >= 0.98:
-        return near - exact <= 0.1 and bool(np.mean(steps.all < 0.5 * usual) > 0.02)
-    on_grid = np.count_nonzero(np.abs(slots - np.rint(slots)) <= _ON_GRID)
-    return steps.forward is steps.all and bool(on_grid >= 0.95 * slots[-1])
+    off = np.abs(steps.all - usual)
+    exact, near = (float(np.mean(off <= share * usual)) for share in (_ON_GRID, 0.5))
+    if exact < 0.5 or mean >= 0.98:
+        return exact >= 0.5 and near - exact <= 0.1 and bool(np.mean(steps.all < 0.5 * usual) > 0.02)
+    rows = (time - time[0]) / usual
+    on_grid = np.count_nonzero(np.abs(rows - np.rint(rows)) <= _ON_GRID)
+    return steps.forward is steps.all and bool(on_grid >= 0.95 * slots)
 
 
 def _guess(time: Array, steps: Steps) -> _Guess | None:
