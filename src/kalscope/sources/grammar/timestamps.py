@@ -591,6 +591,7 @@ PART_RANGES: dict[PartRole, tuple[float, float]] = {
     "second": (0, 60.999999),
 }
 """The numbers that a column of each part may hold; a year may have two digits."""
+_PART_US: dict[PartRole, float] = {"hour": 3600e6, "minute": 60e6, "second": 1e6}
 
 
 @dataclass(frozen=True)
@@ -663,21 +664,26 @@ def _sum_of_parts(
 ) -> float | None:
     """Microseconds from 1970 to the moment of a year and other parts; None where one is missing or out of range."""
     part: dict[PartRole, float] = {}
+    since = 0.0
     for role, i, low, high in numbers:
-        value = parse_number(cells[i], decimal)
+        cell = cells[i]
+        value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
         if value is None or not (
             low <= value <= high or (role == "year" and 0 <= value < 100)
         ):  # NaN is in no range
             return None
-        if role != "second" and value % 1:
+        if value % 1 and role != "second":
             return None
-        part[role] = value
-    month, day = (part["month"], part.get("day", 1)) if "day of year" not in part and "month" in part else (1, 1)
-    start = day_us(int(part["year"]), int(month), int(day))
-    if start is None:
-        return None
-    minutes = (part.get("day of year", 1) - 1) * 1440 + part.get("hour", 0) * 60 + part.get("minute", 0)
-    return start + minutes * 60e6 + round(part.get("second", 0) * 1e6)
+        if role in _PART_US:
+            since += round(value * _PART_US[role])
+        else:
+            part[role] = value
+    if "day of year" in part:
+        start = day_us(int(part["year"]), 1, 1)
+        since += (part["day of year"] - 1) * DAY_US
+    else:
+        start = day_us(int(part["year"]), int(part.get("month", 1)), int(part.get("day", 1)))
+    return None if start is None else start + since
 
 
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
