@@ -31,11 +31,11 @@ _WEEKDAYS = frozenset("mo tu we th fr sa su di mi do so lu ma me je ve".split())
 """The first two letters of the weekdays, lower case."""
 
 _ZONES = """
-Z+0 UTC+0 GMT+0 UT+0 LST+0 WET+0 WEST+1 BST+1 CET+1 MEZ+1 CEST+2 MESZ+2 EET+2 EEST+3 MSK+3 IST+5.5 SGT+8 HKT+8
-AWST+8 JST+9 KST+9 AEST+10 AEDT+11 NZST+12 NZDT+13 HST-10 AKST-9 AKDT-8 PST-8 PDT-7 MST-7 MDT-6 CST-6 CDT-5 EST-5
-EDT-4
+Z 0 UTC 0 GMT 0 UT 0 LST 0 WET 0 WEST 1 BST 1 CET 1 MEZ 1 CEST 2 MESZ 2 EET 2 EEST 3 MSK 3 IST 5.5 SGT 8 HKT 8
+AWST 8 JST 9 KST 9 AEST 10 AEDT 11 NZST 12 NZDT 13 HST -10 AKST -9 AKDT -8 PST -8 PDT -7 MST -7 MDT -6 CST -6 CDT -5
+EST -5 EDT -4
 """
-_HOURS_OF_ZONE = {name: float(hours) for name, hours in re.findall(r"([A-Z]+)([-+][0-9.]+)", _ZONES)}
+_HOURS_OF_ZONE = dict(zip(_ZONES.split()[::2], map(float, _ZONES.split()[1::2]), strict=True))
 """Hours that a zone is ahead of UTC; of LST, local standard time, nothing is known. Where a name is used twice
 (CST), the changes of one log still come out right: winter and summer time differ by an hour."""
 
