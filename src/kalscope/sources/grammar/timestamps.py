@@ -35,7 +35,7 @@ Z 0 UTC 0 GMT 0 UT 0 LST 0 WET 0 WEST 1 BST 1 CET 1 MEZ 1 CEST 2 MESZ 2 EET 2 EE
 AWST 8 JST 9 KST 9 AEST 10 AEDT 11 NZST 12 NZDT 13 HST -10 AKST -9 AKDT -8 PST -8 PDT -7 MST -7 MDT -6 CST -6 CDT -5
 EST -5 EDT -4
 """
-_HOURS_OF_ZONE = dict(zip(_ZONES.split()[::2], map(float, _ZONES.split()[1::2]), strict=True))
+_HOURS_OF_ZONE: dict[str, float] = dict(zip(_ZONES.split()[::2], map(float, _ZONES.split()[1::2]), strict=True))
 """Hours that a zone is ahead of UTC; of LST, local standard time, nothing is known. Where a name is used twice
 (CST), the changes of one log still come out right: winter and summer time differ by an hour."""
 
@@ -642,7 +642,9 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     places = dict(column.parts)
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
-    numbers = [(role, i, *PART_RANGES[role]) for role, i in places.items()]
+    numbers: list[tuple[PartRole, int, float, float]] = [
+        (role, i, *PART_RANGES[role]) for role, i in places.items()
+    ]
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:

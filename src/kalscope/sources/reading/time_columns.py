@@ -138,7 +138,9 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
     if clock is None:
         places.pop("clock", None)
     # No part counts without the one above it.
-    kept = tuple((role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places)
+    kept: tuple[tuple[PartRole, int], ...] = tuple(
+        (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
+    )
     return TimeColumn(places["year"], "calendar", clock=clock or "h:m:s", parts=kept)
 
 
@@ -156,10 +158,9 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
         if len(parts) < 4 or judge(stamps_of(time, rows, ".")).back > _MAX_BACK_WEAK:
             continue
         if roles is _NUMBERED:  # the day of the year must agree with the month and the day
-            days = [
-                stamps_of(replace(time, parts=some), rows, ".") for some in (parts[:2], (parts[0], *parts[2:4]))
-            ]
-            if not np.array_equal(*days):
+            by_month = replace(time, parts=(parts[0], *parts[2:4]))
+            by_number = replace(time, parts=parts[:2])
+            if not np.array_equal(stamps_of(by_month, rows, "."), stamps_of(by_number, rows, ".")):
                 continue
         return time
     return None
