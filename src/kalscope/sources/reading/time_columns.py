@@ -71,7 +71,9 @@ def time_name(column: Column) -> TimeName:
     if len(name) == 1 and name.isupper() and not unit:
         return TimeName(0)
     said = [word.lower() for word in _WORD.findall(_CAMEL.sub(" ", name))]
-    unit = unit or ("s" if "m:s" in name.lower() else _unit_of(said))
+    # The last word that is a unit; a single letter only at the end.
+    units = [word for word in (*(word for word in said[:-1] if len(word) > 1), *said[-1:]) if word in UNIT_OF_WORD]
+    unit = unit or ("s" if "m:s" in name.lower() else UNIT_OF_WORD[units[-1]] if units else "")
     rest = [word for word in said if word not in _FILLERS]
     core = [word for word in rest if word not in UNIT_OF_WORD]
     is_time = any(word in _TIME_WORDS for word in said)
@@ -86,15 +88,6 @@ def time_name(column: Column) -> TimeName:
     elif is_time or (is_alone and rest[0] in _RISING_UNITS):
         strength = 1
     return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
-
-
-def _unit_of(said: list[str]) -> str:
-    """The unit among the words of a name: the last of them that is one; single letters only at the end."""
-    for i in range(len(said) - 1, -1, -1):
-        word = said[i]
-        if word in UNIT_OF_WORD and (len(word) > 1 or i == len(said) - 1):
-            return UNIT_OF_WORD[word]
-    return ""
 
 
 def is_since_1970(stamps: Array) -> bool:
