@@ -19,7 +19,7 @@ from kalscope.common.compiled import Compiling
 from kalscope.common.numbers import Array
 from kalscope.common.text import decibels, duration, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.reading.period import MIN_JITTER, jitter_of, rate_words
+from kalscope.sources.reading.axis import MIN_JITTER, jitter_of, rate_words
 from kalscope_app.engine.frame import Frame
 from kalscope_app.guard.viser_private import commands_of, is_on_screen, press, widgets_of
 from kalscope_app.program.log import sentence_for

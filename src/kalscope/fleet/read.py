@@ -30,8 +30,8 @@ from kalscope.recording import Recording
 from kalscope.sources.containers.table import Table
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.assemble import assemble, check_chosen_period, reading_of
 from kalscope.sources.reading.columns import named_column
+from kalscope.sources.reading.recording_file import assemble, check_chosen_period, reading_of
 
 ENDINGS = (".parquet", ".pq")
 """Endings of Parquet files."""

@@ -10,7 +10,7 @@ import pytest
 from kalscope import open_source
 from kalscope.common.text import duration, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.reading.period import jitter_of
+from kalscope.sources.reading.axis import jitter_of
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened

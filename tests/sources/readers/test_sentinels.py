@@ -3,7 +3,7 @@
 import numpy as np
 from each import each
 
-from kalscope.sources.reading.assemble import suggest_missing
+from kalscope.sources.reading.recording_file import suggest_missing
 
 N = 3000
 RNG = np.random.default_rng(5)

@@ -18,45 +18,22 @@ pytestmark = [
     pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside the repository"),
 ]
 
-SAME = (40, [], [])
+TWINS = (
+    *("02_semicolon_decimalcomma.csv", "03_comments.csv", "04_boot_text.csv", "06_bom.csv", "07_crlf.csv"),
+    *("08_label_value.csv", "12_gz.csv.gz", "13_zst.csv.zst", "15_spaces_tabs.txt", "18_utf16.csv"),
+)
+"""Files that hold the same as 01_clean.csv."""
+SAME = (*TWINS, "01_clean.csv", "09_dup_header.csv", "14_noheader.csv", "16_plotter_single.txt", "19_iso_time.csv")
 MESSY = {  # rows, rejected lines, bad cells
-    "01_clean.csv": SAME,
-    "02_semicolon_decimalcomma.csv": SAME,
-    "03_comments.csv": SAME,
-    "04_boot_text.csv": SAME,
+    **dict.fromkeys((*SAME, "25_units_row.csv", "26_arduino_ide_ts.txt"), (40, [], [])),
     "05_truncated_last.csv": (39, [41], []),
-    "06_bom.csv": SAME,
-    "07_crlf.csv": SAME,
-    "08_label_value.csv": SAME,
-    "09_dup_header.csv": SAME,
     "10_mixed_types.csv": (40, [], [(9, "temp", "ERR"), (32, "temp", "ovf")]),
     "11_ragged.csv": (36, [7, 8, 17, 24], []),
-    "12_gz.csv.gz": SAME,
-    "13_zst.csv.zst": SAME,
-    "14_noheader.csv": SAME,
-    "15_spaces_tabs.txt": SAME,
-    "16_plotter_single.txt": SAME,
     "17_binary_garbage.csv": (38, [13, 19], []),
-    "18_utf16.csv": SAME,
-    "19_iso_time.csv": SAME,
     "20_late_type.csv": (60003, [], [(60003, "temp", "err")]),
     "21_repeat_header.csv": (80, [], []),
     "22_quote.csv": (40, [], [(11, "temp", '"20.1'), (32, "temp", '20.0"x')]),
-    "25_units_row.csv": SAME,
-    "26_arduino_ide_ts.txt": SAME,
 }
-TWINS = [
-    "02_semicolon_decimalcomma.csv",
-    "03_comments.csv",
-    "04_boot_text.csv",
-    "06_bom.csv",
-    "07_crlf.csv",
-    "08_label_value.csv",
-    "12_gz.csv.gz",
-    "13_zst.csv.zst",
-    "15_spaces_tabs.txt",
-    "18_utf16.csv",
-]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -114,6 +91,7 @@ def test_messy_files_without_data_are_refused_each_with_its_own_message(name, sa
 
 
 # File, channel, rows, good samples, mean, standard deviation (n - 1), period in s where the catalogue says it.
+NAB = [f"nab_{one}_temperature/{one}_temperature_system_failure.csv" for one in ("machine", "ambient")]
 CATALOGUE = [
     ("nile/nile.csv", "volume", 100, 100, 919.35, 169.227501, 31557600),
     ("ck_state_space/NorwayFinland.txt", "value 2", 34, 34, 386.029412, 85.7831958, None),
@@ -128,24 +106,8 @@ CATALOGUE = [
     ("ppg_arduino/data2.csv", "hr", 15000, 15000, 482.955933, 124.691456, None),
     ("actigraphy_exports/test_sample_rpx_eng.csv", "White Light", 20160, 20160, 604.984753, 3945.97836, 30),
     ("actigraphy_exports/test_sample_atr.txt", "TEMPERATURE", 5760, 5760, 30.4055885, 1.92604864, 60),
-    (
-        "nab_machine_temperature/machine_temperature_system_failure.csv",
-        "value",
-        22695,
-        22695,
-        85.9264982,
-        13.7469125,
-        300,
-    ),
-    (
-        "nab_ambient_temperature/ambient_temperature_system_failure.csv",
-        "value",
-        7267,
-        7267,
-        71.2424327,
-        4.24750942,
-        3600,
-    ),
+    (NAB[0], "value", 22695, 22695, 85.9264982, 13.7469125, 300),
+    (NAB[1], "value", 7267, 7267, 71.2424327, 4.24750942, 3600),
     ("occupancy_office/datatraining.txt", "Temperature", 8143, 8143, 20.6190836, 1.01691644, 60),
     ("occupancy_office/datatest.txt", "Temperature", 2665, 2665, 21.4338763, 1.02802418, 60),
     ("occupancy_office/datatest2.txt", "Temperature", 9752, 9752, 21.0017684, 1.02069322, 60),
@@ -170,17 +132,20 @@ TWINS_OF_OTHERS = ("occupancy_office/datatraining.txt", "occupancy_office/datate
 """Files in the form of one that is read: `make soak` reads them as well."""
 
 
+def check_samples(samples, good, mean, std):
+    finite = samples[np.isfinite(samples)]
+    assert finite.size == good
+    assert [finite.mean(), finite.std(ddof=1)] == pytest.approx([mean, std], rel=5e-7)
+
+
 @each(
     ("name", "channel", "rows", "good", "mean", "std", "period"),
     [row for row in CATALOGUE if FUZZ > 1 or row[0] not in TWINS_OF_OTHERS],
 )
 def test_a_real_recording_reads_as_the_catalogue_says(name, channel, rows, good, mean, std, period):
     recording = read(name)
-    samples = recording.channel(channel)
-    finite = samples[np.isfinite(samples)]
-    assert (recording.report.rows, len(recording), finite.size) == (rows, rows, good)
-    assert finite.mean() == pytest.approx(mean, rel=5e-7)
-    assert finite.std(ddof=1) == pytest.approx(std, rel=5e-7)
+    assert recording.report.rows == len(recording) == rows
+    check_samples(recording.channel(channel), good, mean, std)
     assert period is None or recording.sample_period == pytest.approx(period, rel=0.01)
 
 
@@ -202,11 +167,7 @@ def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, miss
     assert any(question in note for note in unasked.report.notes)
     assert np.count_nonzero(unasked.channel(channel) == missing) == len(unasked) - good
     told = read(name, ReadOptions(missing=(missing,)))
-    samples = told.channel(channel)
-    finite = samples[np.isfinite(samples)]
-    assert finite.size == good
-    assert finite.mean() == pytest.approx(mean, rel=5e-7)
-    assert finite.std(ddof=1) == pytest.approx(std, rel=5e-7)
+    check_samples(told.channel(channel), good, mean, std)
     assert not any(question in note for note in told.report.notes)
 
 
@@ -220,7 +181,7 @@ def test_a_sequence_number_with_holes_gives_rows_of_missing_samples(name, rows, 
 
 
 def test_repeated_and_backward_stamps_are_counted_and_named():
-    notes = " ".join(read("nab_machine_temperature/machine_temperature_system_failure.csv").report.notes)
+    notes = " ".join(read(NAB[0]).report.notes)
     assert "time steps back once, first by 3300 s at sample 10150" in notes
     assert "12 samples repeat an earlier stamp" in notes
     notes = " ".join(read("cgm_glucose/CGM.csv").report.notes)

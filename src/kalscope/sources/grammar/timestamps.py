@@ -1,34 +1,431 @@
-"""Which columns of a log hold its time, how their stamps are written, and the function that reads them."""
+"""Stamps in cells: clocks, elapsed times and dates, how those of one column are written, and what reads them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from datetime import UTC, date, datetime, time, timedelta
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
 
 from kalscope.common.numbers import Array
+from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import MISSING, parse_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.grammar.stamps import (
-    CLOCK_PARSERS,
-    MAX_STAMP_LENGTH,
-    SIX_DIGITS,
-    TURNS_S,
-    ClockForm,
-    DateOrder,
-    check_format,
-    day_us,
-    has_date,
-    parse_calendar,
-    parse_clock,
-    parse_six_digits,
-    parse_with_format,
-    year_of,
+
+# Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
+
+
+_MONTHS = """
+jan jän ene | feb fév | mar mär mae mrz | apr avr abr | may mai | jun juin | jul juil | aug aoû ago | sep | oct okt
+| nov | dec dez déc dic
+"""
+_MONTH_OF = {name: number for number, names in enumerate(_MONTHS.split("|"), 1) for name in names.split()}
+"""Number of the month by the beginning of its name, lower case."""
+
+_WEEKDAYS = frozenset("mo tu we th fr sa su di mi do so lu ma me je ve".split())  # noqa: SIM905
+"""The first two letters of the weekdays, lower case."""
+
+_ZONES = """
+Z 0 UTC 0 GMT 0 UT 0 LST 0 WET 0 WEST 1 BST 1 CET 1 MEZ 1 CEST 2 MESZ 2 EET 2 EEST 3 MSK 3 IST 5.5 SGT 8 HKT 8
+AWST 8 JST 9 KST 9 AEST 10 AEDT 11 NZST 12 NZDT 13 HST -10 AKST -9 AKDT -8 PST -8 PDT -7 MST -7 MDT -6 CST -6 CDT -5
+EST -5 EDT -4
+"""
+_HOURS_OF_ZONE: dict[str, float] = dict(zip(_ZONES.split()[::2], map(float, _ZONES.split()[1::2]), strict=True))
+"""Hours that a zone is ahead of UTC; of LST, local standard time, nothing is known. Where a name is used twice
+(CST), the changes of one log still come out right: winter and summer time differ by an hour."""
+
+
+def month_of(name: str) -> int:
+    """The number of the month of a name, 1 … 12; 0 for any other text."""
+    name = name.lower()
+    return _MONTH_OF.get(name[:3]) or _MONTH_OF.get(name[:4], 0)
+
+
+def is_weekday(word: str | None) -> bool:
+    """True for a name of a weekday, abbreviated or not, and where there is none."""
+    return word is None or word.lower()[:2] in _WEEKDAYS
+
+
+# Clock times and elapsed times in one cell: pure functions on text.
+#
+# Each function returns None for any other text. All patterns have bounded repeats only.
+
+
+ClockForm = Literal["h:m:s", "min:s", "elapsed", "hhmm", "hhmmss"]
+"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); minutes and seconds (`56:36.147`); hours that may exceed 24,
+and days (`125:03:11`, `1 day, 0:00:05`); digits alone (`544`, `0544`; `54450`, `054450`)."""
+
+MAX_STAMP_LENGTH = 64
+"""A longer cell is not a stamp."""
+
+_CLOCK_TEXT = (
+    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.?[Mm]\.?)?"
 )
+"""The pattern of a time of day. Groups: hour, mark, minute, mark, second, mark, fraction, letter of AM or PM."""
+
+_CLOCK = re.compile(_CLOCK_TEXT)
+_MINUTES = re.compile(r"([0-9]{1,4}):([0-5][0-9])(?:[.,]([0-9]{1,9}))?")
+_ELAPSED = re.compile(
+    r"([-+]?)(?:([0-9]{1,5})(?: days?,? |d |\.))?([0-9]{1,6}):([0-5][0-9]):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
+)
+
+
+def _quick_clock(cell: str) -> float | None:
+    """Microseconds since midnight of `07:18`, `07:18:47`, `07:18:47.375`; after None it may still be a clock."""
+    size = len(cell)
+    if cell[2:3] != ":" or cell[:2] == "24" or not (size in (5, 8) or (cell[8:9] in ".," and cell[9:].isdecimal())):
+        return None
+    try:
+        clock = time.fromisoformat(cell)
+    except ValueError:
+        return None
+    return ((clock.hour * 60 + clock.minute) * 60 + clock.second) * 1e6 + clock.microsecond
+
+
+def parse_clock(cell: str) -> float | None:
+    """Microseconds since midnight of `12:00`, `12:00:00.023`, `18.00.00`, `7:03 PM`; 24:00 ends a day."""
+    if len(cell) > MAX_STAMP_LENGTH:
+        return None
+    quick = _quick_clock(cell)
+    match = _CLOCK.fullmatch(cell) if quick is None else None
+    return quick if match is None else _clock_of(match.groups())
+
+
+def _clock_of(groups: Sequence[str | None]) -> float | None:
+    """Microseconds since midnight of the groups of the pattern of a clock."""
+    hour, separator, minute, other, second, mark, fraction, half = groups
+    h, m, s = int(hour or 0), int(minute or 0), int(second or 0)
+    if other not in (None, separator):
+        return None
+    if (len(minute or "") < 2 or len(second or "00") < 2) and (second is None or separator != ":"):
+        return None  # 18:6:3 is a clock; 3:4 and 1.2.3 are not
+    if half is not None:
+        if not 1 <= h <= 12:
+            return None
+        h = h % 12 + (12 if half in "Pp" else 0)
+    if m > 59 or s > 59 or (h > 23 and (h, m, s) != (24, 0, 0)):
+        return None
+    return (h * 3600 + m * 60 + s) * 1e6 + _fraction_us(fraction, mark)
+
+
+def _fraction_us(digits: str | None, mark: str | None = ".") -> int:
+    """Microseconds of the digits after a second, finer ones cut off; after a colon they count ms or µs."""
+    if not digits:
+        return 0
+    if mark == ":":
+        return int(digits) * 1000 if len(digits) <= 3 else int(digits[:6])
+    return int(digits[:6].ljust(6, "0"))
+
+
+def _parse_minutes(cell: str) -> float | None:
+    """Microseconds of `56:36.147`, minutes and seconds."""
+    match = _MINUTES.fullmatch(cell)
+    return (int(match[1]) * 60 + int(match[2])) * 1e6 + _fraction_us(match[3]) if match else None
+
+
+def _parse_elapsed(cell: str) -> float | None:
+    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that may exceed 24, days, a sign."""
+    match = _ELAPSED.fullmatch(cell)
+    if match is None:
+        return None
+    hours = int(match[2] or 0) * 24 + int(match[3])
+    since = (hours * 3600 + int(match[4]) * 60 + int(match[5])) * 1e6 + _fraction_us(match[6])
+    return -since if match[1] == "-" else since
+
+
+def _parse_digits(cell: str, width: int) -> float | None:
+    """Microseconds since midnight of `0544`, `544` and `5` as 05:44 and 00:05, of six digits with their seconds."""
+    whole, mark, fraction = cell.partition(".")
+    if not (whole.isascii() and whole.isdecimal() and len(whole) <= width) or (mark and width == 4):
+        return None
+    digits = whole.zfill(width)
+    return parse_clock(":".join(digits[i : i + 2] for i in range(0, width, 2)) + mark + fraction)
+
+
+CLOCK_PARSERS: dict[ClockForm, Callable[[str], float | None]] = {
+    "h:m:s": parse_clock,
+    "min:s": _parse_minutes,
+    "elapsed": _parse_elapsed,
+    "hhmm": partial(_parse_digits, width=4),
+    "hhmmss": partial(_parse_digits, width=6),
+}
+"""The function that reads a cell of each form."""
+
+
+# Calendar stamps in one cell, in one order of day, month and year: pure functions on text.
+#
+# A day is three numbers (`2022-02-23`, `23.02.22`), has the name of a month (`23-Feb-2022`, `Feb 23, 2022`,
+# `27. Mai 2021`) or is digits alone (`20220223_071847`); a clock and a zone may follow. Other shapes are rewritten
+# as one of these: the clock before the day, the year at the end (`Wed Feb 23 07:18:47 GMT+08:00 2022`).
+
+
+DateOrder = Literal["ymd", "dmy", "mdy"]
+"""Which of year, month and day comes first, second and third."""
+
+_PIVOT_YEAR = 69
+"""Two-digit years from here on are 19xx, as in POSIX; those below are 20xx."""
+
+_EPOCH = datetime(1970, 1, 1)
+_EPOCH_UTC = datetime(1970, 1, 1, tzinfo=UTC)
+DAY_US = 86400e6
+
+_WORD, _GAP = r"[^\W\d_]{3,10}", r"(?:st|nd|rd|th)?[-/., ]{1,2}(?:of )?"
+_DAY = re.compile(
+    r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})|(?:([^\W\d_]{2,10})[.,]{0,2} {1,2})?"
+    rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
+)
+_REST = re.compile(
+    rf"(?:[T _,;:-]{{1,3}}|,? at ){_CLOCK_TEXT}"
+    r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
+    r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
+)
+_YEAR_LAST = re.compile(
+    rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
+)
+_CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
+
+
+def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
+    """Microseconds since 1970 (UTC where no zone is given) of a stamp in an order of day, month and year.
+
+    Returns:
+        None for anything else. Fractions beyond the microsecond are cut.
+    """
+    if len(cell) > MAX_STAMP_LENGTH:
+        return None
+    stamp = _parse_iso(cell) if order == "ymd" else None
+    if stamp is not None:
+        return stamp
+    has_half = cell[-1:] in ("M", "m")  # 2/23/2022 7:18:47 PM
+    head, _, tail = cell.partition(" ") if has_half else cell.rpartition(" ")
+    read = parse_clock if has_half else _quick_clock
+    for text, clock in ((head, tail), (tail, head)):
+        if text and (since := read(clock)) is not None and (day := _whole_day(text, order)) is not None:
+            return day + since
+    return _parse_other(cell, order)
+
+
+def _parse_iso(cell: str) -> float | None:
+    """ISO 8601 with a date of ten characters or of eight digits, `20220223_071847`; the fast path."""
+    if cell[:8].isdecimal() and cell.isascii() and len(cell) >= 8:
+        rest = cell[9:] if cell[8:9] in ("T", "_", " ", "-") else cell[8:]
+        rest = f"{rest[:6]}.{rest[6:]}" if rest[:7].isdecimal() and len(rest) > 6 else rest
+        cell = f"{cell[:8]}T{rest}" if rest else cell
+    elif cell[4:8:3] != "--" or (len(cell) > 10 and (cell[10] not in "T " or cell[13:14] != ":")):
+        return None
+    if cell[19:20] == ":":  # fromisoformat takes the 5 ms of 12:00:00:5 for half a second
+        return None
+    try:
+        stamp = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    since = stamp - _EPOCH if stamp.tzinfo is None else stamp - _EPOCH_UTC
+    return (since.days * 86400 + since.seconds) * 1e6 + since.microseconds
+
+
+@lru_cache(maxsize=4096)  # a log has few days and many stamps
+def _whole_day(text: str, order: DateOrder) -> float | None:
+    """Microseconds from 1970 to the day of a text without a clock; None for anything else."""
+    stamp = None if ":" in text else _parse_other(text, order)
+    return stamp if stamp is not None and stamp % DAY_US == 0 else None
+
+
+def _parse_other(cell: str, order: DateOrder) -> float | None:
+    """A stamp in any other shape."""
+    if len(cell) == 6 and cell.isascii() and cell.isdecimal():
+        return _day(cell[:2], cell[2:4], cell[4:], order)
+    if cell[:1].isalpha():
+        cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
+    elif ":" in cell[1:3]:
+        cell = _CLOCK_FIRST.sub(r"\2 \1", cell)
+    elif len(cell) <= 7 and _MONTH.fullmatch(cell):
+        cell += "-1"
+    match = _DAY.match(cell)
+    if match is None or not is_weekday(match[4]) or (match[5] and order == "mdy") or (match[8] and order != "mdy"):
+        return None
+    first = 1 if match[1] else 5 if match[5] else 8
+    day, rest = _day(match[first], match[first + 1], match[first + 2], order), cell[match.end() :]
+    return _with_rest(day, rest) if rest and day is not None else day
+
+
+def _with_rest(day: float, rest: str) -> float | None:
+    """The stamp of a day with the clock and the zone after it."""
+    match = _REST.fullmatch(rest)
+    if match is None:
+        return None
+    *clock, zone, sign, hours, minutes = match.groups()
+    since, ahead, h, m = (
+        _clock_of(clock),
+        _HOURS_OF_ZONE.get((zone or "Z").upper()),
+        int(hours or 0),
+        int(minutes or 0),
+    )
+    if since is None or ahead is None or h > 18 or m > 59:
+        return None
+    return day + since - ahead * 3600e6 - (h * 3600 + m * 60) * (-1e6 if sign == "-" else 1e6)
+
+
+@lru_cache(maxsize=4096)
+def day_us(year: int, month: int, day: int) -> float | None:
+    """Microseconds from 1970 to a day, of a year of two or four digits; None for 31 February."""
+    year += 0 if year > 99 else 1900 if year >= _PIVOT_YEAR else 2000
+    try:
+        return (date(year, month, day) - _EPOCH.date()).days * DAY_US
+    except ValueError:
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _day(first: str, second: str, third: str, order: DateOrder) -> float | None:
+    """Microseconds from 1970 to the day of three parts; the month may be a name."""
+    part = dict(zip(order, (first, second, third), strict=True))
+    year, month, day = part["y"], part["m"], part["d"]
+    if (
+        len(year) not in (2, 4)
+        or (len(year) == 4 and year < "0100")
+        or len(day) > 2
+        or (len(month) > 2 and month.isdecimal())
+    ):
+        return None
+    return day_us(int(year), int(month) if month.isdecimal() else month_of(month), int(day))
+
+
+# Stamps in a format that the user gives.
+
+
+def _parse_with_format(cell: str, form: str) -> float | None:
+    """Microseconds since 1970, or since midnight where the format names no part of a date."""
+    if len(cell) > MAX_STAMP_LENGTH:
+        return None
+    try:
+        stamp = datetime.strptime(cell, form)
+    except ValueError:
+        return None
+    if not _has_date(form):
+        stamp = stamp.replace(year=1970, month=1, day=1)
+    ahead = stamp.utcoffset() or timedelta()
+    return float((stamp.replace(tzinfo=None) - _EPOCH - ahead) // timedelta(microseconds=1))
+
+
+@lru_cache
+def _has_date(form: str) -> bool:
+    """True where a format of strptime names a part of a date."""
+    return datetime(2001, 2, 3).strftime(form) != datetime(1999, 12, 30).strftime(form)
+
+
+def _check_format(form: str) -> None:
+    """Raise BadSetting unless strptime knows every code of a format, and each occurs once."""
+    try:
+        datetime.strptime("", form)
+        valid = True
+    except (ValueError, re.error) as error:  # strptime makes a pattern with a named group for each code
+        valid = "does not match" in str(error)
+    if not valid or "%" not in form:
+        raise BadSetting(
+            f'time_format must hold codes of strptime, each once, such as "%d.%m.%Y %H:%M:%S" (got {form!r})'
+        )
+
+
+# Whether a cell is a stamp at all, whatever its form.
+
+
+_MIN_DATE_LENGTH = 6
+
+
+def is_stamp(cell: str) -> bool:
+    """True where the cell is a date, a clock, an elapsed time or a date with a clock; never for a plain number."""
+    digits = sum(map(cell.count, "0123456789"))
+    # The mark of a clock, two others, or the T or _ of 20240313T093000: no plain number and few texts have them.
+    is_marked = len(cell) - digits >= 2 or any(mark in cell for mark in ":T_")
+    if digits < 3 or not is_marked or not cell[0].isalnum() or len(cell) > MAX_STAMP_LENGTH:
+        return False
+    orders: tuple[DateOrder, ...] = ("ymd",) if cell[:4].isdecimal() else _ORDERS
+    is_date = len(cell) >= _MIN_DATE_LENGTH and any(parse_calendar(cell, order) is not None for order in orders)
+    return is_date or any(CLOCK_PARSERS[form](cell) is not None for form in _CLOCK_FORMS)
+
+
+# How well stamps show that they are the time: fill, order, resolution, evenness.
+
+
+MAX_BACK = 0.25
+"""Share of steps back with which numbers may be a time whose name is clear."""
+MIN_EVEN = 0.9
+"""Share of alike steps of a ramp that is a time although no name says it."""
+_WEIGHT_FILL, _WEIGHT_BACK = 10.0, 20.0
+_WEIGHT_DISTINCT, _WEIGHT_EVEN = 3.0, 1.0
+_EVEN_WITHIN, _EXACT_WITHIN = 0.2, 0.001
+_COUNTERS = (2.0**16, 2.0**32)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the stamps of the sampled rows show, each as a share of 1."""
+
+    fill: float = 0.0
+    """Rows whose stamp can be read."""
+    back: float = 0.0
+    """Of the steps that move, those against the direction of most; a clock that passes midnight moves forward."""
+    distinct: float = 1.0
+    """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling."""
+    even: float = 0.0
+    """Steps within a fifth of the median step: months are even."""
+    exact: float = 0.0
+    """Steps within a thousandth of it."""
+    moves: bool = False
+    """True where any two stamps differ."""
+
+    @property
+    def weight(self) -> float:
+        """Points of a candidate; those for its name and form are added."""
+        lost = _WEIGHT_FILL * (1.0 - self.fill) + _WEIGHT_BACK * self.back
+        return _WEIGHT_DISTINCT * self.distinct + _WEIGHT_EVEN * self.even - lost
+
+    @property
+    def steadiness(self) -> tuple[float, float, float]:
+        """How well the stamps rise, to compare two readings of the same cells."""
+        return -self.back, self.even, self.exact
+
+
+def judge(stamps: Array, turn: float = 0.0) -> Evidence:
+    """What stamps show.
+
+    Args:
+        stamps: Of the sampled rows, shape (n,), NaN where unreadable.
+        turn: Where a clock wraps to 0, in the unit of the stamps; 0 where it never does.
+    """
+    read = stamps[np.isfinite(stamps)]
+    if not read.size:
+        return Evidence()
+    steps = np.diff(read)
+    for size in (turn,) if turn else _COUNTERS:
+        if float(read.max()) < size:
+            steps = np.where(steps < -size / 2, steps + size, steps)
+    ahead, back = int(np.count_nonzero(steps > 0)), int(np.count_nonzero(steps < 0))
+    fill, moving = read.size / stamps.size, ahead + back
+    if not moving:
+        return Evidence(fill, distinct=0.0 if steps.size else 1.0)
+    steps = steps if ahead >= back else -steps
+    usual = float(np.median(np.abs(steps[steps != 0])))
+    even, exact = (
+        float(np.mean(np.abs(steps - usual) <= share * usual)) for share in (_EVEN_WITHIN, _EXACT_WITHIN)
+    )
+    share = min(ahead, back) / moving
+    if share > MAX_BACK and in_order_is_even(read):
+        share = MAX_BACK
+    return Evidence(fill, share, moving / steps.size, even, exact, moves=True)
+
+
+def in_order_is_even(stamps: Array) -> bool:
+    """True for even stamps whose rows are out of order."""
+    steps = np.diff(np.sort(stamps))
+    return bool(np.mean(np.abs(steps - np.median(steps)) < _EVEN_WITHIN * np.median(steps)) > MIN_EVEN)
+
 
 # How the stamps of one column are written, decided once from many of its cells.
 
@@ -36,8 +433,8 @@ from kalscope.sources.grammar.stamps import (
 _SHEET_DAYS = (20_000.0, 80_000.0)
 """Days of 1954 to 2119 in a spreadsheet, which counts from 1899-12-30."""
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
-_TOLERANCE = 0.15
-"""Months of 28 to 31 days are even steps."""
+_LATE_US, _ROUND_US = 23 * 3600e6, 300e6
+"""A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes."""
 _MANY_TIMES = 5.0
 _ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
 _DIGITS = (8, 10, 12, 14)
@@ -74,45 +471,56 @@ def find_stamp_form(
     present = [cell for cell in present if any(c.isdigit() for c in cell)]
     least = max((0.5 if name.strength == 2 else 0.9) * len(present), 1)
 
-    def fits(parse: StampParser) -> bool:
-        # The first cells already show whether a column holds text.
-        return any(parse(cell) is not None for cell in present[:8]) and _count(present, parse) >= least
+    def fitting(*forms: TimeColumn) -> dict[TimeColumn, Array]:
+        """Those that read most cells, where that is enough, with the stamps."""
+        parsers = {form: stamp_parser(form, decimal) for form in forms}
+        if not any(parse(cell) is not None for cell in present[:8] for parse in parsers.values()):
+            return {}  # the first cells already show that a column holds text
+        stamps = {form: _stamps(present, parse) for form, parse in parsers.items()}
+        read = {form: int(np.count_nonzero(np.isfinite(stamps[form]))) for form in forms}
+        return {form: stamps[form] for form in forms if read[form] == max(least, *read.values())}
 
     if options.time_format is not None:
-        check_format(options.time_format)
-        kind = "calendar" if has_date(options.time_format) else "clock"
-        given = TimeColumn(0, kind, odd=options.time_format)
-        return given if fits(stamp_parser(given, decimal)) else None
+        _check_format(options.time_format)
+        kind = "calendar" if _has_date(options.time_format) else "clock"
+        return next(iter(fitting(TimeColumn(0, kind, odd=options.time_format))), None)
     number = TimeColumn(0, "number")
-    numbers = stamp_parser(number, decimal)
-    if name.is_date and fits(lambda cell: _sheet_day(numbers(cell), cell)):
-        return replace(number, unit="day")
-    if _are_dates_in_digits(present, name):
+    numbers = fitting(number).get(number)
+    if name.is_date and numbers is not None and not any(cell[0] == "0" for cell in present):  # 030124 has digits
+        days = np.count_nonzero((numbers >= _SHEET_DAYS[0]) & (numbers <= _SHEET_DAYS[1]))
+        number = replace(number, unit="day" if days >= least else "")
+    if not number.unit and _are_dates_in_digits(present, name):
         return TimeColumn(0, "calendar")
-    if name.is_date and (short := _calendar(present, least, options, parse_six_digits)):
-        return replace(short, odd=SIX_DIGITS)
-    if fits(numbers):
+    is_short = name.is_date and all(len(cell) == 6 for cell in present)  # 240331
+    if numbers is not None and (number.unit or not is_short):
         return number
+    clocks = fitting(*(TimeColumn(0, "clock", clock=form) for form in _CLOCK_FORMS))
+    orders: tuple[DateOrder, ...] = _ORDERS
+    if options.day_first is not None:
+        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
     # In a column that is named as a date, 17.05.24 is not a clock.
-    clock = None if name.is_date else _clock(present, least)
-    return clock or _calendar(present, least, options) or _clock(present, least)
+    dates = (
+        fitting(*(TimeColumn(0, "calendar", order=order) for order in orders)) if name.is_date or not clocks else {}
+    )
+    if dates:
+        return _calendar(dates, present[0], decided=options.day_first is not None)
+    if clocks:
+        return _clock(clocks, present[0], name.unit)
+    return None if numbers is None else number
 
 
-def _sheet_day(value: float | None, cell: str) -> float | None:
-    """The number of a day in a spreadsheet, `45123.5`; 030124 is a date in digits."""
-    return value if value is not None and _SHEET_DAYS[0] <= value <= _SHEET_DAYS[1] and cell[0] != "0" else None
-
-
-def _clock(counted: list[str], least: float) -> TimeColumn | None:
-    counts = {form: _count(counted, CLOCK_PARSERS[form]) for form in _CLOCK_FORMS}
-    best = max(_CLOCK_FORMS, key=lambda form: counts[form])
-    if counts[best] < least:
-        return None
-    column = TimeColumn(0, "clock", clock=best)
-    if best != "h:m:s" or counts["min:s"] < counts[best]:
-        return column
-    said = f'stamps such as {counted[0]} are read as hours and minutes; minutes and seconds: --time-format "%M:%S"'
-    return replace(column, notes=(Assumption(said),))
+def _clock(read: dict[TimeColumn, Array], example: str, unit: str) -> TimeColumn:
+    """The form of a clock; `05:10` has hours and minutes unless the unit of the name or the start say otherwise."""
+    best, *others = read
+    if best.clock != "h:m:s" or not any(form.clock == "min:s" for form in others):
+        return best
+    stamps = read[best][np.isfinite(read[best])]
+    from_zero = stamps[0] == 0 and stamps.max() < _LATE_US and bool(np.any(stamps % _ROUND_US))
+    words, option = ["hours and minutes", "minutes and seconds"], "%M:%S"
+    if unit in ("s", "min") or (not unit and from_zero):
+        best, words, option = replace(best, clock="min:s"), words[::-1], "%H:%M"
+    said = f'stamps such as {example} are read as {words[0]}; {words[1]}: --time-format "{option}"'
+    return replace(best, notes=(Assumption(said),))
 
 
 def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
@@ -123,82 +531,44 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
     """
     size = len(counted[0]) if counted else 0
     cells = [cell for cell in counted if len(cell) == size and cell.isascii() and cell.isdecimal()]
+    if size not in _DIGITS or len(cells) < 0.9 * len(counted):
+        return False
     stamps = _stamps(cells, parse_calendar)
-    if size not in _DIGITS or np.count_nonzero(np.isfinite(stamps)) < max(0.9 * len(counted), 1):
+    if np.count_nonzero(np.isfinite(stamps)) < 0.9 * len(counted):
         return False
     named = name.is_date or (name.strength == 2 and size > 8)
     if named and (size != 10 or all(cell.startswith(_LIKELY_HOURS) for cell in cells)):
         return True
-    return _steadiness(stamps) > _steadiness(np.array([float(cell) for cell in cells]))
+    return judge(stamps).steadiness > judge(np.array(cells, dtype=np.float64)).steadiness
 
 
-def _calendar(
-    present: list[str],
-    least: float,
-    options: ReadOptions,
-    parse: Callable[[str, DateOrder], float | None] = parse_calendar,
-) -> TimeColumn | None:
-    """The order that fits most cells; of equals, the one whose stamps rise steadily.
+def _calendar(read: dict[TimeColumn, Array], example: str, *, decided: bool) -> TimeColumn:
+    """Of orders that fit, the one whose stamps rise steadily.
 
     Where nothing decides, the day comes first, unless the log would then last many times longer.
     """
-    orders = _ORDERS
-    if options.day_first is not None:
-        orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
-    if not any(parse(cell, order) is not None for cell in present[:8] for order in orders):
-        return None
-    stamps = {order: _stamps(present, _in_order(parse, order)) for order in orders}
-    read = {order: int(np.count_nonzero(np.isfinite(stamps[order]))) for order in orders}
-    rest: list[DateOrder] = [order for order in orders if read[order] == max(read.values())]
-    if max(read.values()) < least:
-        return None
-    quality = {order: _steadiness(stamps[order]) for order in rest}
-    shortest = min(_span(stamps[order]) for order in rest)
-    likely = {order: _span(stamps[order]) <= _MANY_TIMES * shortest for order in rest}
-    best = max(rest, key=lambda order: (*quality[order], likely[order], order == "dmy", order == "ymd"))
+    quality = {form: judge(stamps).steadiness for form, stamps in read.items()}
+    spans = {form: float(np.nanmax(stamps) - np.nanmin(stamps)) for form, stamps in read.items()}
+    longest = _MANY_TIMES * min(spans.values())
+    best = max(
+        read, key=lambda form: (quality[form], spans[form] <= longest, ("mdy", "ymd", "dmy").index(form.order))
+    )
     # Where both orders mean the same day (05/05) there is nothing to decide.
-    for other in rest if options.day_first is None else ():
-        if quality[other] == quality[best] and not np.array_equal(stamps[other], stamps[best], equal_nan=True):
-            return TimeColumn(0, "calendar", order=best, notes=(_order_note(present[0], best, other),))
-    return TimeColumn(0, "calendar", order=best)
-
-
-def _order_note(example: str, best: DateOrder, other: DateOrder) -> str:
+    others = [form for form in read if quality[form] == quality[best]]
+    others = [form for form in others if not np.array_equal(read[form], read[best], equal_nan=True)]
+    if decided or not others:
+        return best
     names = {"dmy": "day first", "mdy": "month first", "ymd": "year first"}
     option = {"dmy": "--day-first", "mdy": "--month-first", "ymd": '--time-format "%y-%m-%d"'}
-    return Assumption(
-        f"stamps such as {example} are read {names[best]} (assumed: the file does not show it);"
-        f" they could also be {names[other]}: {option[other]}"
+    note = Assumption(
+        f"stamps such as {example} are read {names[best.order]} (assumed: the file does not show it);"
+        f" they could also be {names[others[0].order]}: {option[others[0].order]}"
     )
-
-
-def _span(stamps: Array) -> float:
-    read = stamps[np.isfinite(stamps)]
-    return float(np.ptp(read)) if read.size else 0.0
-
-
-def _steadiness(stamps: Array) -> tuple[int, float, float]:
-    """How well stamps rise: minus the steps back, the share of steps near the median, and of those equal to it."""
-    steps = np.diff(stamps[np.isfinite(stamps)])
-    back = int(min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0)))
-    steps = np.abs(steps[steps != 0])
-    if not steps.size:
-        return -back, 1.0, 1.0
-    usual = float(np.median(steps))
-    near = float(np.mean(np.abs(steps - usual) <= _TOLERANCE * usual))
-    return -back, near, float(np.mean(np.abs(steps - usual) <= 0.001 * usual))
-
-
-def _in_order(parse: Callable[[str, DateOrder], float | None], order: DateOrder) -> StampParser:
-    return lambda cell: parse(cell, order)
+    return replace(best, notes=(note,))
 
 
 def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
     return np.array([np.nan if (stamp := parse(cell)) is None else stamp for cell in cells])
-
-
-def _count(cells: Sequence[str], parse: StampParser) -> int:
-    return sum(parse(cell) is not None for cell in cells)
 
 
 # Which columns of a log hold its time, and the function that reads the stamp of a row.
@@ -208,11 +578,20 @@ TimeKind = Literal["number", "calendar", "clock"]
 PartRole = Literal["date", "year", "month", "day", "day of year", "clock", "hour", "minute", "second"]
 StampParser = Callable[[str], "float | None"]
 
-MAX_STAMP = 1e20
+_MAX_STAMP = 1e20
 """A numeric stamp beyond this is damage: epoch nanoseconds are 1.8e18."""
 
-MAX_YEAR, MIN_YEAR = 2200, 1800
-"""Years that a column of years may hold."""
+PART_RANGES: dict[PartRole, tuple[float, float]] = {
+    "year": (1800, 2200),
+    "day of year": (1, 366),
+    "month": (1, 12),
+    "day": (1, 31),
+    "hour": (0, 24),
+    "minute": (0, 59),
+    "second": (0, 60.999999),
+}
+"""The numbers that a column of each part may hold; a year may have two digits."""
+_PART_US: dict[PartRole, float] = {"hour": 3600e6, "minute": 60e6, "second": 1e6}
 
 
 @dataclass(frozen=True)
@@ -230,8 +609,7 @@ class TimeColumn:
     clock: ClockForm = "h:m:s"
     """How the clock is written, where one is alone or in a column of its own."""
     odd: str = ""
-    """How stamps that our own forms do not fit are read: "six digits", or a
-    format of `datetime.strptime`; "" where our own forms fit."""
+    """The format of `datetime.strptime` that the user gives; "" where our own forms fit."""
     parts: tuple[tuple[PartRole, int], ...] = ()
     """(role, column) of each part where the time is in several columns; () where it is in one."""
     day: float | None = None
@@ -249,7 +627,7 @@ class TimeColumn:
     @property
     def turn_s(self) -> float:
         """Seconds after which a clock wraps to 0; 0 where it never does."""
-        return TURNS_S[self.clock] if self.kind == "clock" else 0.0
+        return 0.0 if self.kind != "clock" else {"min:s": 3600.0, "elapsed": 0.0}.get(self.clock, 86400.0)
 
 
 def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str]], float | None]:
@@ -262,25 +640,58 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
-    day = _day_parser(column, places, decimal)
-    since = _clock_parser(column, places, decimal)
+    date_at, clock_at = places.pop("date", None), places.pop("clock", None)
+    parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
+    numbers: list[tuple[PartRole, int, float, float]] = [
+        (role, i, *PART_RANGES[role]) for role, i in places.items()
+    ]
+    last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        start = day(cells)
-        if start is None:
-            return None
-        clock = since(cells)
-        return None if clock is None else start + clock
+        day = 0.0
+        if date_at is not None:
+            found = parse_date(cells[date_at])
+            last[0] = last[0] if found is None else found  # a broken date is that of the row before
+            day = last[0]
+        if numbers:
+            day = _sum_of_parts(cells, numbers, decimal)
+        since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
+        return None if day is None or since is None else day + since
 
     return parse_parts
 
 
+def _sum_of_parts(
+    cells: Sequence[str], numbers: list[tuple[PartRole, int, float, float]], decimal: str
+) -> float | None:
+    """Microseconds from 1970 to the moment of a year and other parts; None where one is missing or out of range."""
+    part: dict[PartRole, float] = {}
+    since = 0.0
+    for role, i, low, high in numbers:
+        cell = cells[i]
+        value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
+        if value is None or not (
+            low <= value <= high or (role == "year" and 0 <= value < 100)
+        ):  # NaN is in no range
+            return None
+        if value % 1 and role != "second":
+            return None
+        if role in _PART_US:
+            since += round(value * _PART_US[role])
+        else:
+            part[role] = value
+    if "day of year" in part:
+        start = day_us(int(part["year"]), 1, 1)
+        since += (part["day of year"] - 1) * DAY_US
+    else:
+        start = day_us(int(part["year"]), int(part.get("month", 1)), int(part.get("day", 1)))
+    return None if start is None else start + since
+
+
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     """The function that reads one cell of a time column; it returns None for a missing or damaged stamp."""
-    if column.odd == SIX_DIGITS:
-        return partial(parse_six_digits, order=column.order)
     if column.odd:
-        return partial(parse_with_format, form=column.odd)
+        return partial(_parse_with_format, form=column.odd)
     if column.kind == "calendar":
         return partial(parse_calendar, order=column.order)
     if column.kind == "clock":
@@ -289,71 +700,6 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
         # NaN fails the comparison as well.
-        return value if value is not None and abs(value) <= MAX_STAMP else None
+        return value if value is not None and abs(value) <= _MAX_STAMP else None
 
     return parse
-
-
-def _day_parser(
-    column: TimeColumn, places: dict[PartRole, int], decimal: str
-) -> Callable[[Sequence[str]], float | None]:
-    """Microseconds from 1970 to the day of a row; 0 where no column holds the day."""
-    if "date" in places:
-        parse, date = stamp_parser(replace(column, kind="calendar", parts=()), decimal), places["date"]
-        last = [column.day]
-
-        def parse_date(cells: Sequence[str]) -> float | None:
-            found = parse(cells[date])
-            last[0] = last[0] if found is None else found  # a broken date is that of the row before
-            return last[0]
-
-        return parse_date
-    if "year" not in places:
-        return lambda _: 0.0
-    year, month, day = places["year"], places.get("month"), places.get("day")
-    number = places.get("day of year")
-
-    def parse_day(cells: Sequence[str]) -> float | None:
-        digits = whole(cells[year])
-        full = None if digits is None else year_of(f"{digits:02}")
-        if full is None or not MIN_YEAR <= full <= MAX_YEAR:
-            return None
-        if number is not None:
-            count, start = whole(cells[number]), day_us(full, 1, 1)
-            return start + (count - 1) * 86400e6 if start is not None and count and count <= 366 else None
-        m, d = (1 if place is None else whole(cells[place]) for place in (month, day))
-        return None if m is None or d is None else day_us(full, m, d)
-
-    return parse_day
-
-
-def _clock_parser(
-    column: TimeColumn, places: dict[PartRole, int], decimal: str
-) -> Callable[[Sequence[str]], float | None]:
-    """Microseconds since midnight of a row; 0 where no column holds the clock."""
-    if "clock" in places:
-        clock, parse = places["clock"], CLOCK_PARSERS[column.clock]
-        if column.clock == "h:m:s":
-            return lambda cells: parse_clock(cells[clock], midnight=24)
-        return lambda cells: parse(cells[clock])
-    if "hour" not in places:
-        return lambda _: 0.0
-    hour, minute, second = places["hour"], places.get("minute"), places.get("second")
-
-    def parse_three(cells: Sequence[str]) -> float | None:
-        h, m = whole(cells[hour]), 0 if minute is None else whole(cells[minute])
-        s = 0.0 if second is None else parse_number(cells[second], decimal)
-        # NaN fails the comparison as well.
-        if h is None or m is None or s is None or not (h <= 24 and m <= 59 and 0 <= s < 61):
-            return None
-        return (h * 3600 + m * 60) * 1e6 + round(s * 1e6)
-
-    return parse_three
-
-
-def whole(cell: str) -> int | None:
-    """The number in a cell of digits, `07` or `7.0`; None for anything else."""
-    head, mark, tail = cell.partition(".")
-    if not (head.isascii() and head.isdecimal() and len(head) <= 4) or (mark and tail.strip("0")):
-        return None
-    return int(head)

@@ -14,7 +14,7 @@ from kalscope.errors import BadFile
 from kalscope.recording import LineIssue, Recording
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
 from kalscope.sources.grammar.read_options import DELIMITERS, OPTIONS, ReadOptions, option_words
-from kalscope.sources.reading.period import find_rate, jitter_of, steps_words
+from kalscope.sources.reading.axis import find_rate, jitter_of, steps_words
 from kalscope.sources.reading.sniffer import MAX_COLUMNS
 
 # How a recording was read, as text: one line of summary, warnings, and the account of every line.

@@ -1,7 +1,8 @@
-"""From stamps to the time of the samples: seconds, wraps, bursts, coarse clocks, gaps."""
+"""The time of the samples: the unit of the stamps, the sample period, pauses, wraps, coarse clocks and gaps."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
@@ -10,10 +11,370 @@ import numpy as np
 from kalscope.common.numbers import PERIODS, Array, Indices
 from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.errors import BadSetting
-from kalscope.recording import Assumption, Gaps, RateSource, Timing
+from kalscope.recording import Assumption, Gaps, RateSource, Recording, Stamps, Timing
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.timestamps import TimeColumn
-from kalscope.sources.reading.period import GAP_PERIODS, SampleRate, find_rate, level
+
+# What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
+
+
+GAP_PERIODS = 1.5 * (1 + 1e-6)
+"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
+
+_SOME_STEPS = 200_000
+"""Spread is judged on at most this many steps, evenly chosen."""
+_EVEN = 0.01
+"""Steps this close to each other, as a share of the median step, are even."""
+_MIN_RECURRENCES = 5
+"""Fewest long steps that show whether they come regularly."""
+_REGULAR = 0.35
+"""Eight of ten distances between long steps are this close, as a share of their median, where they are regular."""
+_MAX_BURST_ROWS = 64
+"""More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
+_MAX_BURST_STEP = 0.1
+"""Rows that come slower than this, s, do not come in a burst."""
+_MIN_REPEATS = 0.15
+"""Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly."""
+_FEW_REPEATS = 0.03
+"""Fewer than this are samples that were written twice."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps between stamps, in s, and their most used statistics."""
+
+    all: Array
+    """Each step, shape (n - 1,)."""
+    forward: Array
+    """Each step from the latest stamp so far: going forward again after a step back is not a gap."""
+    median: float
+    """Median positive step, to 9 digits."""
+    even: bool
+    """True where nine of ten steps are alike."""
+
+
+def steps_of(time: Array) -> Steps | None:
+    """The steps of `time`, shape (n,); None where none is positive."""
+    steps = np.diff(time)
+    positive = steps if steps.size and float(steps.min()) > 0 else steps[steps > 0]
+    if positive.size == 0:
+        return None
+    # The stamps were decimal text: 0.02 - 0.01 is 0.01 within 1e-9, not 0.010000000000000002.
+    median = float(f"{np.median(positive):.9g}")
+    forward = steps
+    if float(steps.min()) < 0:
+        forward = time[1:] - np.maximum.accumulate(time)[:-1]
+    some = np.sort(_some(steps))
+    low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
+    return Steps(steps, forward, median, high - low <= _EVEN * median)
+
+
+def is_coarse(steps: Steps) -> bool:
+    """True where stamps repeat because the clock is coarser than the sample period: all its steps are alike."""
+    positive = steps.all[steps.all > 0]
+    repeats = np.flatnonzero(steps.all == 0)
+    share = repeats.size / steps.all.size
+    regular = share >= _FEW_REPEATS and repeats.size >= _MIN_RECURRENCES and _regular(np.diff(repeats))
+    if share < _MIN_REPEATS and not regular:
+        return False
+    tick = steps.median
+    alike = np.count_nonzero(np.abs(positive - tick) <= 0.25 * tick)
+    longer = np.count_nonzero(positive > 1.25 * tick)
+    # Where each step of the clock holds many samples, a short record has few steps, and pauses are many among them.
+    pauses = (0.15 if regular and share >= 0.7 else 0.05) * positive.size + (6 if share >= 0.8 else 2)
+    return bool(alike >= (0.6 if share >= 0.8 else 0.8) * positive.size and longer <= pauses)
+
+
+def one_sample_a_step(steps: Steps, share: float = 0.8) -> bool:
+    """True where a share of the steps is near the median one, or all are its multiples: samples were lost."""
+    median, usual = steps.median, steps.all
+    near = np.count_nonzero((usual >= 0.5 * median) & (usual <= GAP_PERIODS * median))
+    if near >= share * usual.size:
+        return True
+    multiples = _some(usual[usual > 0]) / median
+    few_back = bool(np.count_nonzero(usual <= 0) <= 0.05 * usual.size)
+    return few_back and bool(np.mean(np.abs(multiples - np.rint(multiples)) <= 0.15) >= 0.95)
+
+
+def long_steps_recur(steps: Steps) -> bool:
+    """True where long steps come so regularly that they show how rows are delivered, not that some are missing."""
+    where = np.flatnonzero(steps.forward > GAP_PERIODS * steps.median)
+    if where.size < _MIN_RECURRENCES:
+        return False
+    rows = np.diff(where)
+    sleeps = steps.median >= _MAX_BURST_STEP and float(np.median(steps.forward[where])) >= 3 * steps.median
+    return _regular(rows) and float(np.median(rows)) <= _MAX_BURST_ROWS and not sleeps
+
+
+def _regular(rows: Indices) -> bool:
+    low, middle, high = np.quantile(rows, (0.1, 0.5, 0.9))
+    return bool(high - low <= max(1.0, _REGULAR * middle))
+
+
+def _some(steps: Array) -> Array:
+    return steps[:: max(1, steps.size // _SOME_STEPS)]
+
+
+# Pauses: long steps that no later row makes up for. Without them one line goes through all stamps.
+
+
+_MAX_LATE_ROWS = 1024
+"""A delivery that is later than this many samples is a pause."""
+
+
+def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float, rows: int) -> Indices:
+    """Those of the long steps that no later row makes up for, as a late delivery is made up for.
+
+    The rows after a late delivery come faster than the samples were taken. After a pause all rows are later: also
+    the one by which as many rows have come as were due.
+
+    Args:
+        time: Stamps in s, shape (n,).
+        steps: Length of each step in s, shape (n - 1,).
+        candidates: Steps to be judged, from 0 and in rising order, shape (k,).
+        period: Sample period in s.
+        rows: How many rows hold a usual delivery: at least so many are waited for.
+    """
+    time = np.maximum.accumulate(time)  # a row that is out of order makes up for nothing
+    due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, max(rows, _MAX_LATE_ROWS)).astype(np.int64)
+    last = np.minimum(candidates + 1 + due, len(time) - 1)
+    late = time[last] - time[candidates] - period * (last - candidates)
+    return candidates[late > 0.5 * (steps[candidates] - period)]
+
+
+# The sample period: robust against jitter, bursts, coarse clocks, pauses and lost samples.
+#
+# A line through the stamps against the sample number is not bent by stamps that are late for a while: rows that
+# come in bursts, and clocks that show whole seconds, have its slope. After a pause it goes on at another level.
+
+
+_SANE = (1e-100, 1e100)
+"""Steps and stamps in s whose squares are still numbers."""
+_NO_PAUSES = np.zeros(0, dtype=np.int64)
+_ON_GRID = 0.02
+"""Steps and stamps that miss the even grid by this share of the usual step are on it."""
+_MIN_CHANGES = 3
+"""Fewest changes of a coarse clock that show its rate."""
+_MIN_BLOCKS, _BLOCKS = 8, 32
+"""The error of a rate is judged by how much it differs between parts of the recording."""
+_STEADY = 0.1
+"""Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily."""
+_BURST_SHARE = 2 / 3
+"""Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
+
+
+@dataclass(frozen=True)
+class SampleRate:
+    """What the stamps say about the sampling."""
+
+    stamps: Stamps
+    """Their pattern."""
+    period: float
+    """Sample period in s."""
+    error: float
+    """Standard error of the period in s; 0 for even stamps, inf where it is not known."""
+    pauses: Indices
+    """Samples, from 0, after each of which samples are missing."""
+    steps: Steps
+    """The steps between the stamps."""
+    longest: float
+    """The longest usual step in s: that of a coarse clock, the time between two deliveries, or the period."""
+    runs: Indices
+    """How many pauses and steps back are before each sample, shape (n,)."""
+
+
+_Guess = tuple[Stamps, float, float, float]
+"""A first guess that shows which steps are pauses: the pattern, the period, the longest usual step and the shortest
+that may be a pause, s."""
+
+
+def find_rate(time: Array) -> SampleRate | None:
+    """Sample period and pauses of the stamps `time` in s, shape (n,); None where no step is positive."""
+    steps = steps_of(time)
+    if steps is None:
+        return None
+    # There may be no scale at which the rows come steadily: the usual step is all that is known.
+    runs = np.zeros(len(time), dtype=np.int64)
+    unsteady = SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, steps, steps.median, runs)
+    if not (_SANE[0] < steps.median and float(np.max(np.abs(time))) < _SANE[1]):
+        return unsteady
+    if not is_coarse(steps) and _is_modal(time, steps):
+        return replace(unsteady, error=0.0)
+    guess = _guess(time, steps)
+    return unsteady if guess is None else _fitted(time, steps, guess)
+
+
+def _is_modal(time: Array, steps: Steps) -> bool:
+    """True where most steps are alike and a few short ones make up for longer ones, or lie between the others.
+
+    So many usual steps explain the span, and hardly any is near the usual one, which would be jitter. Only where
+    rows lie between those of an even grid that is full are there more of them.
+    """
+    usual, slots = steps.median, float(time[-1] - time[0]) / steps.median
+    mean = slots / steps.all.size
+    if steps.even or mean > 1.05:
+        return False
+    off = np.abs(steps.all - usual)
+    exact, near = (float(np.mean(off <= share * usual)) for share in (_ON_GRID, 0.5))
+    if exact < 0.5 or mean >= 0.98:
+        return exact >= 0.5 and near - exact <= 0.1 and bool(np.mean(steps.all < 0.5 * usual) > 0.02)
+    rows = (time - time[0]) / usual
+    on_grid = np.count_nonzero(np.abs(rows - np.rint(rows)) <= _ON_GRID)
+    return steps.forward is steps.all and bool(on_grid >= 0.95 * slots)
+
+
+def _guess(time: Array, steps: Steps) -> _Guess | None:
+    median, recur = steps.median, long_steps_recur(steps)
+    if steps.even and not recur:
+        usual = steps.all[(steps.all >= 0) & (steps.all <= GAP_PERIODS * median)]
+        # The few steps that differ may show that the true period is another one.
+        if abs(float(usual.mean()) - median) <= 0.005 * median:
+            return "even", median, median, GAP_PERIODS * median
+    if is_coarse(steps):
+        changes = np.flatnonzero(steps.all > 0)
+        period = median * (changes.size - 1) / max(1, int(changes[-1] - changes[0])) if changes.size > 1 else median
+        return "coarse", period, median, max(GAP_PERIODS * median, median + 2 * period)
+    near = steps.all[np.abs(steps.all - median) <= 0.5 * median]
+    jitter = float(np.std(near)) if near.size else 0.0
+    single: _Guess = ("uneven", median, median, max(GAP_PERIODS * median, median + 5 * jitter))
+    if not recur and one_sample_a_step(steps):
+        return single
+    scale = _steady_scale(time)
+    if scale is None:
+        return single if one_sample_a_step(steps, 0.5) else None
+    period, rows = scale
+    whole = steps.all[: steps.all.size // rows * rows].reshape(-1, rows)
+    usual = max(float(np.median(whole.max(axis=1))), period)
+    return "bursts", period, usual, 2.5 * usual
+
+
+def _steady_scale(time: Array) -> tuple[float, int] | None:
+    """(period, rows): the fewest rows, a power of 2, whose mean stamps come steadily, and their spacing per row.
+
+    Where none do, those that come most steadily, if they do so at all.
+    """
+    means, rows = time, 1
+    best, least = None, 0.35
+    while len(means) > 2 * _MIN_BLOCKS:
+        half = len(means) // 2
+        means, rows = (means[0 : 2 * half : 2] + means[1 : 2 * half : 2]) / 2, 2 * rows
+        spacing = np.diff(means) / rows
+        low, middle, high = np.quantile(spacing, (0.25, 0.5, 0.75))
+        if middle <= 0 or high - low >= least * middle:
+            continue
+        long = spacing > GAP_PERIODS * middle
+        pauses = np.count_nonzero(np.diff(long.astype(np.int8)) == 1) + int(long[0])
+        few = pauses < 5 or float(spacing[long].sum()) <= 0.5 * float(spacing[spacing > 0].sum())
+        near = np.count_nonzero(np.abs(spacing - middle) <= 0.5 * middle)
+        if few and near >= 0.75 * spacing.size:
+            best, least = (float(middle), rows), float((high - low) / middle)
+            if least <= _STEADY:
+                break
+    return best
+
+
+def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
+    """Refine the guess: take its pauses and the steps back out, then fit a line to the stamps."""
+    stamps, period, usual, shortest_pause = guess
+    candidates = np.flatnonzero(steps.forward > shortest_pause)
+    pauses = lasting_steps(time, steps.all, candidates, period, max(4, math.ceil(2 * usual / period)))
+    back = np.flatnonzero(steps.all < -2 * usual) if steps.forward is not steps.all else _NO_PAUSES
+    runs = np.zeros(len(time), dtype=np.int64)
+    runs[pauses + 1] = 1
+    runs[back + 1] = 1
+    runs = np.cumsum(runs)
+    if stamps == "even":
+        return SampleRate("even", period, 0.0, pauses, steps, usual, runs)
+    slope, late = _line(np.arange(len(time)), time, runs)
+    error = _slope_error(late)
+    # The row at which a coarse clock moves on is exact to a sample; after a pause it may have moved before.
+    moves = steps.all > 0
+    moves[pauses] = False
+    changes = np.flatnonzero(moves) + 1
+    if stamps == "coarse" and changes.size > _MIN_CHANGES:
+        slope, late = _line(changes, time[changes], runs[changes])
+        late = np.diff(late)[np.diff(runs[changes]) == 0]
+        spread = math.sqrt(1.2 * (float(late @ late) + slope**2))
+        error = min(error, spread / max(1.0, float(changes[-1] - changes[0])))
+    if not 0 < slope <= shortest_pause:  # a damaged stamp bends the line beyond all that lies between pauses
+        slope, error = period, math.inf
+    if stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
+        slope = steps.median  # the usual step agrees
+    if stamps == "bursts" and not _in_bursts(steps, pauses, slope):
+        stamps = "uneven"
+    return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, steps, usual, runs)
+
+
+def level(values: Array, runs: Indices) -> Array:
+    """The mean of the run of each value, shape (n,)."""
+    starts = np.flatnonzero(np.diff(runs, prepend=-1))
+    sizes = np.diff(np.append(starts, len(runs)))
+    origin = values[starts]
+    means = origin + np.add.reduceat(values - np.repeat(origin, sizes), starts) / sizes
+    return np.repeat(means, sizes)
+
+
+def _line(x: Indices, time: Array, runs: Indices) -> tuple[float, Array]:
+    """The common slope of the lines through the stamps of each run, and how late each stamp is."""
+    number, time = (values - level(values, runs) for values in (x.astype(np.float64), time))
+    spread = float(number @ number)
+    slope = float(number @ time) / spread if spread else 0.0
+    return slope, time - slope * number
+
+
+def _slope_error(late: Array) -> float:
+    """Standard error of the slope in s, by how much it differs between parts of the recording; inf if unknown."""
+    steps = len(late) - 1
+    rows = max(1, steps // _BLOCKS)
+    parts = np.diff(late[: len(late) // rows * rows].reshape(-1, rows).mean(axis=1))
+    if parts.size < 2:
+        return math.inf
+    # Means of blocks of a random walk differ by 2/3 of what its end points do; a line through it loses 1.2.
+    return math.sqrt(1.2 * 1.5 * float(np.var(parts, ddof=1)) / (rows * steps))
+
+
+def _in_bursts(steps: Steps, pauses: Indices, period: float) -> bool:
+    usual = np.ones(steps.all.size, dtype=bool)
+    usual[pauses] = False
+    passing = steps.all[usual & (steps.all > 0)]
+    return float(passing[passing > GAP_PERIODS * period].sum()) > _BURST_SHARE * float(passing.sum())
+
+
+# How much the steps of a recording vary: its rate with that jitter, for the screen.
+
+
+MIN_JITTER = 0.005
+"""Steps that vary by a smaller share of the sample period are called even."""
+
+
+def jitter_of(recording: Recording) -> float:
+    """Standard deviation of the steps as a share of the sample period, pauses left out; 0 where they are even.
+
+    It reads every stamp, so call it once per recording. Only uneven stamps have a jitter: bursts and coarse clocks
+    were placed evenly, and a rate that the user chose has none.
+    """
+    period, timing = recording.sample_period, recording.report.timing
+    if period is None or timing is None or timing.stamps != "uneven" or timing.source == "option":
+        return 0.0
+    steps = np.diff(recording.time)
+    steps = steps[steps > 0.0]
+    usual = len(steps) - timing.pauses  # the longest steps are the pauses
+    if recording.gaps == "missing" or not 0 < usual < len(steps):  # rows were put into the pauses, or there is none
+        usual = len(steps)
+    return float(np.partition(steps, usual - 1)[:usual].std()) / period
+
+
+def rate_words(period: float | None, jitter: float) -> str:
+    """The rate of one sample every `period` s: "100 Hz", "13.4 Hz, steps ± 12 %", or that it is unknown."""
+    if period is None:
+        return "sample rate unknown"
+    return sample_rate(period) + steps_words(jitter)
+
+
+def steps_words(jitter: float) -> str:
+    """What follows a rate: ", steps ± 12 %"; "" where the steps are even."""
+    return f", steps ± {percent(jitter)}" if jitter >= MIN_JITTER else ""
+
 
 # Seconds from the stamps of a column, their unit by magnitude, and the nominal period.
 
@@ -83,12 +444,6 @@ def _are_seconds_in_days(stamps: Array) -> bool:
 _NEIGHBOURS = {"s": ("ms",), "ms": ("s", "us"), "us": ("ms", "ns"), "ns": ("us",)}
 
 
-def is_epoch(stamps: Array, unit: str) -> bool:
-    """True where numeric stamps count from 1970: the first one lies between 2001 and 2100."""
-    scale = SECONDS_PER_UNIT[unit]
-    return scale <= 1.0 and 1e9 <= float(stamps[0]) * scale < 4.2e9
-
-
 def to_seconds(
     stamps: Array, column: TimeColumn, start: float | None = None, *, stated: bool = False
 ) -> tuple[Array, str]:
@@ -97,53 +452,50 @@ def to_seconds(
     Calendar and epoch stamps count from the first sample; others, years among them, as the source counts them:
     their second 0 is `start`, in s since 1970, where that is known. Their unit may be `stated` by the file.
     """
+    first = float(stamps[0])
     if column.kind == "calendar":
-        first = date_text(float(stamps[0]) * 1e-6)
-        return (stamps - stamps[0]) / 1e6, f"time counts from the first stamp, {first}"
+        return (stamps - first) / 1e6, f"time counts from the first stamp, {date_text(first * 1e-6)}"
     if column.kind == "clock":
         # A clock that jumps back by more than half a turn has wrapped.
-        turn = column.turn_s
-        turns = np.cumsum(np.diff(stamps, prepend=stamps[0]) < -0.5e6 * turn) if turn else np.zeros(len(stamps))
-        seconds = (stamps - stamps[0]) / 1e6 + turn * turns
-        clock = timedelta(microseconds=float(stamps[0]))
-        what = "midnight" if turn == 86400.0 else "the hour"
+        turn_s = column.turn_s
+        turns = np.cumsum(np.diff(stamps, prepend=first) < -0.5e6 * turn_s) if turn_s else np.zeros(len(stamps))
+        what = "midnight" if turn_s == 86400.0 else "the hour"
         passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
-        return seconds, f"time counts from the first stamp, {clock} on the clock{passed}"
+        clock = timedelta(microseconds=first)
+        said = f"time counts from the first stamp, {clock} on the clock{passed}"
+        return (stamps - first) / 1e6 + turn_s * turns, said
     unit = column.unit or unit_by_magnitude(stamps)
-    scale = SECONDS_PER_UNIT[unit]
-    others = "" if stated or is_epoch(stamps, unit) else _otherwise(stamps, unit)
-    said = f"read as {unit}"
+    scale, others = SECONDS_PER_UNIT[unit], ""
+    # 2001 to 2100
+    day_of_1970 = (
+        _day_of_1970(stamps) if unit == "day" else 0.0 if scale <= 1 and 1e9 <= first * scale < 4.2e9 else None
+    )
+    said = f"stamps are read as {unit}"
     if not stated:
+        others = _otherwise(stamps, unit) if day_of_1970 is None else ""
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
-    if unit == "year":
-        return stamps * scale, f"stamps are {said}"
-    day_of_1970 = _day_of_1970(stamps) if unit == "day" else None
     if day_of_1970 is not None:
-        first = date_text((float(stamps[0]) - day_of_1970) * scale)
-        # The last of their digits is 10 µs and more.
-        since = ((stamps - stamps[0]) * scale).round(3)
-        return since, f"stamps are {said}; time counts from {first}"
-    if is_epoch(stamps, unit):
-        first = date_text(float(stamps[0]) * scale)
-        return _scaled(stamps - stamps[0], scale), f"stamps are {said} since 1970; time counts from {first}"
-    counted = "" if start is None else f"; time counts from {date_text(start)}"
-    said = f"stamps are {said}{counted}"
-    return _scaled(stamps, scale), Assumption(said) if others else said
+        said += (
+            f"{' since 1970' if scale <= 1 else ''}; time counts from {date_text((first - day_of_1970) * scale)}"
+        )
+        stamps = stamps - first
+    elif start is not None:
+        said += f"; time counts from {date_text(start)}"
+    # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
+    seconds: Array = stamps / round(1 / scale) if scale < 1 else stamps * scale
+    if day_of_1970 is not None and unit == "day":
+        seconds = seconds.round(3)  # the last of their digits is 10 µs and more
+    return seconds, Assumption(said) if others else said
 
 
 def _otherwise(stamps: Array, unit: str) -> str:
     """The rate in the unit and in the others that whole stamps may have: "0.5 Hz; 500 Hz with --time-unit us"."""
     step = _median_step(stamps[:100_000])
-    if step < 2 or not bool(np.all(stamps[:1000] == np.floor(stamps[:1000]))):
+    if step < 2 or unit not in _NEIGHBOURS or np.any(stamps[:1000] % 1):
         return ""
-    rates = {other: sample_rate(step * SECONDS_PER_UNIT[other]) for other in ("s", "ms", "us", "ns")}
-    others = [f"{rates[other]} with --time-unit {other}" for other in _NEIGHBOURS.get(unit, ())]
-    return f"{rates[unit]}; {', '.join(others)}" if others else ""
-
-
-def _scaled(stamps: Array, scale: float) -> Array:
-    # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
-    return stamps / round(1 / scale) if scale < 1 else stamps if scale == 1 else stamps * scale
+    rates = {other: sample_rate(step * SECONDS_PER_UNIT[other]) for other in (unit, *_NEIGHBOURS[unit])}
+    others = [f"{rates[other]} with --time-unit {other}" for other in _NEIGHBOURS[unit]]
+    return f"{rates[unit]}; {', '.join(others)}"
 
 
 def times(count: int) -> str:
@@ -273,53 +625,37 @@ def with_words(timing: Timing, stated: float | None, gaps: Gaps, n: int) -> Timi
         gaps: How gaps are to be read.
         n: Samples, the missing ones left out.
     """
-    notes = [*_about_stamps(timing), *_about_stated(timing, stated), *_about_pauses(timing, gaps, n)]
-    return replace(timing, summary=_summary(timing), notes=tuple(notes))
-
-
-def _summary(timing: Timing) -> str:
     if timing.period is None:
-        return ""
-    rate = sample_rate(timing.period)
-    if timing.source == "option":
-        return f"{rate} as requested"
-    if timing.source == "file":
-        return f"{rate} as stated in the file"
-    return f"{rate}{_STAMPS[timing.stamps]}{_sure(timing)}"
+        return timing
+    sure = f", standard error {percent(timing.error)}" if timing.error and timing.error > _SURE else ""
+    how = {"option": " as requested", "file": " as stated in the file"}
+    notes = [*_about_stamps(timing, sure, stated), *_about_pauses(timing, gaps, n)]
+    summary = sample_rate(timing.period) + (how.get(timing.source) or f"{_STAMPS[timing.stamps]}{sure}")
+    return replace(timing, summary=summary, notes=tuple(notes))
 
 
-def _sure(timing: Timing) -> str:
-    error = timing.error
-    return f", standard error {percent(error)}" if error is not None and error > _SURE else ""
-
-
-def _about_stamps(timing: Timing) -> list[str]:
-    if timing.stamps_period is None:
+def _about_stamps(timing: Timing, sure: str, stated: float | None) -> list[str]:
+    own = timing.stamps_period
+    if own is None:
         return []
-    rate = f"{sample_rate(timing.stamps_period)}{_sure(timing)}"
+    rate, notes = f"{sample_rate(own)}{sure}", list[str]()
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        return [f"{clock}: samples were placed evenly between its steps, {rate}"]
-    if timing.stamps == "bursts":
-        return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
-    if timing.error is None:
-        period = f"{timing.stamps_period:.6g} s"
-        return [f"the stamps show no steady rate: the sample period, {period}, is the median step"]
-    return [f"the stamps are uneven, {rate}"] if timing.stamps == "uneven" else []
-
-
-def _about_stated(timing: Timing, stated: float | None) -> list[str]:
-    own = timing.stamps_period
-    if stated is None or own is None or timing.source == "option":
-        return []
-    if timing.source == "file":
-        return [f"the sample rate is the one that the file gives, {sample_rate(stated)}"]
-    if abs(stated - own) <= _ALIKE * own:
-        return []
-    return [
-        f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the stamps"
-        " were used; --rate chooses the other"
-    ]
+        notes = [f"{clock}: samples were placed evenly between its steps, {rate}"]
+    elif timing.stamps == "bursts":
+        notes = [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
+    elif timing.error is None:
+        notes = [f"the stamps show no steady rate: the sample period, {own:.6g} s, is the median step"]
+    elif timing.stamps == "uneven":
+        notes = [f"the stamps are uneven, {rate}"]
+    if stated is not None and timing.source == "file":
+        notes.append(f"the sample rate is the one that the file gives, {sample_rate(stated)}")
+    elif stated is not None and timing.source == "stamps" and abs(stated - own) > _ALIKE * own:
+        notes.append(
+            f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the"
+            " stamps were used; --rate chooses the other"
+        )
+    return notes
 
 
 def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
@@ -327,20 +663,17 @@ def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
         return []
     found = "a gap" if timing.pauses == 1 else f"{timing.pauses} gaps"
     said = f"time has {found}, first after sample {timing.first_pause}, the longest {timing.longest_pause:.6g} s"
-    if gaps != "rows":
-        return [said]
     rows = f"{count(timing.missing)} {'row' if timing.missing == 1 else 'rows'}"
+    advice = f"--gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"
     if timing.missing > n:
-        return [
-            f"{said}; read it with --gaps dt (elapsed time): --gaps missing would add {rows} of missing samples"
-        ]
-    return [f"{said}; read it with --gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"]
+        advice = f"--gaps dt (elapsed time): --gaps missing would add {rows} of missing samples"
+    return [f"{said}; read it with {advice}" if gaps == "rows" else said]
 
 
 # From stamps to the time of the samples: wraps are undone, steps are judged, every decision is noted.
 
 
-_COUNTERS = {2.0**16: "16-bit counter", 2.0**32: "32-bit counter (millis() or micros())"}
+_COUNTERS = {1 << 16: "16-bit counter", 1 << 32: "32-bit counter (millis() or micros())"}
 
 
 @dataclass(frozen=True)
@@ -390,19 +723,24 @@ def read_time(
         start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
     """
     given = given or GivenPeriod()
-    notes, stated = list[str](), ""
+    notes, stated, unit_words = list[str](), True, ""
     if column.kind == "number":
         stamps, notes = unwrap(stamps)
-        stated = unit or column.unit
-        column = replace(column, unit=stated or unit_by_magnitude(stamps))
-    time, how = to_seconds(stamps, column, start, stated=column.kind != "number" or bool(stated))
+        stated = bool(unit or column.unit)
+        column = replace(column, unit=unit or column.unit or unit_by_magnitude(stamps))
+        unit_words = (
+            column.unit + ("s" if column.unit in ("day", "year") else "") + ("" if stated else " (assumed)")
+        )
+    time, how = to_seconds(stamps, column, start, stated=stated)
     rate = find_rate(time)
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
-    if rate is None:
-        return _without_rate(time, given, backward, notes)
+    if rate is None:  # all stamps are one step of a coarse clock, or they step back
+        axis = counted_time(len(time), given, float(time[0]))
+        time = axis.time if given.file and len(time) > 1 and not backward else time
+        return replace(axis, time=time, backward=backward, notes=(*notes, *axis.notes))
     if (why := _no_time(rate)) is not None:
         axis = counted_time(len(time), given)
         return replace(axis, notes=(*notes, Assumption(f"{why}: the samples were counted"), *axis.notes))
@@ -412,12 +750,7 @@ def read_time(
     elif given.option is not None:
         pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
     timing = with_words(_timing(time, rate, pauses, given), given.file, gaps, len(time))
-    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), _unit_words(column, stated))
-
-
-def _unit_words(column: TimeColumn, stated: str) -> str:
-    unit = f"{column.unit}s" if column.unit in ("day", "year") else column.unit
-    return "" if column.kind != "number" else f"{unit}{'' if stated else ' (assumed)'}"
+    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), unit_words)
 
 
 def _no_time(rate: SampleRate) -> str | None:
@@ -455,16 +788,12 @@ def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float |
     return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, (*notes, *timing.notes))
 
 
-def _without_rate(time: Array, given: GivenPeriod, backward: int, notes: list[str]) -> TimeAxis:
-    """Time whose stamps never rise: all are one step of a coarse clock, unless it steps back."""
-    axis = counted_time(len(time), given, float(time[0]))
-    if given.file and len(time) > 1 and not backward:
-        time = axis.time
-    return replace(axis, time=time, backward=backward, notes=(*notes, *axis.notes))
-
-
 def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) -> Timing:
-    period, source = _chosen(rate, given)
+    period, source = rate.period, "stamps"
+    if given.option is not None:
+        period, source = given.option, "option"
+    elif given.file is not None and _supports(rate, given.file):
+        period, source = given.file, "file"
     steps = time[pauses + 1] - time[pauses]
     return Timing(
         stamps=rate.stamps,
@@ -478,15 +807,6 @@ def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) 
         longest_pause=float(steps.max(initial=0.0)),
         resolution=rate.longest if rate.stamps == "coarse" else None,
     )
-
-
-def _chosen(rate: SampleRate, given: GivenPeriod) -> tuple[float, RateSource]:
-    """The period that is used, and its source."""
-    if given.option is not None:
-        return given.option, "option"
-    if given.file is not None and _supports(rate, given.file):
-        return given.file, "file"
-    return rate.period, "stamps"
 
 
 def _supports(rate: SampleRate, stated: float) -> bool:
@@ -511,22 +831,18 @@ def unwrap(stamps: Array) -> tuple[Array, list[str]]:
     anywhere, and stays a step back.
     """
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
-    if back.size == 0 or stamps.min() < 0 or not bool(np.all(stamps == np.floor(stamps))):
+    size = next((size for size in _COUNTERS if back.size and stamps.min() >= 0 and stamps.max() < size), 0)
+    if not size or np.any(stamps % 1):
         return stamps, []
-    steps = np.diff(stamps)
-    forward = steps[steps > 0]
-    usual = 50 * max(float(np.median(forward)), 1.0) if forward.size else 0.0
-    for size, name in _COUNTERS.items():
-        if stamps.max() >= size:
-            continue
-        over = steps[back] + size
-        wraps = back[(over > 0) & (over <= min(usual, size / 4))]
-        if wraps.size:
-            turns = np.zeros(len(stamps))
-            turns[wraps + 1] = 1
-            said = f"the stamps wrap {times(wraps.size)}, like a {name}, and were unwrapped"
-            return stamps + size * np.cumsum(turns), [said]
-    return stamps, []
+    over = stamps[back + 1] - stamps[back] + size
+    wraps = back[over <= min(50 * _median_step(stamps), size / 4)]
+    if not wraps.size:
+        return stamps, []
+    turns = np.zeros(len(stamps))
+    turns[wraps + 1] = size
+    return stamps + np.cumsum(turns), [
+        f"the stamps wrap {times(wraps.size)}, like a {_COUNTERS[size]}, and were unwrapped"
+    ]
 
 
 def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:

@@ -27,8 +27,7 @@ from kalscope.sources.grammar.cells import (
     words,
 )
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.grammar.stamps import MONTHS, is_stamp, is_weekday
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, is_stamp, is_weekday, month_of
 from kalscope.sources.reading.preface import Preface, find_preface
 
 # Lines that differ in their digits only: the first few of each shape are judged for all of them.
@@ -511,7 +510,7 @@ def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cell
     is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
     if not rest or len(rows) < _MIN_KEYED_ROWS or not (role == "text" or (named and role == "channel" and is_code)):
         return False
-    is_date = not named and all(key.lower() in MONTHS or is_weekday(key) for key in keys[:7])
+    is_date = not named and all(month_of(key) or is_weekday(key) for key in keys[:7])
     count = len(set(keys))
     if is_date or any(map(is_stamp, keys[:4])) or "" in keys or not 2 <= count <= min(_MAX_KEYS, len(rows) // 4):
         return False

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
+from itertools import product, takewhile
 
 import numpy as np
 
@@ -14,17 +15,20 @@ from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.grammar.stamps import CLOCK_PARSERS, ClockForm
 from kalscope.sources.grammar.timestamps import (
-    MAX_YEAR,
-    MIN_YEAR,
+    CLOCK_PARSERS,
+    DAY_US,
+    MAX_BACK,
+    MIN_EVEN,
+    PART_RANGES,
+    ClockForm,
     PartRole,
     TimeColumn,
     TimeName,
     find_stamp_form,
+    in_order_is_even,
+    judge,
     row_stamp_parser,
-    stamp_parser,
-    whole,
 )
 from kalscope.sources.reading.columns import Cells, Column
 
@@ -47,15 +51,11 @@ _FILLERS = words(
     """
     in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
     sampling record recorded recording measurement logger log formatted total boot iso iso8601
+    hh mm ss
     """
 )
 # Other words for a unit are also quantities or counts: h, d, min, hour.
-_LONE_UNITS = words(
-    """
-    s sec secs second seconds ms msec millis millisecond milliseconds us µs μs usec micros microsecond microseconds
-    ns nsec nanos nanosecond nanoseconds
-    """
-)
+_LONE_UNITS = {word for word, unit in UNIT_OF_WORD.items() if unit in ("s", "ms", "us", "ns")}
 _RISING_UNITS = words("day days year years yr hours minutes mins")
 _WORD = re.compile(r"[^\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -71,7 +71,9 @@ def time_name(column: Column) -> TimeName:
     if len(name) == 1 and name.isupper() and not unit:
         return TimeName(0)
     said = [word.lower() for word in _WORD.findall(_CAMEL.sub(" ", name))]
-    unit = unit or _unit_of(said)
+    # The last word that is a unit; a single letter only at the end.
+    units = [word for word in (*(word for word in said[:-1] if len(word) > 1), *said[-1:]) if word in UNIT_OF_WORD]
+    unit = unit or ("s" if "m:s" in name.lower() else UNIT_OF_WORD[units[-1]] if units else "")
     rest = [word for word in said if word not in _FILLERS]
     core = [word for word in rest if word not in UNIT_OF_WORD]
     is_time = any(word in _TIME_WORDS for word in said)
@@ -86,82 +88,6 @@ def time_name(column: Column) -> TimeName:
     elif is_time or (is_alone and rest[0] in _RISING_UNITS):
         strength = 1
     return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
-
-
-def _unit_of(said: list[str]) -> str:
-    """The unit among the words of a name: the last of them that is one; single letters only at the end."""
-    for i in range(len(said) - 1, -1, -1):
-        word = said[i]
-        if word in UNIT_OF_WORD and (len(word) > 1 or i == len(said) - 1):
-            return UNIT_OF_WORD[word]
-    return ""
-
-
-# How well the stamps of a candidate show that they are the time: fill, order, resolution, evenness.
-
-
-_WEIGHT_FILL, _WEIGHT_BACK = 10.0, 20.0
-_WEIGHT_DISTINCT, _WEIGHT_EVEN = 3.0, 1.0
-_EVEN_WITHIN = 0.2
-_COUNTERS = (2.0**16, 2.0**32)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the stamps of the sampled rows show, each as a share of 1."""
-
-    fill: float
-    """Rows whose stamp can be read."""
-    back: float
-    """Of the steps that move, those against the direction of most; a clock that passes midnight moves forward."""
-    distinct: float
-    """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling."""
-    even: float
-    """Steps within a fifth of the median step."""
-    moves: bool
-    """True where any two stamps differ."""
-
-    @property
-    def weight(self) -> float:
-        """Points of a candidate; those for its name and form are added."""
-        lost = _WEIGHT_FILL * (1.0 - self.fill) + _WEIGHT_BACK * self.back
-        return _WEIGHT_DISTINCT * self.distinct + _WEIGHT_EVEN * self.even - lost
-
-
-def judge(stamps: Array, turn: float = 0.0) -> Evidence:
-    """What stamps show.
-
-    Args:
-        stamps: Of the sampled rows, shape (n,), NaN where unreadable.
-        turn: Where a clock wraps to 0, in the unit of the stamps; 0 where it never does.
-    """
-    read = stamps[np.isfinite(stamps)]
-    if not read.size:
-        return Evidence(0.0, 0.0, 0.0, 0.0, moves=False)
-    steps = np.diff(read)
-    for size in (turn,) if turn else _COUNTERS:
-        if float(read.max()) < size:
-            steps = np.where(steps < -size / 2, steps + size, steps)
-    ahead, back = int(np.count_nonzero(steps > 0)), int(np.count_nonzero(steps < 0))
-    sizes = np.abs(steps[steps != 0])
-    usual = float(np.median(sizes)) if sizes.size else 0.0
-    even = float(np.mean(np.abs(steps - usual) <= _EVEN_WITHIN * usual)) if sizes.size else 0.0
-    share = min(ahead, back) / max(ahead + back, 1)
-    if share > _MAX_BACK and _in_order_is_even(read):
-        share = _MAX_BACK
-    return Evidence(
-        fill=read.size / stamps.size,
-        back=share,
-        distinct=np.count_nonzero(steps) / max(steps.size, 1) if steps.size else 1.0,
-        even=even,
-        moves=bool(sizes.size),
-    )
-
-
-def _in_order_is_even(stamps: Array) -> bool:
-    """True for even stamps whose rows are out of order."""
-    steps = np.diff(np.sort(stamps))
-    return bool(np.mean(np.abs(steps - np.median(steps)) < _EVEN_WITHIN * np.median(steps)) > _MIN_EVEN)
 
 
 def is_since_1970(stamps: Array) -> bool:
@@ -184,14 +110,10 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
 }
 _EPOCH, _MAX_US = datetime(1970, 1, 1), 6e16  # 1 to 3871: within the calendar of datetime
 _IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second")
-_RANGES: tuple[tuple[int, int], ...] = (
-    (MIN_YEAR + 100, MAX_YEAR - 100),
-    (1, 12),
-    (1, 31),
-    (0, 23),
-    (0, 59),
-    (0, 60),
-)
+_NUMBERED: tuple[PartRole, ...] = ("year", "day of year", "month", "day", "hour", "minute")
+_PART_ABOVE: dict[PartRole, PartRole] = {"minute": "hour", "second": "minute", "day": "month"}
+_PLACE_OF_PART: dict[PartRole, int] = {**{role: i for i, role in enumerate(_IN_ORDER)}, "day of year": 7}
+"""Index of each part in `datetime.timetuple()`."""
 
 
 def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
@@ -199,8 +121,8 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
     places: dict[PartRole, int] = {}
     for i, column in enumerate(columns):
         role = _role(column.name, places)
-        if role is not None and role not in places:
-            places[role] = i
+        if role is not None:
+            places.setdefault(role, i)
     if "year" not in places or not {"month", "day of year"} & places.keys():
         return None
     clock = None
@@ -208,72 +130,39 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
         clock = clock_form([row[places["clock"]] for row in rows])
     if clock is None:
         places.pop("clock", None)
+    # No part counts without the one above it.
     kept: tuple[tuple[PartRole, int], ...] = tuple(
-        (role, i) for role, i in places.items() if _belongs(role, places)
+        (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
     )
     return TimeColumn(places["year"], "calendar", clock=clock or "h:m:s", parts=kept)
 
 
 def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
-    """Columns beside each other that hold a year, perhaps the day of the year, month, day, hour and minute.
+    """Columns beside each other that hold a year, perhaps the day of the year, a month, a day and an hour.
 
-    Five columns of whole numbers, each in its range, with a year in front, are hardly anything else; nor are four
-    whose stamps never step back.
+    Four columns of whole numbers, each in its range, with a year in front, whose stamps hardly ever step back, are
+    hardly anything else.
     """
-    width = min(map(len, rows), default=0)
-    for first in range(width - 3):
-        for is_numbered in (True, False):
-            places = range(first + is_numbered, first + is_numbered + len(_IN_ORDER))
-            parts: list[tuple[PartRole, int]] = [
-                (role, first if role == "year" else i)
-                for role, i, ends in zip(_IN_ORDER, places, _RANGES, strict=True)
-                if i < width and _in_range(rows, first if role == "year" else i, *ends)
-            ]
-            if tuple(role for role, _ in parts[:4]) != _IN_ORDER[:4]:
+    width = min(map(len, rows), default=0) if len(rows) >= _MIN_ROWS else 0
+    for first, roles in product(range(width - 3), (_NUMBERED, _IN_ORDER)):
+        pairs = zip(roles, range(first, width), strict=False)
+        parts = tuple(takewhile(lambda part: _in_range(rows, *part), pairs))
+        time = TimeColumn(first, "calendar", parts=parts)
+        if len(parts) < 4 or judge(stamps_of(time, rows, ".")).back > _MAX_BACK_WEAK:
+            continue
+        if roles is _NUMBERED:  # the day of the year must agree with the month and the day
+            by_month = replace(time, parts=(parts[0], *parts[2:4]))
+            by_number = replace(time, parts=parts[:2])
+            if not np.array_equal(stamps_of(by_month, rows, "."), stamps_of(by_number, rows, ".")):
                 continue
-            if (
-                len(parts) == 4
-                and judge(stamps_of(TimeColumn(first, "calendar", parts=tuple(parts)), rows, ".")).back
-            ):
-                continue
-            if not is_numbered:
-                return TimeColumn(first, "calendar", parts=tuple(parts))
-            numbered = TimeColumn(first, "calendar", parts=(("year", first), ("day of year", first + 1)))
-            days = row_stamp_parser(numbered, "."), row_stamp_parser(replace(numbered, parts=tuple(parts[:3])), ".")
-            if all(days[0](row) == days[1](row) for row in rows):
-                return replace(numbered, parts=(*numbered.parts, *parts[1:]))
+        return time
     return None
 
 
-def repeated_parts(columns: list[Column], rows: list[Cells], stamps: Array) -> tuple[int, ...]:
-    """Columns that only repeat a part of the time: a year, a month, an hour beside a whole stamp.
-
-    Args:
-        columns: Names and roles.
-        rows: Their cells.
-        stamps: Microseconds since 1970 of the rows, NaN where unreadable, shape (n,).
-    """
-    known = np.flatnonzero(np.abs(stamps) < _MAX_US).tolist()
-    read = [(_EPOCH + timedelta(microseconds=float(stamps[i])), rows[i]) for i in known]
-    found: list[int] = []
-    for i, column in enumerate(columns):
-        part = _PARTS.get(_role(column.name, {}) or "clock")
-        if part is None or column.role != "channel" or not read:
-            continue
-        if all(part(at) == whole(row[i]) for at, row in read):
-            found.append(i)
-    return tuple(found)
-
-
-_PARTS: dict[PartRole, Callable[[datetime], int]] = {
-    "year": lambda at: at.year,
-    "month": lambda at: at.month,
-    "day": lambda at: at.day,
-    "day of year": lambda at: at.timetuple().tm_yday,
-    "hour": lambda at: at.hour,
-    "minute": lambda at: at.minute,
-    "second": lambda at: at.second,
-}
+def _in_range(rows: list[Cells], role: PartRole, index: int) -> bool:
+    low, high = PART_RANGES[role]
+    numbers = (parse_number(row[index]) for row in rows)
+    return all(number is not None and low <= number <= high and number % 1 == 0 for number in numbers)
 
 
 def clock_form(cells: list[str]) -> ClockForm | None:
@@ -286,7 +175,7 @@ def clock_form(cells: list[str]) -> ClockForm | None:
     return None
 
 
-def _role(name: str, places: dict[PartRole, int]) -> PartRole | None:
+def _role(name: str, places: Iterable[PartRole] = ()) -> PartRole | None:
     """The part that a name means; in `YY MM DD hh mm`, `mm` is first the month, then the minute."""
     base = name.partition("(")[0].strip(" #%").lower().replace(" ", "_").replace("-", "_")
     if base == "mm":
@@ -294,46 +183,21 @@ def _role(name: str, places: dict[PartRole, int]) -> PartRole | None:
     return _ROLE_OF_NAME.get(base)
 
 
-def _belongs(role: PartRole, places: dict[PartRole, int]) -> bool:
-    """False for a part without the one above it."""
-    above = {"minute": "hour", "second": "minute", "day": "month"}.get(role)
-    return above is None or above in places
-
-
-def _in_range(rows: list[Cells], index: int, low: int, high: int) -> bool:
-    if len(rows) < 8:
-        return False
-    values = [whole(row[index]) for row in rows]
-    return all(value is not None and low <= value <= high for value in values)
-
-
 # All columns, alone or together, that may be the time, and the points of each.
 
 
-_MAX_BACK, _MAX_BACK_WEAK = 0.25, 0.02
-"""Share of steps back with which numbers may be a time, with a clear name and with a mere hint."""
-_MIN_JUDGED = 8
-"""Rows from which a clear name can be wrong."""
+_MAX_BACK_WEAK = 0.02
+"""Share of steps back with which numbers may be a time where there is a mere hint."""
+_MIN_ROWS = 8
+"""Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
 _MIN_FILL = 0.5
-_DAY_US = 86400e6
 _NEVER = ("row name", "row number", "metadata", "empty")
 
-
-@dataclass(frozen=True)
-class Candidate:
-    """Columns that may be the time."""
-
-    column: TimeColumn
-    """How they are read."""
-    evidence: Evidence
-    """What their stamps show."""
-    points: float
-    """Weight of name, form and evidence."""
+Weighed = tuple[float, TimeColumn]
+"""Columns that may be the time, with their points."""
 
 
-def find_candidates(
-    columns: list[Column], rows: list[Cells], decimal: str, options: ReadOptions
-) -> list[Candidate]:
+def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, options: ReadOptions) -> list[Weighed]:
     """All columns, alone or together, that may be the time, in the order of the file."""
     names = [time_name(column) for column in columns]
     forms: dict[int, TimeColumn] = {}
@@ -343,12 +207,12 @@ def find_candidates(
         if name.strength or column.role == "text" or options.time_format is not None:
             form = find_stamp_form([row[i] for row in rows], decimal, name, options)
             if form is not None and (name.strength or form.kind != "number"):
-                unit = name.unit if form.kind == "number" else ""
+                unit = (form.unit or name.unit) if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
     proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
-    return [candidate for candidate in weighed if _is_plausible(candidate, names, len(rows))]
+    return [one for one in weighed if one is not None]
 
 
 def _joined(
@@ -358,64 +222,50 @@ def _joined(
 
     Digits are a clock (`1800`) only where their name gives no unit: `time_ms` counts milliseconds.
     """
-    dates = [i for i, form in forms.items() if form.kind == "calendar" and _has_days_only(form, rows, decimal)]
-    if not dates:
-        return []
+    days = {i: stamps_of(form, rows, decimal) for i, form in forms.items() if form.kind == "calendar"}
+    days = {i: stamps[np.isfinite(stamps)] for i, stamps in days.items()}
+    days = {i: stamps for i, stamps in days.items() if _are_days(stamps)}
     clocks: dict[int, ClockForm] = {}
-    for i, column in enumerate(columns):
+    for i, column in enumerate(columns if days else ()):
         form = forms.get(i)
-        may_be_digits = (
-            _role(column.name, {}) == "clock" if form is None else form.kind == "number" and not form.unit
-        )
+        may_be_digits = _role(column.name) == "clock" if form is None else form.kind == "number" and not form.unit
         if form is not None and form.kind == "clock" and not form.odd:
             clocks[i] = form.clock
         elif may_be_digits and (digits := clock_form([row[i] for row in rows])):
             clocks[i] = digits
     joined: list[TimeColumn] = []
-    for i in dates:
+    for i, stamps in days.items():
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
         if beside:
-            days = stamps_of(forms[i], rows, decimal)
-            day = float(days[np.isfinite(days)][0])
-            joined.append(
-                replace(forms[i], clock=clocks[beside[0]], parts=(("date", i), ("clock", beside[0])), day=day)
-            )
+            parts: tuple[tuple[PartRole, int], ...] = (("date", i), ("clock", beside[0]))
+            joined.append(replace(forms[i], clock=clocks[beside[0]], parts=parts, day=float(stamps[0])))
     return joined
 
 
-def _has_days_only(form: TimeColumn, rows: list[Cells], decimal: str) -> bool:
-    stamps = stamps_of(form, rows[:50], decimal)
-    read = stamps[np.isfinite(stamps)]
-    return bool(read.size) and bool(np.all(read % _DAY_US == 0))
+def _are_days(stamps: Array) -> bool:
+    return bool(stamps.size) and not (stamps % DAY_US).any()
 
 
-def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decimal: str) -> Candidate:
-    evidence = judge(stamps_of(column, rows, decimal), column.turn_s * 1e6)
-    strength = max(names[i].strength for i in column.indices)
-    return Candidate(column, evidence, evidence.weight + strength + _points_of_form(column, rows, decimal))
+def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decimal: str) -> Weighed | None:
+    """The points of name, form and evidence; None for stamps that never change, are mostly missing or go back.
 
-
-def _points_of_form(column: TimeColumn, rows: list[Cells], decimal: str) -> float:
-    """A date with a clock says most, a bare number least."""
-    if column.kind == "calendar":
-        return 0.75 if _has_days_only(column, rows, decimal) else 1.5
-    if column.kind == "clock":
-        return 0.75
-    if column.unit in ("day", "year"):
-        return -0.5
-    stamps = stamps_of(column, rows[:50], decimal)
-    return 0.75 if column.unit or is_since_1970(stamps[np.isfinite(stamps)]) else 0.0
-
-
-def _is_plausible(candidate: Candidate, names: list[TimeName], count: int) -> bool:
-    """False for a stamp that never changes, is mostly missing, or goes back and forth."""
-    evidence, column = candidate.evidence, candidate.column
+    A date with a clock says most, a bare number least.
+    """
+    stamps = stamps_of(column, rows, decimal)
+    evidence = judge(stamps, column.turn_s * 1e6)
+    stamps = stamps[np.isfinite(stamps)]
     clear = names[column.index].strength == 2
-    if evidence.fill < _MIN_FILL or (count > 1 and not evidence.moves):
-        return False
-    if column.kind != "number" or (clear and count < _MIN_JUDGED):
-        return True
-    return evidence.back <= (_MAX_BACK if clear else _MAX_BACK_WEAK)
+    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.moves):
+        return None
+    if column.kind != "number":
+        form = 1.5 if column.kind == "calendar" and not _are_days(stamps) else 0.75
+    else:
+        if not (clear and len(rows) < _MIN_ROWS) and evidence.back > (MAX_BACK if clear else _MAX_BACK_WEAK):
+            return None
+        form = 0.75 if column.unit or is_since_1970(stamps) else 0.0
+        form = -0.5 if column.unit in ("day", "year") else form
+    strength = max(names[i].strength for i in column.indices)
+    return evidence.weight + strength + form, column
 
 
 def stamps_of(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
@@ -427,10 +277,6 @@ def stamps_of(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
 # Numbers that are the time although no name says it.
 
 
-_MIN_DATES = 8
-"""Fewest rows to recognise dates in digits without a name."""
-_MIN_EVEN = 0.9
-"""Share of alike steps of a ramp that is a time although it is not the first column."""
 _MIN_STEPS_FROM_1970 = 3
 """Steps forward that stamps since 1970 without a name must show; between them they may repeat."""
 
@@ -442,62 +288,40 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
     others = columns[1:] if columns[0].name.lower() == "x" else []
     may_lead = not named or unit or any(column.unit or column.name.lower().startswith("ch") for column in others)
-    table = [[row[i] for row in rows] for i in range(len(columns))]
-    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
-    all_rise = all(bool(np.all(np.diff(_numbers(table[i], decimal)) > 0)) for i in channels)
-    found: list[tuple[int, TimeColumn]] = []
-    for i, cells in enumerate(table):
-        if i in channels and (dated := _dates_in_digits(cells, decimal)):
-            found.append((4, replace(dated, index=i)))
-        elif i == 0 and may_lead and _rises_steadily(cells, decimal):
-            found.append((3, TimeColumn(0, "number", unit)))
-        elif i not in channels:
+    read: dict[int, tuple[TimeColumn, Array]] = {}
+    for i, column in enumerate(columns):
+        form = find_stamp_form([row[i] for row in rows], decimal) if i == 0 or column.role == "channel" else None
+        if form is not None:
+            stamps = stamps_of(replace(form, index=i), rows, decimal)
+            read[i] = replace(form, index=i), stamps[np.isfinite(stamps)]
+    channels = [i for i in read if columns[i].role == "channel"]
+    all_rise = all(bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
+    found: list[Weighed] = []
+    for i, (form, stamps) in read.items():
+        if stamps.size < _MIN_ROWS:
             continue
-        elif not (named or all_rise) and _rises_steadily(cells, decimal, even=_MIN_EVEN):
-            found.append((2, TimeColumn(i, "number")))
-        elif _counts_from_1970(cells, decimal):
-            found.append((1, TimeColumn(i, "number")))
+        rises = bool(np.all(np.diff(stamps) >= 0))
+        if i in channels and form.kind == "calendar" and rises:
+            found.append((4, form))
+        elif i == 0 and may_lead and _is_ramp(stamps):
+            found.append((3, TimeColumn(0, "number", unit)))
+        elif i in channels and not (named or all_rise) and _is_ramp(stamps) and judge(stamps).even >= MIN_EVEN:
+            found.append((2, form))
+        elif i in channels and is_since_1970(stamps) and stamps.size == len(rows):
+            # A burst of samples may share its stamp.
+            steps = int(np.count_nonzero(np.diff(stamps)))
+            if steps >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps)):
+                found.append((1, form))
     return max(found, key=lambda one: one[0], default=(0, None))[1]
 
 
-def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
-    """2024022923, 2024030100: numbers whose steps are even only as dates, and that never step back."""
-    form = find_stamp_form(cells, decimal)
-    if form is None or form.kind != "calendar" or len(cells) < _MIN_DATES:
-        return None
-    parse = stamp_parser(form, decimal)
-    stamps = np.array([stamp for cell in cells if (stamp := parse(cell)) is not None])
-    return form if bool(np.all(np.diff(stamps) >= 0)) else None
-
-
-def _numbers(cells: list[str], decimal: str) -> Array:
-    stamps = np.array([value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells])
-    return stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
-
-
-def _rises_steadily(cells: list[str], decimal: str, even: float = 0.0) -> bool:
-    """True for eight or more rising stamps, a share of them `even`; a counter 0, 1, 2, … is not one."""
-    stamps = _numbers(cells, decimal)
-    if stamps.size < 8 or stamps.size < 0.9 * len(cells):
-        return False
+def _is_ramp(stamps: Array) -> bool:
+    """True for rising stamps; a counter 0, 1, 2, … is not one."""
     steps = np.diff(stamps)
     # Between rows of the head, the middle and the end the steps are longer, also those of a counter.
     few_long = np.count_nonzero(steps > 50 * np.median(steps)) <= max(2, 0.01 * steps.size)
     is_counter = np.count_nonzero(steps != 1) <= min(2, 0.02 * steps.size)
-    return bool(np.all(steps > 0) and few_long and not is_counter) and judge(stamps).even >= even
-
-
-def _counts_from_1970(cells: list[str], decimal: str) -> bool:
-    """True for eight or more rising numbers that are stamps of 2001 to 2100 in s, ms, µs or ns.
-
-    A burst of samples may share its stamp.
-    """
-    if not is_since_1970(_numbers(cells[:8], decimal)):
-        return False
-    stamps = _numbers(cells, decimal)
-    steps = np.diff(stamps)
-    rising = bool(np.all(steps >= 0)) and int(np.count_nonzero(steps)) >= _MIN_STEPS_FROM_1970
-    return rising and stamps.size >= 8 and stamps.size == len(cells)
+    return bool(np.all(steps > 0) and few_long and not is_counter)
 
 
 # Which columns of a log are its time: all candidates are weighed against each other.
@@ -532,9 +356,13 @@ def find_time(
         raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
     if not found:
         return unnamed_time(columns, rows, decimal, named=named)
-    best = max(found, key=lambda candidate: candidate.points)
-    column = replace(best.column, notes=(*best.column.notes, *_about_rival(best, found, columns)))
-    return _with_repeated(column, columns, rows, decimal)
+    points, best = max(found, key=lambda one: one[0])
+    rivals = [one for one in found if not {*one[1].indices} & {*best.indices}]
+    rival = max(rivals, key=lambda one: one[0], default=None)
+    if rival is not None and rival[0] >= points - _CLOSE and (name := columns[rival[1].index].name):
+        note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
+        best = replace(best, notes=(*best.notes, note))
+    return _with_repeated(best, columns, rows, decimal)
 
 
 def chosen_time(
@@ -553,51 +381,42 @@ def chosen_time(
     names = [column.name for column in columns]
     if choice == "none" and "none" not in names:
         return None
-    if isinstance(choice, str):
+    index = choice
+    if isinstance(index, str):
         # As the file writes it, `time [ms]`, or as the report shows it, `time`.
-        alike = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == choice.strip()]
+        alike = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == index.strip()]
         index = alike[0] if alike else -1
-    else:
-        index = choice
     if not 0 <= index < len(columns):
         shown = ", ".join(name or f"column {i}" for i, name in enumerate(names, 1))
         raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
     rows = _sampled(rows)
-    joined = [
-        one
-        for one in find_candidates(columns, rows, decimal, options)
-        if one.column.parts and index in one.column.indices
-    ]
+    found = find_candidates(columns, rows, decimal, options)
+    joined = [one for one in found if one[1].parts and index in one[1].indices]
     if joined:
-        return _with_repeated(max(joined, key=lambda one: one.points).column, columns, rows, decimal)
-    said = time_name(columns[index])
-    cells = [row[index] for row in rows]
-    form = find_stamp_form(cells, decimal, replace(said, strength=2), options)
+        return _with_repeated(max(joined, key=lambda one: one[0])[1], columns, rows, decimal)
+    name, cells = time_name(columns[index]), [row[index] for row in rows]
+    form = find_stamp_form(cells, decimal, replace(name, strength=2), options)
     if form is None:
         example = next(filter(None, cells), "")[:40]
         if options.time_format is not None:
             raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
         raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
-    column = replace(form, index=index, unit=said.unit if form.kind == "number" else "")
+    column = replace(form, index=index, unit=name.unit if form.kind == "number" else "")
     return _with_repeated(column, columns, rows, decimal)
 
 
 def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells], decimal: str) -> TimeColumn:
-    """The time with the columns that only repeat a part of it, which are not channels either."""
-    if column.kind != "calendar":
+    """The time with the columns that only repeat a part of it: a year, a month, an hour beside a whole stamp."""
+    places = {i: _PLACE_OF_PART.get(_role(one.name) or "clock") for i, one in enumerate(columns)}
+    places = {i: place for i, place in places.items() if place is not None and columns[i].role == "channel"}
+    if column.kind != "calendar" or not places:
         return column
-    others = repeated_parts(columns, rows, stamps_of(column, rows, decimal))
-    return replace(column, also=tuple(i for i in others if i not in column.indices))
-
-
-def _about_rival(best: Candidate, found: list[Candidate], columns: list[Column]) -> list[str]:
-    """A sentence about the next best, where it is close and its column has a name."""
-    others = [c for c in found if not {*c.column.indices} & {*best.column.indices}]
-    rival = max(others, key=lambda candidate: candidate.points, default=None)
-    if rival is None or rival.points < best.points - _CLOSE or not columns[rival.column.index].name:
-        return []
-    name = columns[rival.column.index].name
-    return [Assumption(f'the time could also be "{name}": --time-column "{name}"')]
+    stamps = zip(stamps_of(column, rows, decimal).tolist(), rows, strict=True)
+    moments = [((_EPOCH + timedelta(microseconds=at)).timetuple(), row) for at, row in stamps if abs(at) < _MAX_US]
+    also = [
+        i for i, place in places.items() if all(at[place] == parse_number(row[i], decimal) for at, row in moments)
+    ]
+    return replace(column, also=tuple(i for i in also if moments and i not in column.indices))
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:

@@ -10,7 +10,7 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.reading.columns import Column, named_column
-from kalscope.sources.reading.time_columns import chosen_time, find_time
+from kalscope.sources.reading.time_columns import chosen_time, find_time, time_name
 
 N = 60
 START = datetime(2024, 3, 4, 9, 30)
@@ -139,19 +139,21 @@ def test_a_damaged_part_is_no_stamp():
     parse = row_stamp_parser(TimeColumn(0, "calendar", parts=parts), ".")
     row = ["1970", "1", "2", "0", "0", "1.25"]
     assert parse(row) == DAY_US + 1.25e6
+    by_day = TimeColumn(0, "calendar", clock="hhmm", parts=(("year", 0), ("day of year", 1), ("clock", 2)))
+    read = row_stamp_parser(by_day, ".")
+    assert read(["1972", "366", "2400"]) == 3 * 365 * DAY_US + DAY_US
+    for bad in (["1970", "1", "60"], ["1970", "0", "0"], ["170", "1", "0"], ["1970", "1.5", "0"]):
+        assert read(bad) is None
     for i, bad in enumerate(["19x0", "13", "32", "25", "60", "nan"]):
         assert parse([*row[:i], bad, *row[i + 1 :]]) is None
         assert parse([*row[:i], "", *row[i + 1 :]]) is None
 
 
-def test_the_chosen_column_is_read_as_its_name_says():
+def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
     columns, rows = made({"Time in seconds": [str(10 * i) for i in range(N)], "a": NOISE})
     for choice in ("Time in seconds", "Time", 0):
         time = chosen_time(columns, rows, ".", choice, ("Time in seconds", "a"))
         assert (time.kind, time.unit) == ("number", "s")
-
-
-def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
     columns, rows = made({"x": NOISE, "place": ["here"] * N})
     assert chosen_time(columns, rows, ".", "x").index == 0
     assert chosen_time(columns, rows, ".", "none") is None
@@ -172,11 +174,14 @@ def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
 
 
 def test_stamps_since_1970_need_no_name():
-    named = {"x": [str(1551453301000 + 20 * i) for i in range(N)], "a": NOISE}
-    assert name_of(named) == ["x"]
-    assert name_of({"x": [str(15000 + 20 * i) for i in range(N)], "a": NOISE}) == []
-    assert name_of({"x": [str(1551453301000 + 80 * (i // 4)) for i in range(N)], "a": NOISE}) == ["x"]
-    assert name_of({"x": [str(1551453301000 + 80 * (i // N)) for i in range(N)], "a": NOISE}) == []
+    def is_time(stamps):
+        return name_of({"x": [str(stamp) for stamp in stamps], "a": NOISE}) == ["x"]
+
+    assert is_time(1551453301000 + 20 * i for i in range(N))
+    assert is_time(1551453301000 + 80 * (i // 4) for i in range(N))
+    assert is_time(1551453301000 + 20 * (i - i % 10 + 9 - i % 10) for i in range(N))  # pages
+    assert not is_time(15000 + 20 * i for i in range(N))
+    assert not is_time(1551453301000 + 80 * (i // N) for i in range(N))
 
 
 @each("count", [100, 599, 601, 2000])
@@ -201,3 +206,24 @@ def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
     rows = list(zip(stamps(pattern, step), NOISE, strict=True))
     time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
     assert (time.index, time.kind) == (0, "calendar")
+
+
+NAMES = {
+    (2, ""): ("t", "Time (UTC)", "Device Time", "Date/Time", "Timestamp (Formatted)"),
+    (2, "us"): ("t [us]", "TimeUS"),
+    (2, "ms"): ("time_ms", "timeMs", "time_boot_ms", "Timestamp (ms)", "Time in milliseconds", "millis"),
+    (2, "s"): ("Elapsed Time (s)", "seconds_elapsed", "Time in seconds", "Second", "T [s]", "time (mm:ss)"),
+    (2, "min"): ("elapsed [min]",),
+    (1, "year"): ("year",),
+    (1, "day"): ("Day",),
+    (1, "ms"): ("reaction_time_ms",),
+    (1, "s"): ("Trip Time(Since journey start)(s)",),
+    (0, ""): ("T", "T [K]", "h", "hour", "d", "min", "temp", "temps", "light", "datasheet", ""),
+}
+
+
+@each(("strength", "unit"), NAMES)
+def test_a_name_hints_at_a_time_and_its_unit(strength, unit):
+    for name in NAMES[strength, unit]:
+        found = time_name(named_column(name))
+        assert (found.strength, found.unit) == (strength, unit), name

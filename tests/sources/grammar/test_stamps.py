@@ -1,0 +1,316 @@
+"""Stamps: what is written comes back, no order reads the stamps of another, and a column has one form."""
+
+from datetime import datetime, timedelta
+
+import pytest
+from each import each
+from effort import EXAMPLES
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kalscope.errors import BadSetting
+from kalscope.sources.grammar.cells import is_number
+from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope.sources.grammar.timestamps import (
+    CLOCK_PARSERS,
+    TimeName,
+    find_stamp_form,
+    is_stamp,
+    parse_calendar,
+    parse_clock,
+    stamp_parser,
+)
+
+DAY_US = 86400 * 10**6
+OF_DAY = st.integers(0, DAY_US - 1)
+
+
+def parts(us):
+    seconds, us = divmod(us, 10**6)
+    return seconds // 3600, seconds // 60 % 60, seconds % 60, us
+
+
+@given(us=OF_DAY, digits=st.integers(0, 9), mark=st.sampled_from(".,"))
+def test_a_clock_reads_what_was_written_and_cuts_beyond_the_microsecond(us, digits, mark):
+    h, m, s, us = parts(us)
+    fraction = f"{us:06}478"[:digits]
+    written = f"{h:02}:{m:02}:{s:02}" + (mark + fraction if digits else "")
+    assert parse_clock(written) == (h * 3600 + m * 60 + s) * 10**6 + int(fraction[:6].ljust(6, "0"))
+
+
+@given(us=st.integers(0, 9999 * 60 * 10**6))
+def test_elapsed_hours_and_minutes_go_on(us):
+    h, m, s, fraction = parts(us)
+    elapsed = CLOCK_PARSERS["elapsed"]
+    assert elapsed(f"{h}:{m:02}:{s:02}.{fraction:06}") == us
+    assert elapsed(f"-{h}:{m:02}:{s:02}.{fraction:06}") == -us
+    assert elapsed(f"{h // 24} days, {h % 24}:{m:02}:{s:02}.{fraction:06}") == us
+    assert CLOCK_PARSERS["min:s"](f"{60 * h + m}:{s:02}.{fraction:06}") == us
+
+
+@given(us=OF_DAY)
+def test_digits_read_what_was_written(us):
+    h, m, s, _ = parts(us)
+    read = CLOCK_PARSERS["hhmm"]
+    assert read(f"{h:02}{m:02}") == read(str(100 * h + m)) == (h * 60 + m) * 60 * 10**6
+    assert CLOCK_PARSERS["hhmmss"](f"{h:02}{m:02}{s:02}.25") == (h * 3600 + m * 60 + s) * 10**6 + 250_000
+
+
+@each(
+    ("cell", "seconds"),
+    [
+        ("18.00.00", 64800),
+        ("7:03:05 P.M.", 68585),
+        ("18:6:3", 65163),
+        ("12:00:00:250", 43200.25),
+        ("12:00:00:5", 43200.005),
+        ("24:00", 86400),
+        *((cell, None) for cell in ("3:4", "1.2.3", "24:01", "1.5", "56:36.147", "12:60", "0:05 AM", "1" * 65)),
+        ("12:00:00." + "0" * 60, None),
+    ],
+)
+def test_clocks_are_microseconds_since_midnight(cell, seconds):
+    assert parse_clock(cell) == (None if seconds is None else seconds * 1e6)
+
+
+def microseconds(instant):
+    return (instant - datetime(1970, 1, 1)) // timedelta(microseconds=1)
+
+
+FORMS = {  # order, what is kept of the instant in µs, how it is written
+    "iso": ("ymd", 1, lambda t: t.isoformat(" ")),
+    "iso with T and Z": ("ymd", 1, lambda t: t.isoformat() + "Z"),
+    "iso and UTC": ("ymd", 1, lambda t: t.isoformat(" ", "microseconds").replace(".", ",") + " UTC"),
+    "iso with a zone": ("ymd", 1, lambda t: (t + timedelta(hours=5.5)).isoformat() + "+05:30"),
+    "iso with nanoseconds": ("ymd", 1, lambda t: t.isoformat(" ", "microseconds") + "999"),
+    "ms behind a colon": ("ymd", 1000, lambda t: f"{t:%Y-%m-%d %H:%M:%S}:{t.microsecond // 1000}"),
+    "slashes, no zeros": ("ymd", 10**6, lambda t: f"{t.year}/{t.month}/{t.day} {t.hour}:{t:%M:%S}"),
+    "dots": ("dmy", 1, lambda t: f"{t:%d.%m.%Y %H:%M:%S.%f}"),
+    "dots, two digits": ("dmy", 10**6, lambda t: f"{t:%d.%m.%y %H.%M.%S}"),
+    "American": ("mdy", 10**6, lambda t: f"{t.month}/{t.day}/{t.year} {t:%I:%M:%S %p}"),
+    "American, two digits": ("mdy", 1, lambda t: f"{t:%m/%d/%y %H:%M:%S.%f}"),
+    "Torque": ("dmy", 1, lambda t: f"{t:%d-%b-%Y %H:%M:%S.%f}"),
+    "a month in words": ("dmy", DAY_US, lambda t: f"{t.day}.{t:%B}.{t.year}"),
+    "a month first": ("mdy", 10**6, lambda t: f"{t:%B} {t.day}, {t:%Y %H:%M:%S}"),
+    "a year and a month": ("ymd", 10**6, lambda t: f"{t:%Y-%b-%d %H:%M:%S}"),
+    "RFC 2822": ("dmy", 10**6, lambda t: f"{t:%a, %d %b %Y %H:%M:%S} +0000"),
+    "Java": ("mdy", 10**6, lambda t: f"{t + timedelta(hours=8):%a %b %d %H:%M:%S GMT+08:00 %Y}"),
+    "C": ("mdy", 10**6, lambda t: f"{t:%a %b} {t.day:2} {t:%H:%M:%S %Y}"),
+    "digits": ("ymd", 10**6, lambda t: f"{t:%Y%m%d_%H%M%S}"),
+    "digits and T": ("ymd", 1, lambda t: f"{t:%Y%m%dT%H%M%S.%f}Z"),
+    "digits alone": ("ymd", 1, lambda t: f"{t:%Y%m%d%H%M%S%f}"),
+    "the clock first": ("dmy", 1, lambda t: f"{t:%H:%M:%S.%f %d.%m.%Y}"),
+    "words": ("dmy", 60 * 10**6, lambda t: f"{t.day}th of {t:%B %Y} at {t:%I:%M %p}"),
+    "Apache": ("dmy", 10**6, lambda t: f"{t:%d/%b/%Y:%H:%M:%S} +0000"),
+}
+INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59, 999999))
+
+
+@pytest.mark.slow
+@each("name", FORMS)
+@settings(max_examples=EXAMPLES // 2)
+@given(instant=INSTANTS)
+def test_every_form_reads_what_was_written(name, instant):
+    order, unit, write = FORMS[name]
+    written = write(instant)
+    assert parse_calendar(written, order) == microseconds(instant) // unit * unit, written
+    if order == "ymd":  # a year of four digits in front has one order
+        assert parse_calendar(written, "dmy") is parse_calendar(written, "mdy") is None
+
+
+@each(
+    ("cell", "order", "iso"),
+    [
+        ("1970-01-01T01:00:00+01:00", "ymd", "1970-01-01"),
+        ("1969-12-31 23:59:59", "ymd", "1969-12-31T23:59:59"),
+        ("2022-02-23T24:00", "ymd", "2022-02-24"),
+        ("27. Mai 2021 7:18", "dmy", "2021-05-27T07:18"),
+        ("3 août 2021", "dmy", "2021-08-03"),
+        ("5 juillet 2021", "dmy", "2021-07-05"),
+        ("15-Dez-68", "dmy", "2068-12-15"),
+        ("15-Dec-69", "dmy", "1969-12-15"),
+        ("2022-02-23 07:18:47 CEST", "ymd", "2022-02-23T05:18:47"),
+        ("2022-02-23T07:18:47.5+01:00[Europe/Berlin]", "ymd", "2022-02-23T06:18:47.5"),
+        ("2022-02-23 07:18:47.375 +0800 CST", "ymd", "2022-02-22T23:18:47.375"),
+        ("Wed Feb 23 2022 07:18:47 GMT+0800 (China Standard Time)", "mdy", "2022-02-22T23:18:47"),
+        ("Feb 23 2022 07:18:47:123PM", "mdy", "2022-02-23T19:18:47.123"),
+        ("2022-02", "ymd", "2022-02-01"),
+    ],
+)
+def test_a_stamp_is_this_instant(cell, order, iso):
+    assert parse_calendar(cell, order) == microseconds(datetime.fromisoformat(iso))
+
+
+@each("order", ["ymd", "dmy", "mdy"])
+@each(
+    "cell",
+    [
+        "1970-02-31", "0000-01-01", "1970-01-01 25:00:00", "hello", "1970", "1.5", "", "192.0.2.7", "2022-W08-3",
+        "2022-054", "1970-01-01 12:00 foo", "Station 5 May 2021x", "12:00:00", "٢٠٢٢-٠٢-٢٣", "1/2/3", "1/2/345",
+        "2022-02-23 13:00 PM", "2022-02-23 7:61", "20220231", "2022022", "foo 23 Feb 2022", "Feb 23", "-5", "3-4",
+        "2022-02-23 07:18:47 XYZ", "2022-02-23 07:18+99:00", "1" * 65, "2022-02-23 " + "0" * 60,
+    ],
+)  # fmt: skip
+def test_what_is_no_date_is_none(cell, order):
+    assert parse_calendar(cell, order) is None
+
+
+@given(number=st.floats(allow_nan=False, allow_infinity=False), decimals=st.integers(0, 9))
+def test_no_number_is_a_stamp(number, decimals):
+    for text in (repr(number), f"{number:.{decimals}f}", f"{number:.{decimals}e}", str(int(number))):
+        assert is_number(text)
+        assert not is_stamp(text)
+        assert not is_stamp(text.replace(".", ","))
+
+
+@each(
+    "cell",
+    [
+        "", "abc", "hello 123", "20.5 C", "1.013,25", "192.0.2.7", "v1.2.3", "boot:0x13", "0-100kph Time(s)", "3:4",
+        "1/4 mile time(s)", "T1", "May", "Mar 5", "acc_2", "KAMW 080500Z AUTO 16009KT 10SM", "25:61:00",
+        "12:00 foo", "2024-13-01", "1" * 65, ":" * 64, "9:" * 32, "2024-03-13 " + "0" * 50,
+    ],
+)  # fmt: skip
+def test_other_texts_are_none(cell):
+    assert not is_stamp(cell)
+
+
+# Which form a column of stamps is in, decided once for the whole column.
+
+
+TIME, NAMED, DATE = TimeName(2), TimeName(is_date=True), TimeName(2, is_date=True)
+
+
+def found(cells, name=TIME):
+    form = find_stamp_form(cells, ".", name)
+    return form and (form.kind, form.clock if form.kind == "clock" else form.order)
+
+
+def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
+    pattern = {"dmy": "%d/%m/%Y", "mdy": "%m/%d/%Y"}[order]
+    return [(start + timedelta(days=step * i)).strftime(pattern) for i in range(count)]
+
+
+@each(
+    ("cells", "form"),
+    [
+        (["0.5", "1", "1.5e3"], ("number", "ymd")),
+        (["12:00", "12:01"], ("clock", "h:m:s")),
+        (["56:36.147", "56:36.148"], ("clock", "min:s")),
+        (["09:59", "59:59"], ("clock", "min:s")),
+        (["23:59:59", "24:00:00", "125:03:11"], ("clock", "elapsed")),
+        (["0:00:01", "1 day, 0:00:01"], ("clock", "elapsed")),
+        (["20240313093000", "20240313093001"], ("calendar", "ymd")),
+        (["10/14/2018 00:01"], ("calendar", "mdy")),
+        (["14/10/2018"], ("calendar", "dmy")),
+        (["hello", "world 3"], None),
+        (["", "nan"], None),
+        ([], None),
+    ],
+)
+def test_the_form_that_fits_most_cells_is_found(cells, form):
+    assert found(cells) == form
+
+
+@each(
+    ("cells", "unit", "clock"),
+    [
+        ([f"{i // 60:02}:{i % 60:02}" for i in range(300)], "", "min:s"),  # it begins at 00:00
+        ([f"{i // 60:02}:{i % 60:02}" for i in range(1440)], "", "h:m:s"),  # the minutes of a day
+        ([f"{i // 6:02}:{i % 6}0" for i in range(100)], "", "h:m:s"),
+        ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "", "h:m:s"),
+        ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "s", "min:s"),  # Time (mm:ss)
+    ],
+)
+def test_two_numbers_are_hours_and_minutes_unless_start_or_name_say_minutes_and_seconds(cells, unit, clock):
+    form = find_stamp_form(cells, ".", TimeName(2, unit))
+    assert form.clock == clock
+    assert ('--time-format "%H:%M"' if clock == "min:s" else '--time-format "%M:%S"') in form.notes[0]
+
+
+def test_eight_digits_and_day_numbers_are_dates_only_where_the_name_allows():
+    assert [found(["19580329"], name)[0] for name in (DATE, TIME)] == ["calendar", "number"]
+    assert [find_stamp_form(["45123,5"], ",", name).unit for name in (DATE, TIME)] == ["day", ""]
+
+
+@each("order", ["dmy", "mdy"])
+@each(("step", "count"), [(1, 12), (2, 6), (3, 4)])
+def test_even_steps_decide_where_no_day_is_above_twelve(order, step, count):
+    form = find_stamp_form(days(order, count, step), ".", TIME)
+    assert (form.order, form.notes) == (order, ())
+
+
+def test_where_nothing_decides_the_day_comes_first_and_the_note_names_the_option():
+    cells = [f"03/04/2024 12:00:{i:02}" for i in range(60)]
+    form = find_stamp_form(cells, ".", TIME)
+    assert form.order == "dmy"
+    assert "--month-first" in form.notes[0]
+    assert not find_stamp_form([cell.replace("03/04", "04/04") for cell in cells], ".", TIME).notes
+
+
+@pytest.mark.parametrize("order", ["dmy", "mdy"])
+def test_of_runs_far_apart_the_shorter_log_is_likelier_and_the_note_stays(order):
+    cells = [f"{day} 10:00:{i:02}" for day in days(order, 3, 3, datetime(2024, 4, 5)) for i in range(30)]
+    form = find_stamp_form(cells, ".", TIME)
+    assert form.order == order
+    assert "could also be" in "".join(form.notes)
+
+
+@pytest.mark.parametrize(("day_first", "order"), [(True, "dmy"), (False, "mdy")])
+def test_the_user_decides_the_order(day_first, order):
+    form = find_stamp_form(["03/04/2024"], ".", TimeName(), ReadOptions(day_first=day_first))
+    assert (form.order, form.notes) == (order, ())
+    assert find_stamp_form(["2024-03-04"], ".", TimeName(), ReadOptions(day_first=day_first)).order == "ymd"
+
+
+@pytest.mark.parametrize("order", ["dmy", "mdy"])
+def test_one_day_above_twelve_decides_and_damaged_cells_change_nothing(order):
+    cells = days(order, 100, 1, datetime(2024, 3, 13))
+    cells[10:99:10] = [cell[:-1] + "x" for cell in cells[10:99:10]]
+    assert found(cells, TimeName())[1] == order
+    assert found(["03/04/2024"] * 500 + [cells[0]] + ["05/04/2024"] * 500)[1] == order
+
+
+def test_a_format_of_the_user_is_the_form():
+    for form, kind, cell, us in (
+        ("%H-%M-%S.%f", "clock", "01-00-00.5", 3600.5e6),
+        ("%Y|%j", "calendar", "1970|002", 86400e6),
+    ):
+        column = find_stamp_form([cell], ".", TimeName(), ReadOptions(time_format=form))
+        assert (column.kind, stamp_parser(column, ".")(cell)) == (kind, us)
+    assert find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format="%d.%m.%Y")) is None
+
+
+@each("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
+def test_a_format_that_is_none_is_refused(form):
+    with pytest.raises(BadSetting, match="time_format must"):
+        find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format=form))
+
+
+@each("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
+@each("name", [NAMED, TIME])
+@each(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
+def test_digits_of_a_date_and_a_clock(pattern, name, start, count):
+    stamps = [start + timedelta(hours=i) for i in range(count)]
+    cells = [stamp.strftime(pattern) for stamp in stamps]
+    form = find_stamp_form(cells, ".", name)
+    assert form.kind == "calendar"
+    assert [stamp_parser(form, ".")(cell) for cell in cells] == [microseconds(stamp) for stamp in stamps]
+
+
+@each("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
+@each("step", [1, 7, 60])
+def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
+    cells = [str(start + step * i) for i in range(60)]
+    assert found(cells, NAMED)[0] == found(cells, DATE)[0] == "number"
+
+
+@pytest.mark.parametrize(("order", "pattern"), [("ymd", "%y%m%d"), ("dmy", "%d%m%y"), ("mdy", "%m%d%y")])
+def test_dates_of_six_digits_under_the_name_of_a_date(order, pattern):
+    times = [datetime(2024, 2, 20) + timedelta(days=i) for i in range(20)]
+    cells = [time.strftime(pattern) for time in times]
+    form = find_stamp_form(cells, ".", NAMED)
+    assert (form.kind, form.order) == ("calendar", order)
+    assert stamp_parser(form, ".")(cells[-1]) == microseconds(times[-1])
+    assert found(cells) == ("number", "ymd")  # a timestamp may count so
+    assert found([str(100_000 + 7 * i) for i in range(50)], NAMED)[0] == "number"

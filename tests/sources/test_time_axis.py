@@ -1,0 +1,341 @@
+"""The time of the samples: units of stamps, rates and pauses of simulated devices, laws, coarse clocks, wraps."""
+
+import numpy as np
+import pytest
+from each import each
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from simulated_device import DEVICES, Device
+
+from kalscope import read_recording
+from kalscope.sources.grammar.timestamps import CLOCK_PARSERS, TimeColumn
+from kalscope.sources.reading.account import summary
+from kalscope.sources.reading.axis import (
+    GivenPeriod,
+    counted_time,
+    find_rate,
+    jitter_of,
+    place_evenly,
+    rate_words,
+    read_time,
+    to_seconds,
+    unit_by_magnitude,
+)
+
+
+@each(
+    ("clock", "cells", "seconds", "said"),
+    [
+        ("h:m:s", ["23:59:59", "00:00:00", "00:00:01"], [0, 1, 2], "midnight once"),
+        ("min:s", ["59:59.5", "00:00.5", "59:00.5", "00:00.5"], [0, 1, 3541, 3601], "the hour 2 times"),
+        ("elapsed", ["99:59:59", "100:00:00", "0:00:00"], [0, 1, -359999], "on the clock"),
+    ],
+)
+def test_clocks_begin_again_and_elapsed_time_never_does(clock, cells, seconds, said):
+    stamps = np.array([CLOCK_PARSERS[clock](cell) for cell in cells])
+    time, how = to_seconds(stamps, TimeColumn(0, "clock", clock=clock))
+    assert time.tolist() == seconds
+    assert how.endswith(said)
+
+
+def days_from(first, per_day):
+    return first + np.arange(50) / per_day
+
+
+UNITS = {
+    "s": (
+        *([0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10]),
+        *(days_from(45123.5, 100), days_from(45123.5, 3), days_from(39000.5, 144), [1.7e9, 1.7e9 + 1]),
+        45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50)),
+    ),
+    "ms": (
+        *([7, 17, 27], [0, 1000, 2000], [3, 1004, 2006], [0, 60000, 120000], [0, 10000, 20011]),
+        *([5012, 7015, 9018, 11022], [1.7e12, 1.7e12 + 10]),
+    ),
+    "us": ([71, 250_071, 500_079], [7e8, 7e8 + 2500, 7e8 + 5004], [1.7e15, 1.7e15 + 1e4], [1.2e9, 1.2e9 + 4e3]),
+    "ns": ([584065454762638, 584065474483599], [1.7e18, 1.7e18 + 1e7]),
+    "day": (
+        *(days_from(45123.5, 144), np.round(days_from(45123.5, 1440), 9)),
+        *(days_from(739000.5, 86400), days_from(2460000.5, 24)),
+    ),
+}
+
+
+@each("unit", UNITS)
+def test_the_unit_follows_from_the_size_of_stamp_and_step(unit):
+    assert [unit_by_magnitude(np.array(stamps, dtype=float)) for stamps in UNITS[unit]] == [unit] * len(UNITS[unit])
+
+
+@pytest.mark.parametrize(
+    ("first", "date"),
+    [(45123.5, "2023-07-16T12:00:00"), (739000.5, "2023-04-24T12:00:00"), (2460000.5, "2023-02-25T00:00:00")],
+)
+def test_numbers_of_days_count_from_their_date(first, date):
+    seconds, said = to_seconds(first + np.arange(50) / 144, TimeColumn(0, "number"))
+    assert seconds.tolist() == [600.0 * i for i in range(50)]
+    assert f"time counts from {date}+00:00" in said
+
+
+RNG = np.random.default_rng(3)
+
+
+@pytest.mark.slow
+@each("seed", range(3))
+@each("name", DEVICES)
+def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
+    device, stamps = DEVICES[name]
+    true, time, missing = device.run(6000, seed)
+    found = find_rate(time)
+    run_rate = 1 / np.median(np.diff(true)) if not device.loop_jitter else device.rate
+    assert found.stamps in stamps.split(" or ")
+    assert abs(1 / found.period - run_rate) <= max(0.005, 3 * found.error / found.period) * run_rate
+    assert found.error < 0.05 * found.period
+    if device.buffer == 1:
+        assert found.pauses.tolist() == missing.tolist()
+    else:  # the samples of a pause arrive with the next delivery
+        assert len(found.pauses) == len(missing)
+
+
+@each("place", [5, 135, 398])
+@each("error", [-1e8, 1e8])
+def test_a_damaged_stamp_does_not_change_the_rate(place, error):
+    time = np.cumsum(0.001 * RNG.uniform(0.5, 1.5, 400))
+    time[place] += error
+    assert find_rate(time).period == pytest.approx(0.001, rel=0.1)
+
+
+LOSSY = {
+    "2 %": Device(lost=0.02),
+    "40 %": Device(lost=0.4),
+    "20 % of noisy steps": Device(104, loop_jitter=0.02, lost=0.2),
+    "20 % of 1 Hz in whole s": Device(1.0, clock=1.0, lost=0.2),
+    "30 % of 1 kHz in whole ms": Device(1000, clock=1e-3, lost=0.3),
+}
+
+
+@each("name", LOSSY)
+def test_lost_samples_are_gaps_and_do_not_change_the_rate(name):
+    device = LOSSY[name]
+    _, time, missing = device.run(6000)
+    found = find_rate(time)
+    assert found.period * device.rate == pytest.approx(1, abs=5e-3)
+    assert found.pauses.tolist() == missing.tolist()
+
+
+def test_a_late_delivery_is_no_pause():
+    time = np.arange(400) * 0.01
+    time[100:112] = time[111]  # 11 samples were late
+    found = find_rate(time)
+    assert (found.period, found.pauses.size) == (0.01, 0)
+    time[100:] += 0.2  # these never come early enough
+    assert find_rate(time).pauses.tolist() == [99]
+
+
+@pytest.mark.parametrize("every", [3600.0, 1200.0])
+def test_rows_between_those_of_an_even_grid_leave_the_rate_alone(every):
+    """Reports beside a row every five minutes, as weather stations send them: the period exceeds the mean step."""
+    time = np.sort(np.concatenate((np.arange(0, 86400, 300.0), np.arange(180.0, 86400, every))))
+    found = find_rate(time)
+    assert (found.period, found.pauses.size) == (300.0, 0)
+    steps = np.tile([1.137] * 7 + [0.137], 20)  # these are on no grid
+    assert find_rate(np.cumsum(steps)).period == pytest.approx(steps.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("rows", [10, 500])
+def test_a_logger_that_wakes_now_and_then_has_pauses_and_no_bursts(rows):
+    period = 0.01 if rows > 100 else 1.0
+    time = np.concatenate([start + period * np.arange(rows) for start in 600.0 * np.arange(20)])
+    found = find_rate(time)
+    assert (found.period, found.pauses.size) == (period, 19)
+    assert found.stamps != "bursts"
+
+
+def test_every_tenth_step_of_an_sd_card_counts():
+    """Nine steps of 1 or 2 ms, then one of 19 while the card writes: the mean is what the filter meets."""
+    steps = np.tile([2, 2, 1, 2, 2, 1, 2, 2, 1, 19], 300) * 1e-3
+    found = find_rate(np.concatenate(([0.0], np.cumsum(steps))))
+    assert (found.stamps, found.pauses.size) == ("uneven", 0)
+    assert found.period == pytest.approx(3.4e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("time", [[5.0], [3.0, 2.0, 1.0], [1.0, 1.0]])
+def test_stamps_that_never_rise_have_no_rate(time):
+    assert find_rate(np.array(time)) is None
+
+
+@given(st.integers(2, 400), st.sampled_from([0.001, 0.004, 0.01, 0.02, 1.0, 60.0, 3600.0]), st.integers(0, 10**6))
+def test_even_stamps_keep_their_median_step_to_the_last_digit(n, step, first):
+    time = np.round((first + np.arange(n)) * step, 6)
+    found = find_rate(time)
+    assert (found.stamps, found.pauses.size) == ("even", 0)
+    assert found.period == float(f"{np.median(np.diff(time)):.9g}")
+
+
+@settings(max_examples=30)
+@given(
+    st.sampled_from(sorted(DEVICES)),
+    st.integers(0, 20),
+    st.sampled_from([1.0, 2.0, 8.0]),
+    st.sampled_from([0.0, 1024.0, -65536.0]),
+)
+def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, seed, scale, shift):
+    _, time, _ = DEVICES[name][0].run(1500, seed)
+    found, changed = find_rate(time), find_rate(scale * time + shift)
+    if scale == 1.0 or found.stamps != "bursts":  # what comes slower than 0.1 s is no burst
+        assert changed.stamps == found.stamps
+        assert changed.period == pytest.approx(scale * found.period, rel=1e-6)
+        assert changed.pauses.tolist() == found.pauses.tolist()
+
+
+@each("size", [1e-300, 1e-120, 1e120, 1e300])
+def test_stamps_of_any_size_are_read_without_a_warning(size):
+    found = find_rate(np.cumsum(np.random.default_rng(1).exponential(size, 100)))
+    assert np.isinf(found.error)
+    assert 0 < found.period < np.inf
+
+
+CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
+
+
+@each("name", CROWDED)
+def test_placed_samples_rise_and_stay_near_their_stamps(name):
+    _, time, _ = DEVICES[name][0].run(6000)
+    rate = find_rate(time)
+    placed = place_evenly(time, rate)
+    assert np.all(np.diff(placed) >= 0)
+    assert np.abs(placed - time).max() <= 2.5 * rate.longest
+
+
+@pytest.mark.parametrize("name", ["67 Hz in whole s", "1.3 Hz in whole s", "3 kHz in whole ms"])
+def test_samples_of_a_coarse_clock_are_where_they_were_taken(name):
+    device = DEVICES[name][0]
+    true, time, _ = device.run(6000)
+    placed = place_evenly(time, find_rate(time))
+    np.testing.assert_allclose(np.diff(placed), 1 / device.rate, rtol=1e-3)
+    assert np.abs(placed - true).max() <= 1.01 / device.rate
+
+
+def test_a_rate_that_drifts_is_followed():
+    true = np.cumsum(np.linspace(0.014, 0.018, 20_000))
+    time = np.floor(true)
+    placed = place_evenly(time, find_rate(time))
+    assert np.abs(placed - true).max() <= 0.15
+    assert np.all(np.diff(placed) > 0)
+
+
+NUMBER = TimeColumn(0, "number", "ms")
+
+
+@each(("size", "name"), [(2**16, "16-bit"), (2**32, "32-bit")])
+@each("step", [1, 10, 997])
+def test_a_counter_that_wraps_is_counted_on_and_said(size, name, step):
+    true = size - 5 * step + step * np.arange(60.0)
+    axis = read_time(true % size, NUMBER)
+    np.testing.assert_allclose(np.diff(axis.time), step / 1000, rtol=1e-6)
+    assert axis.backward == 0
+    assert any("wrap once" in note and name in note for note in axis.notes)
+
+
+@each(
+    "stamps",
+    [
+        [0, 10, 20, 30, 0, 10, 20],  # the device restarted
+        [40_000, 40_010, 40_020, 0, 10, 20],
+        [65_520, 65_530, 65_525, 65_535],  # out of order
+        [65_530.5, 65_535.5, 4.5, 9.5],  # no counter has fractions
+        [-10, 65_530, 4],
+    ],
+)
+def test_other_steps_back_stay_steps_back(stamps):
+    stamps = np.array(stamps, dtype=float)
+    axis = read_time(stamps, NUMBER)
+    np.testing.assert_array_equal(axis.time, stamps / 1000)
+    assert axis.backward == np.count_nonzero(np.diff(stamps) < 0)
+    assert any("time steps back" in note for note in axis.notes)
+
+
+def test_samples_that_were_written_twice_are_counted_and_named():
+    stamps = np.sort(np.concatenate((np.arange(100.0), [1.0, 50.0, 51.0]))) * 10
+    axis = read_time(stamps, NUMBER)
+    np.testing.assert_array_equal(axis.time, stamps / 1000)
+    assert any("3 samples repeat an earlier stamp, first at sample 3" in note for note in axis.notes)
+
+
+@each("step", [1e-320, 1e60])
+def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
+    stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
+    axis = read_time(stamps, column)
+    assert (axis.timing.period, axis.time.tolist()) == (None, list(range(60)))
+    assert any(note.endswith("which is not a time: the samples were counted") for note in axis.notes)
+    assert read_time(stamps, column, given=GivenPeriod(0.5)).timing.period == 0.5
+
+
+def test_the_advice_says_how_many_rows_it_would_add():
+    short, long = np.arange(100) * 10.0, np.concatenate((np.arange(50), 10_000 + np.arange(50))) * 10.0
+    short[50:] += 30.0
+    assert "adds 3 rows of missing samples" in " ".join(read_time(short, NUMBER).notes)
+    said = " ".join(read_time(long, NUMBER).notes)
+    assert "read it with --gaps dt (elapsed time): --gaps missing would add 9\u202f950 rows" in said
+    assert "read it with" not in " ".join(read_time(short, NUMBER, gaps="dt").notes)
+
+
+WHOLE_SECONDS = np.floor(np.arange(7000) / 67) * 1000
+
+
+def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
+    axis = read_time(WHOLE_SECONDS, NUMBER)
+    assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
+    assert (axis.timing.stamps, axis.timing.resolution, axis.timing.pauses) == ("coarse", 1.0, 0)
+    assert not any("repeat" in note or "gap" in note for note in axis.notes)
+    assert axis.notes[-1].startswith("the clock has a resolution of 1 s: samples were placed evenly between its")
+    assert "67.0 Hz" in axis.notes[-1]
+
+
+UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
+"""Stamps in ms without a scale at which they come steadily: median step 10 ms, mean step 90 ms."""
+
+
+@each(
+    ("stamps", "given", "source", "rate", "said"),
+    [
+        (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
+        (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
+        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock has a resolution of 1 s"),
+        (np.arange(500) * 10.0, GivenPeriod(file=0.0101), "stamps", 100, "stamps are read as ms"),
+        (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
+        (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
+        (np.full(50, 7000.0), GivenPeriod(file=0.02), "file", 50, "stamps are read as ms"),
+        (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
+        (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
+        (UNSTEADY, GivenPeriod(file=5.0), "stamps", 99.1, "gives a sample rate of 0.200 Hz, but its stamps"),
+        (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
+    ],
+)
+def test_a_rate_that_is_given_has_its_place(stamps, given, source, rate, said):
+    axis = read_time(stamps, NUMBER, given=given)
+    assert axis.timing.source == source
+    assert axis.timing.period == pytest.approx(1 / rate, rel=1e-3)
+    assert any(said in note for note in axis.notes)
+
+
+def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
+    assert counted_time(4, GivenPeriod()).time.tolist() == [0, 1, 2, 3]
+    axis = counted_time(4, GivenPeriod(file=0.5), offset=-1.0, start=1.5e9)
+    assert axis.time.tolist() == [-1, -0.5, 0, 0.5]
+    assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as stated in the file")
+    assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
+
+
+def test_steps_that_vary_have_their_standard_deviation_and_pauses_do_not_count(tmp_path):
+    steps = np.random.default_rng(0).choice([0.06, 0.08, 0.1, 0.13], 2000)
+    paused = steps.copy()
+    paused[[300, 900]] = 50.0
+    for some, true in ((steps, steps), (paused, np.delete(steps, [300, 900])), (np.full(500, 0.01), np.zeros(1))):
+        file = tmp_path / "log.csv"
+        file.write_text("t_s,z\n" + "".join(f"{t:.6f},{i % 7}\n" for i, t in enumerate(np.cumsum(some))))
+        record = read_recording(file)
+        assert jitter_of(record) == pytest.approx(true.std() / record.sample_period, rel=1e-3, abs=1e-9)
+        if some is steps:
+            assert rate_words(record.sample_period, jitter_of(record)) == "10.7 Hz, steps ± 28 %"
+            said = ", 10.7 Hz from uneven stamps, standard error 0.71 %, steps ± 28 %"
+            assert summary(record).endswith(said)
