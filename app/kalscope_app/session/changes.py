@@ -155,7 +155,9 @@ def apply_found(recording: Recording, channel: str, found: FitResult) -> Change:
             )
         q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
         gate = before.gate if found.params.gate is None else found.params.gate
-        after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how, chain=None, paper=None)
+        start = {} if found.params.p0 is None else {"p0": found.params.p0, "x0": found.params.x0}
+        values = {"q": q, "r": r, "momentum": momentum, "gate": gate, **start}
+        after = replace(before, **values, how=found.how, chain=None, paper=None)
         answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
         outcome = answer if channel == state.channel else None
         return state.with_tuning_of(at, after).with_answers(outcome=outcome)

@@ -13,7 +13,7 @@ import numpy as np
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.common.numbers import check_sample_period
 from kalscope.common.text import one_line, sample_rate
-from kalscope.estimation.noise import starting_params
+from kalscope.estimation.request import find_parameters
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.papers.reproduction import open_experiment
@@ -27,6 +27,9 @@ MAX_NAMED = 3
 
 SAME_RATE = 0.05
 """Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
+
+MOST_FITTED = 400_000
+"""Samples of all channels together that are fitted when a recording opens: seconds matter."""
 
 ChannelKey = tuple[str, str]
 """Name and unit: what must be the same for settings to stay."""
@@ -95,10 +98,14 @@ def _listed(names: list[str]) -> str:
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
-    """R = var(Δz)/2 and q = r/100 of one channel, automatic start."""
-    start = starting_params(recording.channel(name))
-    unit = recording.units[recording.index(name)]
-    return ChannelTuning(name, unit, float(start.q), float(start.r), None, None, "starting values")
+    """The filter that `find_parameters` finds in one channel, in the middle of a long one."""
+    most = MOST_FITTED // len(recording.names)
+    part = slice(max((len(recording) - most) // 2, 0), None)
+    part = slice(part.start, part.start + most)
+    dt = recording.steps()[part] if recording.gaps == "dt" else None
+    found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
+    assert found.params is not None
+    return ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:
