@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, read_recording
+from kalscope import BadSetting, FilterParams, Recording, read_recording, starting_params
 from kalscope.common.text import typed_number
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.changes import (
@@ -45,11 +45,8 @@ def apply(state, *changes):
     return state
 
 
-def test_a_new_recording_starts_at_half_the_variance_of_its_differences(state):
-    z = state.recording.channel("a")
-    assert state.params.r == pytest.approx(np.var(np.diff(z), ddof=1) / 2)
-    assert state.params.q == pytest.approx(state.params.r / 100)
-    assert state.params.p0 is None
+def test_a_new_recording_starts_with_its_first_answer(state):
+    assert state.params == starting_params(state.recording.channel("a"))
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
