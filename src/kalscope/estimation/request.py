@@ -228,7 +228,7 @@ def find_parameters(
         BadSetting: the request contradicts itself, or is out of range or reach.
         Cancelled: `cancelled()` was true.
     """
-    request = request or Request()
+    request = replace(request or Request(), setting="")  # of an earlier answer
     tau, known, ratio = request.checked_momentum(), request.noise.resolve(z, dt), request.ratio
     if not request.goal:
         if known is None:

@@ -108,14 +108,8 @@ def with_matching_r(params: FilterParams, z: Array, dt: Array | None) -> FilterP
     run = kalman_filter(z, params, dt)
     scored = np.isfinite(run.innovation) & np.isfinite(run.s)
     factor = float(np.mean(run.innovation[scored] ** 2 / run.s[scored])) if scored.any() else 0.0
-    if (
-        not 1e-290
-        < factor * min(params.q, float(params.r))
-        < factor * max(params.q, float(params.r))
-        < MAX_VARIANCE
-    ):
-        return params
-    return replace(params, q=params.q * factor, r=float(params.r) * factor)
+    q, r = params.q * factor, float(params.r) * factor
+    return replace(params, q=q, r=r) if min(q, r) > 1e-290 and max(q, r) <= MAX_VARIANCE else params
 
 
 def with_gate_and_start(
@@ -129,7 +123,7 @@ def with_gate_and_start(
     if one.outliers is None or not one.outliers.any() or one.q <= 0.0:
         return params
     good = z[np.isfinite(z) & ~one.outliers]
-    if one.outliers[np.argmax(np.isfinite(z))]:
+    if len(good) and one.outliers[np.argmax(np.isfinite(z))]:
         params = replace(params, x0=float(good[0]), p0=float(params.r))
     best = params
     least = BETTER * _rms(denoise(z, params, dt) - movement)

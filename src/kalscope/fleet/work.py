@@ -189,7 +189,8 @@ def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Po
     many = series_of([z if outliers is None else np.where(outliers, np.nan, z)], None if dt is None else [dt])
     row = replace(row, verdict=CHOSEN if found is None else str(found.verdict))
     if params is None:
-        return replace(row, reason=first_sentence(result.message if found is None else found.message)), pool_of(many)
+        message = result.message if found is None else found.message
+        return replace(row, reason=first_sentence(message)), pool_of(many)
     ratio, tau = fitted_ratios(many, many.starts[1:]), 0.0
     if found is not None:
         ratio, tau = np.array([params.q / float(params.r)]), params.momentum
