@@ -25,7 +25,7 @@ from kalscope.recording import Recording
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.opening import adapted, with_sample_period
+from kalscope_app.session.opening import adapted, with_first_answer, with_sample_period
 from kalscope_app.session.state import (
     COLOURS,
     LINKS,
@@ -364,6 +364,7 @@ def select_channel(name: str) -> Change:
         if fused is (state.fusion is not None) and (fused or name == state.channel):
             return state
         state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
+        state = state if fused else with_first_answer(state)
         return state.with_answers(outcome=None, method_comparison=(), note="")
 
     return change
