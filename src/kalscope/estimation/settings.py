@@ -32,8 +32,8 @@ SHARPEST = 1e-6
 GATES = (None, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 """Gates that are compared where samples were set aside, σ."""
 
-CODES, LONGEST_CODE = (0.05, 0.4), 3.0
-"""Least and largest share of the samples that are a code, fewer are spikes as others; its longest mean run."""
+CODES, FEWEST, LONGEST_CODE = (0.05, 0.4), 3, 3.0
+"""Least and largest share of the samples that are a code; least number of them; longest mean run."""
 
 BETTER = 0.9
 """An error must be this much smaller than that of the gate already chosen, to replace it."""
@@ -145,7 +145,7 @@ def code_in(z: Array) -> float | None:
         coded = good == value
         rest, times = good[~coded], np.count_nonzero(coded)
         runs = np.count_nonzero(coded[1:] & ~coded[:-1]) + int(coded[0])
-        often = CODES[0] * len(good) <= times <= CODES[1] * len(good) and times <= LONGEST_CODE * runs
+        often = max(FEWEST, CODES[0] * len(good)) <= times <= CODES[1] * len(good) and times <= LONGEST_CODE * runs
         if often and np.abs(rest - value).min() > np.ptp(rest) > 0.0:
             return float(value)
     return None
